@@ -1,0 +1,1 @@
+"""From session journals to statistics, plots and a report."""

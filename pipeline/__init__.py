@@ -1,0 +1,1 @@
+"""The method: warp, features, statistics, synthesis. Imports none of our other packages."""

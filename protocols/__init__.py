@@ -1,0 +1,1 @@
+"""Every format that two packages share. Imports none of our other packages."""

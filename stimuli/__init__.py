@@ -1,0 +1,1 @@
+"""From a protocol to a verified folder of clips."""

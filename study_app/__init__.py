@@ -1,0 +1,1 @@
+"""Gaze-fixation sessions, and the front door `metamerlab`."""
