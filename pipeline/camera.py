@@ -1,0 +1,177 @@
+"""Pinhole cameras: project, unproject, and the exact flow between two views.
+
+Camera axes: x right, y down, z forward. World: right-handed, y up (as glTF). A pose is
+the world-from-camera transform. The centre of pixel (row i, column j) is at
+x = j + 0.5, y = i + 0.5.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import check_depth
+
+# A camera that looks along world -z with its image upright: y down and z forward flip.
+UPRIGHT = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera.
+
+    Parameters
+    ----------
+    width_px, height_px : int
+        Image size.
+    fx_px, fy_px : float
+        Focal lengths, > 0.
+    cx_px, cy_px : float
+        Principal point; the image's centre is (width_px / 2, height_px / 2).
+    world_from_camera : ndarray of float64, shape (4, 4)
+        A rigid transform.
+
+    Raises
+    ------
+    InputError
+        If a size or focal length is not positive or the pose is not rigid.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    world_from_camera: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise InputError(
+                f"a camera's image must be at least 1x1 px (got {self.width_px}x{self.height_px})"
+            )
+        if not (self.fx_px > 0 and self.fy_px > 0):
+            raise InputError(
+                f"focal lengths must be greater than 0 px (got {self.fx_px}, {self.fy_px})"
+            )
+        pose = self.world_from_camera
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise InputError(
+                f"world_from_camera must be a finite 4x4 matrix (got shape {pose.shape})"
+            )
+        rotation = pose[:3, :3]
+        rigid = (
+            np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+            and np.linalg.det(rotation) > 0
+            and np.allclose(pose[3], (0, 0, 0, 1))
+        )
+        if not rigid:
+            raise InputError(
+                "world_from_camera must be a rotation and a translation"
+                f" (got determinant {np.linalg.det(rotation):.6g}, last row {pose[3]})"
+            )
+
+    @classmethod
+    def with_field_of_view(
+        cls,
+        width_px: int,
+        height_px: int,
+        horizontal_deg: float,
+        world_from_camera: NDArray[np.float64] | None = None,
+    ) -> Self:
+        """Make a camera with square pixels and a centred principal point."""
+        if not 0 < horizontal_deg < 180:
+            raise InputError(f"horizontal_deg must lie in (0, 180) (got {horizontal_deg})")
+        focal_px = width_px / 2 / np.tan(np.radians(horizontal_deg) / 2)
+        pose = UPRIGHT if world_from_camera is None else world_from_camera
+        return cls(
+            width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2, pose.copy()
+        )
+
+    def moved(self, offset_m: NDArray[np.float64]) -> "Camera":
+        """Return this camera shifted by (right, down, forward) metres along its own axes."""
+        pose = self.world_from_camera.copy()
+        pose[:3, 3] += pose[:3, :3] @ offset_m
+        return Camera(
+            self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px, pose
+        )
+
+    def pixel_centres(self) -> NDArray[np.float64]:
+        """Positions (x, y) of all pixel centres, shape (H, W, 2), pixels."""
+        x, y = np.meshgrid(np.arange(self.width_px) + 0.5, np.arange(self.height_px) + 0.5)
+        return np.stack([x, y], axis=-1)
+
+    def unproject(
+        self, position_px: NDArray[np.float64], depth_m: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """World points at image positions (..., 2) and depths (...), shape (..., 3), metres."""
+        rays = self._rays(position_px)
+        points = rays * np.asarray(depth_m, np.float64)[..., None]
+        return points @ self.world_from_camera[:3, :3].T + self.world_from_camera[:3, 3]
+
+    def project(
+        self, point_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Image positions (..., 2) and depths (...) of world points (..., 3).
+
+        Positions of points at or behind the camera (depth <= 0) are not meaningful.
+        """
+        relative = point_m - self.world_from_camera[:3, 3]
+        return self._image(relative @ self.world_from_camera[:3, :3])
+
+    def _rays(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = (position_px[..., 0] - self.cx_px) / self.fx_px
+        y = (position_px[..., 1] - self.cy_px) / self.fy_px
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def _image(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        depth = point[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = self.fx_px * point[..., 0] / depth + self.cx_px
+            y = self.fy_px * point[..., 1] / depth + self.cy_px
+        return np.stack([x, y], axis=-1), depth
+
+
+def flow_between(
+    source: Camera, target: Camera, depth_m: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Exact motion of every source pixel into the target view (6 degrees of freedom).
+
+    Parameters
+    ----------
+    depth_m : ndarray of float32, shape (H, W)
+        Depth of each source pixel; inf moves by rotation alone.
+
+    Returns
+    -------
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Target minus source position.
+    target_depth_m : ndarray of float32, shape (H, W)
+        Depth of the same points along the target's axis; not positive behind it.
+
+    Raises
+    ------
+    InputError
+        If `depth_m` is not positive or not of the source's size.
+    """
+    check_depth(depth_m, "depth_m")
+    if depth_m.shape != (source.height_px, source.width_px):
+        raise InputError(
+            f"depth_m must be {source.height_px}x{source.width_px} as the source camera"
+            f" (got {depth_m.shape[0]}x{depth_m.shape[1]})"
+        )
+    start = source.pixel_centres()
+    target_from_source = np.linalg.inv(target.world_from_camera) @ source.world_from_camera
+    turned = source._rays(start) @ target_from_source[:3, :3].T
+    # Per unit of depth: a point at infinity feels no translation.
+    inverse = 1.0 / depth_m.astype(np.float64)
+    scaled = turned + target_from_source[:3, 3] * inverse[..., None]
+    end, depth_ratio = target._image(scaled)
+    behind = ~(depth_ratio > 0)
+    flow = np.where(behind[..., None], 0.0, end - start)
+    with np.errstate(invalid="ignore"):
+        target_depth = np.where(behind, 0.0, depth_ratio) * depth_m.astype(np.float64)
+    target_depth = np.where(behind, 0.0, target_depth)
+    return flow.astype(np.float32), target_depth.astype(np.float32)

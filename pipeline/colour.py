@@ -1,0 +1,75 @@
+"""Colour: the sRGB transfer function, and one Y'CbCr matrix with its exact inverse.
+
+Everywhere in this project "colour" means display-referred R'G'B' in [0, 1]: sRGB
+primaries, gamma-encoded. Perceived contrast, not energy, is what the features measure
+(Walton et al. 2021, section 6).
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+# BT.709 luma weights; full range, so Y' spans [0, 1] and Cb, Cr span [-0.5, 0.5].
+_RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722
+
+YCBCR_FROM_RGB: Final[NDArray[np.float64]] = np.array(
+    [
+        [_RED, _GREEN, _BLUE],
+        [-_RED / (2 - 2 * _BLUE), -_GREEN / (2 - 2 * _BLUE), 0.5],
+        [0.5, -_GREEN / (2 - 2 * _RED), -_BLUE / (2 - 2 * _RED)],
+    ]
+)
+RGB_FROM_YCBCR: Final[NDArray[np.float64]] = np.array(
+    [
+        [1.0, 0.0, 2 - 2 * _RED],
+        [1.0, -_BLUE * (2 - 2 * _BLUE) / _GREEN, -_RED * (2 - 2 * _RED) / _GREEN],
+        [1.0, 2 - 2 * _BLUE, 0.0],
+    ]
+)
+
+
+def ycbcr_from_rgb(colour: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Decorrelate R'G'B' of shape (..., 3) into Y', Cb, Cr (BT.709, full range)."""
+    return colour @ YCBCR_FROM_RGB.T.astype(colour.dtype)
+
+
+def rgb_from_ycbcr(ycbcr: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Invert `ycbcr_from_rgb`."""
+    return ycbcr @ RGB_FROM_YCBCR.T.astype(ycbcr.dtype)
+
+
+def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Encode scene-linear light in [0, 1] for a display (IEC 61966-2-1).
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite: the curve is not defined there.
+    """
+    if not (np.isfinite(linear).all() and (linear >= 0).all()):
+        raise InputError(
+            "linear must be finite and at least 0 (got negative, NaN or infinite values)"
+        )
+    return np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
+    ).astype(linear.dtype)
+
+
+def decode_srgb(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Invert `encode_srgb`.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite.
+    """
+    if not (np.isfinite(encoded).all() and (encoded >= 0).all()):
+        raise InputError(
+            "encoded must be finite and at least 0 (got negative, NaN or infinite values)"
+        )
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(
+        encoded.dtype
+    )

@@ -1,0 +1,151 @@
+"""The typed arrays that flow through the pipeline, checked once at the border.
+
+Arrays are (row, column[, channel]), x to the right and y down. The centre of the pixel in
+row i and column j lies at x = j + 0.5, y = i + 0.5.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+
+@dataclass(frozen=True)
+class SourceFrame:
+    """What a renderer or camera saw: colour and depth (RGBZ).
+
+    Parameters
+    ----------
+    colour : ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    depth_m : ndarray of float32, shape (H, W)
+        Distance along the optical axis, > 0; larger is farther; inf is "nothing there".
+
+    Raises
+    ------
+    InputError
+        Naming the array, what must hold, what was found and where.
+    """
+
+    colour: NDArray[np.float32]
+    depth_m: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        check_colour(self.colour, "colour")
+        check_depth(self.depth_m, "depth_m")
+        check_same_size(colour=self.colour, depth_m=self.depth_m)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width), pixels."""
+        return self.depth_m.shape[0], self.depth_m.shape[1]
+
+
+@dataclass(frozen=True)
+class WarpedFrame:
+    """A source frame as another view sees it, with holes: what every fill method takes.
+
+    Parameters
+    ----------
+    colour : ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1]; meaningless, but finite, inside holes.
+    depth_m : ndarray of float32, shape (H, W)
+        Depth, and inside holes the background's depth; > 0, inf allowed.
+    hole : ndarray of bool, shape (H, W)
+        True where the target pixel shows nothing that the source saw.
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Warped motion: target minus source position of what each pixel shows, x then y.
+        Inside holes the motion of the background.
+
+    Raises
+    ------
+    InputError
+        Naming the array, what must hold, what was found and where.
+    """
+
+    colour: NDArray[np.float32]
+    depth_m: NDArray[np.float32]
+    hole: NDArray[np.bool_]
+    flow_px: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        check_colour(self.colour, "colour")
+        check_depth(self.depth_m, "depth_m")
+        check_hole(self.hole, "hole")
+        check_flow(self.flow_px, "flow_px")
+        check_same_size(
+            colour=self.colour, depth_m=self.depth_m, hole=self.hole, flow_px=self.flow_px
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width), pixels."""
+        return self.hole.shape[0], self.hole.shape[1]
+
+
+def check_colour(array: NDArray[Any], name: str) -> None:
+    """Require encoded colour: float32 (H, W, 3), finite, in [0, 1]."""
+    _check_array(array, name, np.float32, (None, None, 3))
+    bad: NDArray[np.bool_] = np.asarray(~((array >= 0) & (array <= 1)))  # NaN fails both
+    _check_none(bad.any(axis=-1), array, name, "finite and in [0, 1]")
+
+
+def check_depth(array: NDArray[Any], name: str) -> None:
+    """Require depth: float32 (H, W), greater than 0, inf allowed."""
+    _check_array(array, name, np.float32, (None, None))
+    _check_none(~(array > 0), array, name, "greater than 0 (inf where there is nothing)")
+
+
+def check_flow(array: NDArray[Any], name: str) -> None:
+    """Require motion: float32 (H, W, 2), finite."""
+    _check_array(array, name, np.float32, (None, None, 2))
+    _check_none(~np.isfinite(array).all(axis=-1), array, name, "finite")
+
+
+def check_hole(array: NDArray[Any], name: str) -> None:
+    """Require a mask: bool (H, W)."""
+    _check_array(array, name, np.bool_, (None, None))
+
+
+def check_same_size(**arrays: NDArray[Any]) -> None:
+    """Require one height and width for all of `arrays`, named by their keywords."""
+    sizes = {name: array.shape[:2] for name, array in arrays.items()}
+    if len(set(sizes.values())) > 1:
+        found = ", ".join(f"{name} {height}x{width}" for name, (height, width) in sizes.items())
+        raise InputError(f"all arrays must have one height and width (got {found})")
+
+
+def check_some_known(hole: NDArray[np.bool_]) -> None:
+    """Require at least one pixel outside the holes: from nothing, nothing can be filled."""
+    if hole.all():
+        raise InputError(
+            f"hole must leave at least one known pixel (all {hole.size} pixels are holes)"
+        )
+
+
+def _check_array(
+    array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
+) -> None:
+    wanted = "(" + ", ".join({0: "H", 1: "W"}.get(i, str(n)) for i, n in enumerate(shape)) + ")"
+    fits = array.ndim == len(shape) and all(
+        n is None or n == found for n, found in zip(shape, array.shape, strict=False)
+    )
+    if not fits or array.dtype != dtype:
+        raise InputError(
+            f"{name} must be {np.dtype(dtype).name} of shape {wanted}"
+            f" (got {array.dtype} of shape {array.shape})"
+        )
+    if array.size == 0:
+        raise InputError(f"{name} must hold at least one pixel (got shape {array.shape})")
+
+
+def _check_none(bad: NDArray[np.bool_], array: NDArray[Any], name: str, rule: str) -> None:
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise InputError(
+            f"{name} must be {rule} (got {array[row, column]} at row {row}, column {column},"
+            f" and {int(bad.sum()) - 1} more such pixels)"
+        )

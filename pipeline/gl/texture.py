@@ -1,0 +1,192 @@
+"""Textures of named formats: creation, upload, read back, and a pool that reuses them.
+
+Arrays are (row, column[, channel]); the GPU's (width, height) stays inside this module
+and the pass hosts. Row 0 of an array is texel row 0.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import GLUnavailableError, InputError
+
+
+@dataclass(frozen=True)
+class Format:
+    """One texel format, by its GLSL image-format name."""
+
+    name: str
+    components: int
+    gl_dtype: str  # moderngl's code
+    array_dtype: str  # numpy's code
+
+    @property
+    def bytes_per_texel(self) -> int:
+        return self.components * np.dtype(self.array_dtype).itemsize
+
+
+FORMATS = {
+    fmt.name: fmt
+    for fmt in (
+        Format("r8", 1, "f1", "u1"),
+        Format("rgba8", 4, "f1", "u1"),
+        Format("r16f", 1, "f2", "f2"),
+        Format("rg16f", 2, "f2", "f2"),
+        Format("rgba16f", 4, "f2", "f2"),
+        Format("r32f", 1, "f4", "f4"),
+        Format("rg32f", 2, "f4", "f4"),
+        Format("rgba32f", 4, "f4", "f4"),
+        Format("r32ui", 1, "u4", "u4"),
+        Format("rg32ui", 2, "u4", "u4"),
+        Format("rgba32ui", 4, "u4", "u4"),
+        Format("r32i", 1, "i4", "i4"),
+    )
+}
+_BY_DTYPE = {(fmt.components, fmt.gl_dtype): fmt for fmt in FORMATS.values()}
+
+
+def format_of(texture: moderngl.Texture) -> Format:
+    """Return the format `texture` was made with."""
+    return _BY_DTYPE[texture.components, texture.dtype]
+
+
+def create_texture(
+    ctx: moderngl.Context, size: tuple[int, int], format_name: str
+) -> moderngl.Texture:
+    """Make an uninitialised texture.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Texels, each at least 1 and at most the driver's limit.
+    format_name : str
+        A key of `FORMATS`.
+
+    Raises
+    ------
+    InputError
+        If the size is outside the driver's limits or the format unknown.
+    GLUnavailableError
+        If the driver refuses (out of memory, for one).
+    """
+    if format_name not in FORMATS:
+        raise InputError(f"format_name must be one of {', '.join(FORMATS)} (got {format_name!r})")
+    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    if not all(1 <= edge <= limit for edge in size):
+        raise InputError(
+            f"texture edges must lie in 1..{limit} on this driver (got {size[0]}x{size[1]})"
+        )
+    fmt = FORMATS[format_name]
+    _ = ctx.error  # forget what earlier calls left behind
+    texture = ctx.texture(size, fmt.components, dtype=fmt.gl_dtype)
+    if (error := ctx.error) != "GL_NO_ERROR":
+        texture.release()
+        raise GLUnavailableError(
+            f"the driver must hold a {size[0]}x{size[1]} {format_name} texture"
+            f" (it answered {error}); use smaller images or free GPU memory"
+        )
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    texture.repeat_x = texture.repeat_y = False
+    return texture
+
+
+def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:
+    """Copy `array` of shape (height, width[, components]) into `texture`.
+
+    Raises
+    ------
+    InputError
+        If shape or dtype differ from the texture's.
+    """
+    fmt = format_of(texture)
+    shape = _shape(texture, fmt)
+    if array.shape != shape or array.dtype != np.dtype(fmt.array_dtype):
+        raise InputError(
+            f"array must be {np.dtype(fmt.array_dtype)} of shape {shape} for a {fmt.name} texture"
+            f" (got {array.dtype} of shape {array.shape})"
+        )
+    texture.write(np.ascontiguousarray(array), alignment=1)
+
+
+def read_back(texture: moderngl.Texture) -> NDArray[Any]:
+    """Copy `texture` into a new array of shape (height, width[, components])."""
+    fmt = format_of(texture)
+    array = np.empty(_shape(texture, fmt), dtype=fmt.array_dtype)
+    texture.read_into(array, alignment=1)
+    return array
+
+
+def texture_from(ctx: moderngl.Context, array: NDArray[Any], format_name: str) -> moderngl.Texture:
+    """Make a texture of `array`'s size and upload it."""
+    texture = create_texture(ctx, (array.shape[1], array.shape[0]), format_name)
+    upload(texture, array)
+    return texture
+
+
+def _shape(texture: moderngl.Texture, fmt: Format) -> tuple[int, ...]:
+    plane = (texture.height, texture.width)
+    return plane if fmt.components == 1 else (*plane, fmt.components)
+
+
+class TexturePool:
+    """Lends textures and takes them back, so that a sequence allocates only once.
+
+    Owned by whoever builds the passes; `release()` frees everything it ever made.
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._create: Callable[[tuple[int, int], str], moderngl.Texture] = lambda size, name: (
+            create_texture(ctx, size, name)
+        )
+        self._idle: defaultdict[tuple[tuple[int, int], str], list[moderngl.Texture]] = defaultdict(
+            list
+        )
+        self._lent: dict[int, moderngl.Texture] = {}
+
+    def take(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
+        """Lend a texture; its content is undefined."""
+        idle = self._idle[size, format_name]
+        texture = idle.pop() if idle else self._create(size, format_name)
+        self._lent[texture.glo] = texture
+        return texture
+
+    def give_back(self, *textures: moderngl.Texture) -> None:
+        """Take back textures that this pool lent.
+
+        Raises
+        ------
+        ValueError
+            If one was not lent by this pool, or was given back already.
+        """
+        for texture in textures:
+            if self._lent.pop(texture.glo, None) is None:
+                raise ValueError(f"texture {texture.glo} is not on loan from this pool")
+            self._idle[texture.size, format_of(texture).name].append(texture)
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory of all textures alive, lent or idle."""
+        alive = [*self._lent.values(), *(t for idle in self._idle.values() for t in idle)]
+        return sum(t.width * t.height * format_of(t).bytes_per_texel for t in alive)
+
+    @property
+    def alive(self) -> Counter[str]:
+        """How many textures exist, by format."""
+        names = [format_of(t).name for t in self._lent.values()]
+        names += [key[1] for key, idle in self._idle.items() for _ in idle]
+        return Counter(names)
+
+    def release(self) -> None:
+        """Free every texture, also those on loan."""
+        for texture in self._lent.values():
+            texture.release()
+        for idle in self._idle.values():
+            for texture in idle:
+                texture.release()
+        self._lent.clear()
+        self._idle.clear()

@@ -1,0 +1,46 @@
+"""How long the GPU worked, by its own clock where it has one."""
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import moderngl
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds of repeated runs of one piece of GPU work."""
+
+    gpu_ms: tuple[float, ...]  # the driver's time query; zeros where it does not count
+    wall_ms: tuple[float, ...]  # from an idle GPU to an idle GPU
+
+    @property
+    def median_ms(self) -> float:
+        """Median by the GPU's clock on hardware; by the wall clock where that reads nothing."""
+        gpu = statistics.median(self.gpu_ms)
+        return gpu if gpu > 0 else statistics.median(self.wall_ms)
+
+    @property
+    def median_wall_ms(self) -> float:
+        return statistics.median(self.wall_ms)
+
+
+def measure(
+    ctx: moderngl.Context, work: Callable[[], None], *, repeats: int = 20, warm_up: int = 3
+) -> Timing:
+    """Run `work` repeatedly and time each run from idle to idle."""
+    for _ in range(warm_up):
+        work()
+    ctx.finish()
+    query = ctx.query(time=True)
+    gpu_ms: list[float] = []
+    wall_ms: list[float] = []
+    for _ in range(repeats):
+        start_s = time.perf_counter()
+        with query:
+            work()
+        ctx.finish()
+        wall_ms.append(1e3 * (time.perf_counter() - start_s))
+        gpu_ms.append(query.elapsed / 1e6)
+    return Timing(tuple(gpu_ms), tuple(wall_ms))
