@@ -90,7 +90,7 @@ def check_colour(array: NDArray[Any], name: str) -> None:
     """Require encoded colour: float32 (H, W, 3), finite, in [0, 1]."""
     _check_array(array, name, np.float32, (None, None, 3))
     bad: NDArray[np.bool_] = np.asarray(~((array >= 0) & (array <= 1)))  # NaN fails both
-    _check_none(bad.any(axis=-1), array, name, "finite and in [0, 1]")
+    _check_none(np.any(bad, axis=-1, keepdims=False), array, name, "finite and in [0, 1]")
 
 
 def check_depth(array: NDArray[Any], name: str) -> None:

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 import moderngl
 
 
+# Mesa's software renderer answers a compute time query with a nanosecond.
+COUNTED_FROM_MS = 1e-3
+
+
 @dataclass(frozen=True)
 class Timing:
     """Milliseconds of repeated runs of one piece of GPU work."""
 
-    gpu_ms: tuple[float, ...]  # the driver's time query; zeros where it does not count
+    gpu_ms: tuple[float, ...]  # the driver's time query; next to zero where it does not count
     wall_ms: tuple[float, ...]  # from an idle GPU to an idle GPU
 
     @property
     def median_ms(self) -> float:
         """Median by the GPU's clock on hardware; by the wall clock where that reads nothing."""
         gpu = statistics.median(self.gpu_ms)
-        return gpu if gpu > 0 else statistics.median(self.wall_ms)
+        return gpu if gpu > COUNTED_FROM_MS else statistics.median(self.wall_ms)
 
     @property
     def median_wall_ms(self) -> float:

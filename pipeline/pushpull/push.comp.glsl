@@ -1,0 +1,32 @@
+#version 430
+// Push: complete one level with the next coarser one.
+// Twin: push() in reference.py. Change both or neither.
+
+#constant TILE  // work-group edge, pixels
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+// rgb: encoded colour. a: confidence in [0, 1]; 0 means unknown.
+layout(binding = 0) uniform sampler2D fine;                     // W x H
+layout(binding = 1) uniform sampler2D coarse;                   // ceil(W / 2) x ceil(H / 2), complete
+layout(rgba32f, binding = 0) uniform writeonly image2D filled;  // W x H; may be `fine` itself
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, imageSize(filled)))) return;
+
+    vec4 texel = texelFetch(fine, pixel, 0);
+    if (texel.a < 1.0) {
+        // Bilinear by hand: texture units interpolate with as few as 8 bits.
+        ivec2 last = textureSize(coarse, 0) - 1;
+        ivec2 near = pixel >> 1;
+        ivec2 far = clamp(near + 2 * (pixel & 1) - 1, ivec2(0), last);
+        vec4 below = 0.5625 * texelFetch(coarse, near, 0)
+                   + 0.1875 * (texelFetch(coarse, ivec2(far.x, near.y), 0)
+                               + texelFetch(coarse, ivec2(near.x, far.y), 0))
+                   + 0.0625 * texelFetch(coarse, far, 0);
+        float rest = 1.0 - texel.a;
+        texel = vec4(texel.a * texel.rgb + rest * below.rgb, texel.a + rest * below.a);
+    }
+    imageStore(filled, pixel, texel);
+}

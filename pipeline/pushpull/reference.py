@@ -1,0 +1,105 @@
+"""Push-pull as its paper defines it, in numpy.
+
+Gortler, Grzeszczuk, Szeliski and Cohen 1996, "The Lumigraph", section 3.3: pull averages
+what is known into ever coarser levels, push brings it back where it is missing.
+Kuffner dos Anjos et al. 2022, section 4, use it as the naive approach.
+
+Twin: gpu.py with pull.comp.glsl and push.comp.glsl. Change both or neither.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+
+def pull(fine: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Average the known pixels of one level into the next coarser one.
+
+    Parameters
+    ----------
+    fine : ndarray of shape (H, W, 4)
+        Encoded RGB, then confidence in [0, 1]; 0 means unknown.
+
+    Returns
+    -------
+    ndarray of shape (ceil(H / 2), ceil(W / 2), 4)
+        As `fine`. The last row or column of an odd level has fewer children. The
+        confidence is the children's sum, at most 1, so a pixel is known as soon as
+        one child is. Unknown pixels are all zero.
+    """
+    height, width, _ = fine.shape
+    padded = np.pad(fine.astype(np.float64), ((0, height % 2), (0, width % 2), (0, 0)))
+    taps = padded.reshape((height + 1) // 2, 2, (width + 1) // 2, 2, 4)
+    weight = taps[..., 3:].sum(axis=(1, 3))
+    colour = (taps[..., :3] * taps[..., 3:]).sum(axis=(1, 3))
+    known = weight > 0
+    mean = np.divide(colour, weight, out=np.zeros_like(colour), where=known)
+    return np.concatenate([mean, weight.clip(max=1.0)], axis=-1)
+
+
+def push(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Complete one level with the next coarser one.
+
+    Parameters
+    ----------
+    fine : ndarray of shape (H, W, 4)
+        Encoded RGB, then confidence.
+    coarse : ndarray of shape (ceil(H / 2), ceil(W / 2), 4)
+        The completed next level.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 4)
+        ``confidence * fine + (1 - confidence) * coarse``, the coarse level interpolated
+        bilinearly; confidence becomes the coarse level's, 1 where anything was known.
+    """
+    weight = fine[..., 3:].astype(np.float64)
+    below = upsample(coarse, (fine.shape[0], fine.shape[1]))
+    colour = weight * fine[..., :3] + (1 - weight) * below[..., :3]
+    return np.concatenate([colour, weight + (1 - weight) * below[..., 3:]], axis=-1)
+
+
+def upsample(coarse: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
+    """Interpolate `coarse` bilinearly at the pixel centres of a level of twice its size.
+
+    Taps are 3/4 and 1/4 along each axis and repeat at the border.
+    """
+    result = coarse.astype(np.float64)
+    for axis, length in enumerate(size):
+        fine_index = np.arange(length)
+        near = fine_index // 2
+        far = np.clip(near + np.where(fine_index % 2 == 0, -1, 1), 0, coarse.shape[axis] - 1)
+        result = 0.75 * result.take(near, axis) + 0.25 * result.take(far, axis)
+    return result
+
+
+def push_pull(image: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Fill the unknown pixels of an image of any size.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 4)
+        Encoded RGB, then confidence in [0, 1]; 0 means unknown.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3)
+        Pixels of confidence 1 unchanged; every value within the range of the known ones.
+
+    Raises
+    ------
+    InputError
+        If no pixel is known.
+    """
+    if not (image[..., 3] > 0).any():
+        raise InputError(
+            f"image must have at least one known pixel (all {image[..., 3].size} are unknown)"
+        )
+    levels = [image.astype(np.float64)]
+    while levels[-1].shape[:2] != (1, 1):
+        levels.append(pull(levels[-1]))
+    filled = levels.pop()
+    while levels:
+        filled = push(levels.pop(), filled)
+    return filled[..., :3]
