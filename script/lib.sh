@@ -1,0 +1,196 @@
+# Shared by the commands in script/. Sourced, never run.
+# shellcheck shell=bash
+#
+# prepare: system packages, .venv and the locked Python packages, each only
+# where something is missing. Says on stderr what it does; silent otherwise.
+
+set -euo pipefail
+
+ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
+VENV="$ROOT/.venv"
+LOCK="$ROOT/requirements.lock"
+MINIMUM_PYTHON=3.11
+
+# What a Debian or Ubuntu machine needs beside Python, and how any other system
+# can be asked for it: a library (lib:), a command (cmd:) or nothing (-).
+SYSTEM_PACKAGES="
+libegl1             lib:libEGL.so.1
+libegl-mesa0        -
+libgl1              lib:libGL.so.1
+libgl1-mesa-dri     -
+libfribidi0         lib:libfribidi.so.0
+fonts-dejavu-core   -
+xvfb                cmd:Xvfb
+xauth               cmd:xauth
+xdotool             cmd:xdotool
+openbox             cmd:openbox
+"
+
+say() { printf '%s\n' "$*" >&2; }
+
+# The user has to do something first: exit status 2.
+stop() {
+    say "$*"
+    exit 2
+}
+
+# Runs a command silently; shows the end of what it said if it fails.
+quietly() {
+    local log
+    log=$(mktemp "${TMPDIR:-/tmp}/metamerlab-setup.XXXXXX")
+    if "$@" </dev/null >"$log" 2>&1; then
+        rm -f -- "$log"
+    else
+        tail -n 25 -- "$log" >&2
+        say "failed: $*"
+        say "everything it said: $log"
+        return 1
+    fi
+}
+
+is_new_enough() {
+    "$1" -I -c "import sys; sys.exit(sys.version_info < (${MINIMUM_PYTHON/./, }))" 2>/dev/null
+}
+
+# Sets PYTHON_FOUND: $PYTHON where the user names one, else the first that is new enough.
+find_python() {
+    local candidate
+    if [[ -n ${PYTHON:-} ]]; then
+        command -v -- "$PYTHON" >/dev/null ||
+            stop "PYTHON=$PYTHON: no such program; name a Python $MINIMUM_PYTHON or newer"
+        is_new_enough "$PYTHON" ||
+            stop "metamerlab needs Python $MINIMUM_PYTHON or newer (PYTHON=$PYTHON is $("$PYTHON" -V 2>&1))"
+        PYTHON_FOUND=$(command -v -- "$PYTHON")
+        return
+    fi
+    for candidate in python3 python3.14 python3.13 python3.12 python3.11; do
+        if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
+            PYTHON_FOUND=$(command -v "$candidate")
+            return
+        fi
+    done
+    local found="none"
+    command -v python3 >/dev/null && found="$(python3 -V 2>&1) at $(command -v python3)"
+    stop "metamerlab needs Python $MINIMUM_PYTHON or newer (found $found).
+Install one, or name it: PYTHON=/path/to/python3.12 script/setup"
+}
+
+# Prints the package that gives this Python `venv`, if it lacks it (Debian splits it off).
+missing_venv_package() {
+    "$PYTHON_FOUND" -I -c 'import ensurepip, venv' 2>/dev/null && return
+    "$PYTHON_FOUND" -I -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'
+}
+
+missing_debian_packages() {
+    local names installed name
+    names=$(awk 'NF { print $1 }' <<<"$SYSTEM_PACKAGES")
+    # shellcheck disable=SC2086  # one word per package
+    installed=$(dpkg-query -W -f='${db:Status-Status} ${Package}\n' $names 2>/dev/null |
+        awk '$1 == "installed" { print $2 }' || true)
+    for name in $names; do
+        grep -qxF -- "$name" <<<"$installed" || printf '%s\n' "$name"
+    done
+    missing_venv_package
+}
+
+missing_capabilities() {
+    local name probe
+    while read -r name probe; do
+        case $probe in
+            cmd:*) command -v "${probe#cmd:}" >/dev/null || say "  the command ${probe#cmd:} (Debian: $name)" ;;
+            lib:*) "$PYTHON_FOUND" -I -c "import ctypes; ctypes.CDLL('${probe#lib:}')" 2>/dev/null ||
+                say "  the library ${probe#lib:} (Debian: $name)" ;;
+        esac
+    done <<<"$SYSTEM_PACKAGES"
+    if [[ -n $(missing_venv_package) ]]; then
+        say "  the modules venv and ensurepip of $PYTHON_FOUND"
+    fi
+}
+
+# Debian and its children are mended where we may; elsewhere we say what is missing.
+need_system_packages() {
+    local missing as_root=()
+    if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
+        missing=$(missing_capabilities 2>&1)
+        [[ -z $missing ]] || stop "metamerlab needs, and this system does not have:
+$missing
+Install them with your package manager, then run this again."
+        return
+    fi
+    missing=$(missing_debian_packages | tr '\n' ' ')
+    missing=${missing% }
+    [[ -n $missing ]] || return 0
+    if [[ $(id -u) != 0 ]]; then
+        if command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+            as_root=(sudo -n)
+        else
+            stop "System packages are missing, and installing them needs root. Run:
+  sudo apt-get install --yes --no-install-recommends $missing
+then run this again."
+        fi
+    fi
+    say "Installing system packages: $missing"
+    as_root+=(env DEBIAN_FRONTEND=noninteractive)
+    # An apt that was interrupted earlier leaves packages half set up.
+    quietly "${as_root[@]}" dpkg --configure -a
+    quietly "${as_root[@]}" apt-get -o DPkg::Lock::Timeout=300 update
+    # shellcheck disable=SC2086
+    quietly "${as_root[@]}" apt-get -o DPkg::Lock::Timeout=300 install --yes \
+        --no-install-recommends $missing
+}
+
+# One line that changes when the Python packages have to be installed again.
+# The folder is part of it: a moved virtual environment does not work.
+wanted_stamp() {
+    local hash
+    hash=$(cat -- "$LOCK" "$ROOT/pyproject.toml" | sha256sum)
+    printf '%s %s\n' "${hash%% *}" "$ROOT"
+}
+
+# .venv runs, and on the Python that the user asked for, if one was asked for.
+venv_is_usable() {
+    is_new_enough "$VENV/bin/python" &&
+        [[ -z ${PYTHON:-} || $("$VENV/bin/python" -V) == "$("$PYTHON_FOUND" -V)" ]]
+}
+
+is_ready() {
+    [[ -f $VENV/metamerlab-stamp && $(<"$VENV/metamerlab-stamp") == "$(wanted_stamp)" ]] &&
+        venv_is_usable
+}
+
+# Settings of the user's pip that would install elsewhere are left aside; where
+# packages come from (indexes, proxies, certificates) stays the user's.
+pip_here() {
+    env -u PIP_USER -u PIP_TARGET -u PIP_PREFIX -u PIP_ROOT -u PYTHONHOME -u PYTHONPATH \
+        "$VENV/bin/python" -m pip --disable-pip-version-check --no-input "$@"
+}
+
+install_python_packages() {
+    local unfinished="$VENV/metamerlab-unfinished"
+    rm -f -- "$VENV/metamerlab-stamp"
+    if [[ -e $unfinished ]] || ! venv_is_usable ||
+        ! "$VENV/bin/python" -I -c 'import pip' 2>/dev/null; then
+        say "Making the virtual environment .venv with $("$PYTHON_FOUND" -V)"
+        quietly "$PYTHON_FOUND" -I -m venv --clear "$VENV"
+    fi
+    touch -- "$unfinished" # gone only when all is done: else start over
+    say "Installing the locked Python packages into .venv (minutes on a fresh machine)"
+    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$LOCK"
+    quietly pip_here install --no-user --no-deps --no-index --no-build-isolation \
+        --editable "$ROOT"
+    rm -f -- "$unfinished"
+    wanted_stamp >"$VENV/metamerlab-stamp.new"
+    mv -- "$VENV/metamerlab-stamp.new" "$VENV/metamerlab-stamp" # last: all or nothing
+}
+
+prepare() {
+    cd -- "$ROOT"
+    find_python
+    need_system_packages
+    is_ready && return
+    (
+        # Two commands started together: the second waits, then finds all done.
+        if command -v flock >/dev/null; then flock 9; fi
+        is_ready || install_python_packages
+    ) 9<"$LOCK"
+}
