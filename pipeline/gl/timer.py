@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import moderngl
 
-
 # Mesa's software renderer answers a compute time query with a nanosecond.
 COUNTED_FROM_MS = 1e-3
 
