@@ -1,0 +1,84 @@
+"""A display as data: its pixels, its place before the eye, its time base."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
+
+FRAME_TOLERANCE = 1e-6
+"""How far, in frames, a duration may be from a whole number of them."""
+
+
+class Display(Model):
+    """One display at one viewing distance, in one mode."""
+
+    name: Name
+    description: str = ""
+    width_px: Pixels
+    height_px: Pixels
+    width_mm: Millimetres
+    """Visible area, measured with a ruler."""
+    height_mm: Millimetres
+    distance_mm: Millimetres
+    """From the eye to the screen's centre, along its normal."""
+    refresh_hz: Hertz
+    """Nominal rate, against which times are counted in frames; a display whose measured rate is
+    within `refresh_tolerance_share` of it fits."""
+    refresh_tolerance_share: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    clip_memory_mib: Positive = 2048
+    """Graphics memory that clips may use: the pair shown and the next one."""
+    monitor: str = ""
+    """The system's name of the monitor; empty: the primary one."""
+    peak_cd_m2: Luminance | None = None
+    black_cd_m2: Luminance | None = None
+    gamma: Annotated[float, Field(gt=0)] | None = None
+    """Measured with a photometer; left out: not measured."""
+
+    @model_validator(mode="after")
+    def _square_pixels(self) -> Display:
+        across, down = self.width_mm / self.width_px, self.height_mm / self.height_px
+        if abs(across / down - 1) > 0.02:
+            raise ValueError(
+                f"pixels must be square within 2 % (got {across:.4f} x {down:.4f} mm);"
+                " check width_mm and height_mm of the visible area"
+            )
+        return self
+
+    @property
+    def pitch_x_mm(self) -> float:
+        """Width of a pixel."""
+        return self.width_mm / self.width_px
+
+    @property
+    def pitch_y_mm(self) -> float:
+        """Height of a pixel."""
+        return self.height_mm / self.height_px
+
+    def frames(self, duration_s: float) -> int | None:
+        """Return `duration_s` in whole frames, or None where it is not whole."""
+        exact = duration_s * self.refresh_hz
+        whole = round(exact)
+        return whole if whole >= 0 and abs(exact - whole) <= FRAME_TOLERANCE else None
+
+    def nearest_durations(self, duration_s: float) -> tuple[float, ...]:
+        """Return the durations of whole frames just below and above, in seconds."""
+        low = math.floor(duration_s * self.refresh_hz)
+        return tuple(frames / self.refresh_hz for frames in (low, low + 1) if frames > 0)
+
+    def centred_size_px(self, width_deg: float, height_deg: float) -> tuple[int, int]:
+        """Return (width, height) in even pixels of a centred rectangle of that visual angle."""
+
+        def pixels(angle_deg: float, pitch_mm: float) -> int:
+            half_mm = self.distance_mm * math.tan(math.radians(angle_deg / 2))
+            return max(2, 2 * round(half_mm / pitch_mm))
+
+        return pixels(width_deg, self.pitch_x_mm), pixels(height_deg, self.pitch_y_mm)
+
+    def angle_of_width_deg(self, width_px: int) -> float:
+        """Return the visual angle of a centred length of `width_px`."""
+        half_mm = width_px * self.pitch_x_mm / 2
+        return 2 * math.degrees(math.atan(half_mm / self.distance_mm))

@@ -1,0 +1,157 @@
+"""Reads protocol and display files: all mistakes at once, with place, value and cure."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.problems import problems_of
+from protocols.schema import Problem, StudyProtocol, cross_check
+from protocols.suggest import did_you_mean
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def load_protocol(path: Path) -> StudyProtocol:
+    """Read a study protocol.
+
+    Parameters
+    ----------
+    path : Path
+        A TOML file. The name of a study that comes with metamerlab (`demo`) is also taken.
+
+    Raises
+    ------
+    StudyError
+        With one line per mistake: file, place, what must hold, what was found, the cure.
+    """
+    path = _shipped(path, "studies")
+    raw = _read_toml(path)
+    try:
+        return StudyProtocol.model_validate(raw)
+    except ValidationError as error:
+        problems = problems_of(error, raw, StudyProtocol)
+        for problem in cross_check(_valid_sections(raw)):
+            if problem not in problems:
+                problems.append(problem)
+        raise _study_error(path, problems) from None
+
+
+def load_display(name_or_path: str, beside: Path | None = None) -> Display:
+    """Read a display: one that comes with metamerlab by name, or a TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str
+        `fhd27-60hz`, or a path that ends in ``.toml``.
+    beside : Path, optional
+        The protocol file; a relative path is looked up in its folder first.
+
+    Raises
+    ------
+    StudyError
+        If there is no such display, or the file has mistakes.
+    """
+    path = Path(name_or_path)
+    if beside is not None and path.suffix == ".toml" and (beside.parent / path).exists():
+        path = beside.parent / path
+    return load_toml(_shipped(path, "displays"), Display)
+
+
+def load_toml(path: Path, model: type[M]) -> M:
+    """Read any TOML file into `model`; `StudyError` lists every mistake."""
+    raw = _read_toml(path)
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise _study_error(path, problems_of(error, raw, model)) from None
+
+
+def shipped(folder: str) -> dict[str, Path]:
+    """Return the files that come with metamerlab in `studies` or `displays`, by name."""
+    root = Path(str(files("protocols"))) / folder
+    return {path.stem: path for path in sorted(root.glob("*.toml"))}
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """Read a file; `StudyError` says why it cannot be read."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise StudyError(f"{path}: {what} must exist (there is no such file)") from None
+    except IsADirectoryError:
+        raise StudyError(f"{path}: {what} must be a file (this is a folder)") from None
+    except OSError as error:
+        raise StudyError(f"{path}: {what} must be readable ({error.strerror})") from None
+
+
+def decode_utf8(data: bytes, path: Path) -> str:
+    """Decode; `StudyError` names the line and the byte that are not UTF-8."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise StudyError(
+            f"{path}: line {line}: must be UTF-8 text (got byte 0x{data[error.start]:02x});"
+            " save the file as UTF-8"
+        ) from None
+
+
+def _shipped(path: Path, folder: str) -> Path:
+    """Return the path of a shipped file where only its name was given."""
+    if path.suffix == ".toml" or path.exists():
+        return path
+    known = shipped(folder)
+    if str(path) in known:
+        return known[str(path)]
+    raise StudyError(
+        f"{path}: must be a .toml file or one of {', '.join(known)}{did_you_mean(str(path), known)}"
+    )
+
+
+def _read_toml(path: Path) -> dict[str, object]:
+    text = decode_utf8(read_bytes(path, "the TOML file"), path)
+    try:
+        return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{path}: must be valid TOML ({error})") from None
+
+
+def _tuples(value: object) -> object:
+    """Return `value` with lists as tuples: our models are frozen through and through."""
+    if isinstance(value, dict):
+        return {key: _tuples(entry) for key, entry in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _valid_sections(raw: dict[str, object]) -> dict[str, object]:
+    """Return what is right by itself: whole sections, or single entries of a list by index."""
+    valid: dict[str, object] = {}
+    for name, field in StudyProtocol.model_fields.items():
+        if name not in raw:
+            continue
+        adapter: TypeAdapter[Any] = TypeAdapter(field.annotation or object)
+        try:
+            valid[name] = adapter.validate_python(raw[name])
+        except ValidationError:
+            value = raw[name]
+            if not isinstance(value, tuple):
+                continue
+            entries = {}
+            for index, entry in enumerate(value):
+                try:
+                    entries[index] = adapter.validate_python((entry,))[0]
+                except ValidationError:
+                    continue
+            valid[name] = entries
+    return valid
+
+
+def _study_error(path: Path, problems: list[Problem]) -> StudyError:
+    return StudyError("\n".join(f"{path}: {problem}" for problem in problems))

@@ -1,0 +1,212 @@
+"""What a folder of clips holds: parameters and the SHA-256 of every frame.
+
+A manifest is written last, so a folder with one is complete. It holds no time stamps: the same
+inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from protocols.errors import StudyError
+from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
+from protocols.load import decode_utf8, read_bytes
+from protocols.problems import problems_of
+from protocols.schema import ClipName, StudyProtocol
+from protocols.units import Hertz, Model, Name, Parameters, Pixels, Seed, Sha256, Share
+
+MANIFEST_NAME = "manifest.json"
+
+
+class Renderer(Model):
+    """What drew the clips; bytes are promised to repeat on one renderer only."""
+
+    vendor: str
+    renderer: str
+    version: str
+
+
+class Clip(Model):
+    """One clip: a folder of PNG frames called ``scene__size__method``."""
+
+    scene: Name
+    size: Name
+    method: Name
+    width_px: Pixels
+    height_px: Pixels
+    fps: Hertz
+    bit_depth: Literal[8, 16]
+    seed: Seed
+    parameters: Parameters
+    """Everything the clip was made with, resolved: camera path, extent, method parameters."""
+    hole_share: Share
+    """Mean share of hole pixels over the frames, as measured."""
+    cache_key: Sha256
+    """Hash of inputs, parameters and the method's sources; equal keys mean equal frames."""
+    frames_sha256: Annotated[tuple[Sha256, ...], Field(min_length=1)]
+    """Hash of every PNG file, in order."""
+
+    @property
+    def clip_name(self) -> ClipName:
+        """Scene, size and method together."""
+        return ClipName(self.scene, self.size, self.method)
+
+    @property
+    def sha256(self) -> str:
+        """One hash for all frames."""
+        return sha256_json(list(self.frames_sha256))
+
+    def frame_path(self, index: int) -> str:
+        """Return a frame's path inside the folder of clips."""
+        return frame_path(self.clip_name, index)
+
+
+class Manifest(Model):
+    """Every clip of one study, built for one display."""
+
+    format: Literal[1]
+    study: Name
+    stimuli_sha256: Sha256
+    """`StudyProtocol.stimuli_sha256` of the protocol the clips were built for."""
+    display: Name
+    revision: str
+    """Version and git revision of metamerlab."""
+    renderer: Renderer
+    versions: dict[str, str]
+    """Python and the packages that take part in making pixels."""
+    simulated: bool = False
+    """True for a manifest without pixels, as simulated sessions use it."""
+    clips: tuple[Clip, ...]
+
+    @model_validator(mode="after")
+    def _clips_differ(self) -> Manifest:
+        for name, count in Counter(str(clip.clip_name) for clip in self.clips).items():
+            if count > 1:
+                raise ValueError(f"clips must differ in name (got {name} {count} times)")
+        return self
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the whole manifest: the hash of the file that `write_manifest` writes."""
+        return sha256_bytes(_file_bytes(self))
+
+    def clip(self, name: ClipName) -> Clip:
+        """Return one clip; `KeyError` if the manifest lacks it."""
+        for clip in self.clips:
+            if clip.clip_name == name:
+                return clip
+        raise KeyError(str(name))
+
+
+def frame_path(clip: ClipName, index: int) -> str:
+    """Return ``scene__size__method/000000.png``."""
+    return f"{clip}/{index:06d}.png"
+
+
+def cache_key(inputs: Json) -> str:
+    """Return the cache key of a clip.
+
+    Parameters
+    ----------
+    inputs : JSON value
+        All that decides its pixels: hashes of the input files, every parameter, the seed, the
+        size in pixels, and the hash of the method's sources. Not the git revision: an unrelated
+        commit must not make clips stale.
+    """
+    return sha256_json({"clip_format": 1, "inputs": inputs})
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> Path:
+    """Write ``manifest.json`` in one step: temporary name, flush to disk, move.
+
+    Raises
+    ------
+    StudyError
+        If the folder cannot be written.
+    """
+    target, temporary = folder / MANIFEST_NAME, folder / (MANIFEST_NAME + ".part")
+    try:
+        with temporary.open("wb") as file:
+            file.write(_file_bytes(manifest))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise StudyError(f"{target}: must be writable ({error.strerror})") from None
+    return target
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read the manifest of a folder of clips.
+
+    Raises
+    ------
+    StudyError
+        If there is none (the batch is not finished), or it has mistakes: one line for each.
+    """
+    path = folder / MANIFEST_NAME
+    if folder.is_dir() and not path.exists():
+        raise StudyError(
+            f"{folder}: must hold a finished batch of clips (there is no {MANIFEST_NAME});"
+            " run 'metamerlab stimuli build' to the end"
+        )
+    text = decode_utf8(read_bytes(path, "the manifest"), path)
+    try:
+        return Manifest.model_validate_json(text)
+    except ValidationError as error:
+        try:
+            raw = json.loads(text)
+        except json.JSONDecodeError as broken:
+            raise StudyError(
+                f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
+            ) from None
+        problems = problems_of(error, raw, Manifest)
+        raise StudyError("\n".join(f"{path}: {problem}" for problem in problems)) from None
+
+
+def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:
+    """Refuse a manifest that was not built for `protocol`, or lacks clips.
+
+    Raises
+    ------
+    StudyError
+        Naming what differs and the cure.
+    """
+    if manifest.study != protocol.study.name:
+        raise StudyError(
+            f"the clips must belong to study {protocol.study.name!r} (got a manifest of"
+            f" {manifest.study!r}); give the folder built from this protocol"
+        )
+    if manifest.stimuli_sha256 != protocol.stimuli_sha256:
+        raise StudyError(
+            "the clips must be built from this protocol's display, scenes, sizes, methods and"
+            f" clips (hash {protocol.stimuli_sha256[:12]}, got {manifest.stimuli_sha256[:12]});"
+            " run 'metamerlab stimuli build' again"
+        )
+    present = {clip.clip_name for clip in manifest.clips}
+    missing = [str(name) for name in protocol.clip_names() if name not in present]
+    if missing:
+        shown = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
+        raise StudyError(
+            f"the manifest must list every clip of the study (missing {len(missing)}: {shown});"
+            " run 'metamerlab stimuli build' again"
+        )
+    wrong = [clip for clip in manifest.clips if len(clip.frames_sha256) != protocol.clips.frames]
+    if wrong:
+        raise StudyError(
+            f"{wrong[0].clip_name}: must have {protocol.clips.frames} frames"
+            f" (got {len(wrong[0].frames_sha256)}); run 'metamerlab stimuli build' again"
+        )
+
+
+def _file_bytes(manifest: Manifest) -> bytes:
+    """Return the file's content: canonical, but a line per entry, so that diffs are readable."""
+    plain = json.loads(canonical_json(manifest))
+    return (json.dumps(plain, sort_keys=True, indent=1, ensure_ascii=False) + "\n").encode()

@@ -1,0 +1,294 @@
+"""The sections of a study that decide its pixels: scenes, sizes, methods, clips."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, StringConstraints, model_validator
+
+from protocols.units import (
+    Degrees,
+    Hertz,
+    Metres,
+    Model,
+    Name,
+    Parameters,
+    Pixels,
+    Seconds,
+    SecondsOrNone,
+    Seed,
+    Share,
+    SignedDegrees,
+    Text,
+    Vector3,
+)
+
+
+class View(Model):
+    """Where the camera stands before it moves; world right-handed, y up, metres."""
+
+    position_m: Vector3
+    look_at_m: Vector3
+    vertical_fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    """Vertical field of view of the built camera; left out: the scene's own."""
+
+
+class CirclePath(Model):
+    """A circle parallel to the image plane, around the scene's camera ([MI] 5).
+
+    Its radius is solved for the hole share that the size asks for.
+    """
+
+    kind: Literal["circle"]
+    turns: Annotated[float, Field(gt=0)] = 1.0
+    """Turns during one clip."""
+    start_deg: SignedDegrees = 0.0
+    """Place on the circle of the first frame, counter-clockwise from the camera's right."""
+
+
+class LinePath(Model):
+    """A straight move along `direction` in camera axes (x right, y down, z forward)."""
+
+    kind: Literal["line"]
+    direction: Vector3 = (1.0, 0.0, 0.0)
+    there_and_back: bool = True
+    """Return to the start within the clip, so that it ends where it began."""
+
+
+class Keyframe(Model):
+    """One pose of a key-framed path, relative to the scene's camera."""
+
+    t_s: SecondsOrNone
+    position_m: Vector3
+    yaw_deg: SignedDegrees = 0.0
+    pitch_deg: SignedDegrees = 0.0
+    roll_deg: SignedDegrees = 0.0
+
+
+class KeyframesPath(Model):
+    """Six degrees of freedom through key frames; positions scale with the size."""
+
+    kind: Literal["keyframes"]
+    keyframes: Annotated[tuple[Keyframe, ...], Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> KeyframesPath:
+        stamps = [keyframe.t_s for keyframe in self.keyframes]
+        if any(late <= early for early, late in pairwise(stamps)):
+            raise ValueError(f"keyframes must be in rising order of t_s (got {stamps})")
+        return self
+
+
+class StereoPath(Model):
+    """From the left photograph towards the right one: the true view is the other photograph."""
+
+    kind: Literal["stereo"]
+    baselines: Annotated[float, Field(gt=0)] = 1.0
+    """How far the last frame lies, in baselines of the pair."""
+
+
+class UpsamplingPath(Model):
+    """Temporal up-sampling: every n-th frame is real, the others are warped from it ([MI] 5)."""
+
+    kind: Literal["upsampling"]
+    real_every: Annotated[int, Field(ge=2)]
+    along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")]
+
+
+CameraPath: TypeAlias = Annotated[
+    CirclePath | LinePath | KeyframesPath | StereoPath | UpsamplingPath,
+    Field(discriminator="kind"),
+]
+
+
+class SceneBase(Model):
+    """What every scene says."""
+
+    name: Name
+    label: Text | None = None
+    """What reports print; left out: the name."""
+    camera: CameraPath
+    view: View | None = None
+    """Left out: the scene's own camera."""
+    seed: Seed = 0
+    parameters: Annotated[Parameters, Field(default_factory=dict)]
+    """Checked by whoever makes the scene."""
+    reference: bool | None = None
+    """Whether a true view exists; left out: yes for rendered scenes, and for a stereo pair on
+    the stereo path. Pairings with the reference leave scenes without one out."""
+
+    @property
+    def has_reference(self) -> bool:
+        """Whether the true view of every frame exists."""
+        return self._can_have_reference if self.reference is None else self.reference
+
+    @property
+    def _can_have_reference(self) -> bool:
+        return True
+
+
+class BuiltinScene(SceneBase):
+    """A scene that comes with metamerlab."""
+
+    kind: Literal["builtin"]
+    builtin: Name
+    """Its name among the built-in scenes."""
+
+
+class MeshScene(SceneBase):
+    """Textured triangles from a glTF 2.0 (.gltf, .glb) or Wavefront (.obj) file."""
+
+    kind: Literal["mesh"]
+    file: Text
+    """Relative to the protocol file."""
+    scale: Annotated[float, Field(gt=0)] = 1.0
+    """Metres per unit of the file."""
+
+
+class _PhotoScene(SceneBase):
+    @property
+    def _can_have_reference(self) -> bool:
+        return self.camera.kind in {"stereo", "upsampling"}
+
+
+class StereoScene(_PhotoScene):
+    """A rectified photograph pair with its disparity: z = focal_px baseline_m / (d + offset_px)."""
+
+    kind: Literal["stereo"]
+    left: Text
+    right: Text
+    disparity: Text
+    """Disparity of the left view in pixels: PFM, EXR, TIFF or .npy; not finite = unknown."""
+    focal_px: Annotated[float, Field(gt=0)]
+    baseline_m: Metres
+    offset_px: float = 0.0
+    """Difference of the principal points, added to the disparity."""
+
+
+class RgbdScene(_PhotoScene):
+    """One picture with a depth image of the same size, and the camera that took it."""
+
+    kind: Literal["rgbd"]
+    rgb: Text
+    depth: Text
+    depth_scale: Annotated[float, Field(gt=0)] = 1.0
+    """Metres per unit of the depth image."""
+    focal_px: Annotated[float, Field(gt=0)]
+
+
+class ExrScene(_PhotoScene):
+    """An OpenEXR picture or sequence with colour, depth and, where present, motion."""
+
+    kind: Literal["exr"]
+    file: Text
+    """A file, or a pattern such as `shot.####.exr`."""
+    focal_px: Annotated[float, Field(gt=0)] | None = None
+    channels: Annotated[
+        dict[Literal["r", "g", "b", "depth", "motion_x", "motion_y"], str],
+        Field(default_factory=dict),
+    ]
+    """Channel names that differ from the documented ones of Blender, Nuke and Unreal."""
+    transfer: Literal["srgb", "rec709", "linear"] = "srgb"
+    """How scene-linear values are encoded; `linear` takes them as encoded already."""
+
+
+Scene: TypeAlias = Annotated[
+    BuiltinScene | MeshScene | StereoScene | RgbdScene | ExrScene, Field(discriminator="kind")
+]
+
+
+class Size(Model):
+    """One amount of disocclusion: a wanted mean share of hole pixels, or a fixed path extent."""
+
+    name: Name
+    label: Text | None = None
+    hole_share: Annotated[float, Field(gt=0, lt=0.5)] | None = None
+    """Mean share of the frame that is hole; the path's extent is solved for it and reported."""
+    extent_m: Metres | None = None
+    """Radius of the circle or length of the line, where no share is asked for."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Size:
+        if (self.hole_share is None) == (self.extent_m is None):
+            raise ValueError(
+                "a size says either hole_share or extent_m"
+                f" (got {'neither' if self.hole_share is None else 'both'})"
+            )
+        return self
+
+
+MethodReference = Annotated[
+    str, StringConstraints(pattern=r"^([a-z0-9]+(-[a-z0-9]+)*|onnx:.+|frames:.+)$")
+]
+
+
+class Method(Model):
+    """One way to fill holes, configured."""
+
+    name: Name
+    """Its name in this study: in clip names, pairings, journals and tables."""
+    method: MethodReference | None = None
+    """Its name in the registry: `metameric`, `push-pull`, `reference`, `onnx:FILE`,
+    `frames:FOLDER`, ...; left out: the same as `name`."""
+    label: Text | None = None
+    """What reports print; left out: the name."""
+    parameters: Annotated[Parameters, Field(default_factory=dict)]
+    """Checked by the method itself."""
+
+    @property
+    def registry_name(self) -> str:
+        """The name under which the registry knows the method."""
+        return self.method or self.name
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether this is the true view."""
+        return self.registry_name == "reference"
+
+
+class Clips(Model):
+    """How every clip is made, in native pixels of the study's display."""
+
+    width_deg: Degrees
+    """Width of the clip on the screen, centred before the eye."""
+    height_deg: Degrees
+    fps: Hertz
+    """Clip frames per second; the display must show each for a whole number of refreshes."""
+    duration_s: Seconds
+    """How long a clip is shown in one interval."""
+    seed: Seed = 0
+    """Seed of every random texture; a fill is a pure function of (frame, seed)."""
+    bit_depth: Literal[8, 16] = 8
+    render_width_px: Pixels | None = None
+    """Width the method works at, where it differs from the shown width; needs `rescale`."""
+    rescale: Literal["none", "box", "lanczos3"] = "none"
+    """The filter that brings rendered frames to native display pixels, once, before hashing."""
+    margin_share: Share = 0.15
+    """Extra picture around the source view, so that shown frames have no border holes."""
+    exr: bool = False
+    """Keep float frames beside the PNGs."""
+    preview: bool = True
+    """Write a small video per clip."""
+
+    @property
+    def frames(self) -> int:
+        """Frames in one clip."""
+        return round(self.duration_s * self.fps)
+
+    @model_validator(mode="after")
+    def _whole_frames(self) -> Clips:
+        exact = self.duration_s * self.fps
+        if self.frames < 1 or abs(exact - self.frames) > 1e-6:
+            low, high = max(1, int(exact)), int(exact) + 1
+            raise ValueError(
+                f"duration_s x fps must be whole frames (got {self.duration_s:g} s x"
+                f" {self.fps:g} fps = {exact:g}); the nearest durations are"
+                f" {low / self.fps:g} s and {high / self.fps:g} s"
+            )
+        if self.render_width_px is not None and self.rescale == "none":
+            raise ValueError(
+                f"render_width_px = {self.render_width_px} needs a declared filter;"
+                " set rescale to 'box' or 'lanczos3', or leave render_width_px out"
+            )
+        return self

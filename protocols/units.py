@@ -1,0 +1,92 @@
+"""The base class of every format, and the types that carry unit and range."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+
+class Model(BaseModel):
+    """A frozen record: unknown keys, wrong types and numbers that are not finite are refused."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
+
+
+NAME_PATTERN = r"^[a-z0-9]+([-_][a-z0-9]+)*$"
+"""Lower-case words joined by single dashes or underscores: `__` stays free to join names."""
+
+Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=48)]
+Text = Annotated[str, StringConstraints(min_length=1)]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+ParticipantCode = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9]+([-_][A-Za-z0-9]+)*$", max_length=32)
+]
+LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$")]
+
+Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"})]
+SecondsOrNone = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
+"""Zero means that the wait is left out."""
+Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"})]
+"""A moment on one stated clock; its zero is arbitrary."""
+Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"})]
+Degrees = Annotated[float, Field(gt=0, json_schema_extra={"unit": "deg"})]
+"""Degrees of visual angle."""
+SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
+Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"})]
+Millimetres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "mm"})]
+Metres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
+Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]
+Share = Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "share of 1"})]
+Count = Annotated[int, Field(ge=0)]
+Positive = Annotated[int, Field(gt=0)]
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Vector3 = tuple[float, float, float]
+
+Scalar: TypeAlias = bool | int | float | str
+Parameters: TypeAlias = dict[str, Scalar | tuple[Scalar, ...]]
+"""Free parameters of a scene or a method; whoever is named there checks them."""
+
+UNIT_OF_SUFFIX: dict[str, str] = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "min": "minutes",
+    "hz": "hertz",
+    "fps": "frames per second",
+    "deg": "degrees",
+    "rad": "radians",
+    "arcmin": "minutes of arc",
+    "px": "pixels",
+    "mm": "millimetres",
+    "cm": "centimetres",
+    "m": "metres",
+    "share": "share of 1",
+    "percent": "percent",
+    "pct": "percent",
+    "mib": "mebibytes",
+    "gib": "gibibytes",
+}
+"""What a name's last word says about its unit."""
+
+CONVERSIONS: dict[tuple[str, str], float] = {
+    ("ms", "s"): 1e-3,
+    ("us", "s"): 1e-6,
+    ("min", "s"): 60.0,
+    ("rad", "deg"): 57.29577951308232,
+    ("arcmin", "deg"): 1 / 60,
+    ("cm", "mm"): 10.0,
+    ("m", "mm"): 1e3,
+    ("mm", "m"): 1e-3,
+    ("cm", "m"): 1e-2,
+    ("percent", "share"): 1e-2,
+    ("pct", "share"): 1e-2,
+    ("gib", "mib"): 1024.0,
+}
+"""Factors that turn a value with a wrong unit into the right one, for the cure in a message."""
