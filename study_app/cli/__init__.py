@@ -1,0 +1,71 @@
+"""The front door: the one command `metamerlab` and its groups.
+
+A command's module is imported when the command runs, so that `metamerlab
+--help` answers at once. To add a command, write its module in this folder and
+add one line to `SLOTS`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from study_app.cli.errors import user_errors
+from study_app.cli.lazy import LazyGroup, Slot
+
+__all__ = ["SLOTS", "app", "main", "user_errors"]
+
+SLOTS = (
+    # name, help (the first line of `metamerlab --help`), import path
+    Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
+    Slot("demo", "See the method at work on one picture.", "study_app.cli.demo:demo"),
+    Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
+    Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
+    Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
+    Slot("session", "Run a sitting with a participant.", "study_app.cli.session_commands:app"),
+    Slot("analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"),
+)
+
+
+class _FrontDoor(LazyGroup):
+    slots = SLOTS
+
+
+app = typer.Typer(
+    cls=_FrontDoor,
+    no_args_is_help=True,
+    # A traceback is a bug report: plain, complete, and the same with and without a terminal.
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    epilog="Example: [bold]metamerlab doctor[/bold] first, then [bold]metamerlab COMMAND --help[/]"
+    " for what a command takes and an example of it.",
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from protocols.revision import code_revision, package_version
+
+        typer.echo(f"metamerlab {package_version()} (git revision {code_revision()})")
+        raise typer.Exit
+
+
+@app.callback()
+def metamerlab(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            help="Print the version and the git revision, then stop.",
+            callback=_print_version,
+            is_eager=True,
+        ),
+    ] = False,
+) -> None:
+    """Perceptual studies of image warping and inpainting: clips, sittings, reports."""
+
+
+def main() -> None:
+    """Run the command line given in `sys.argv`; the console script `metamerlab`."""
+    app(prog_name="metamerlab")

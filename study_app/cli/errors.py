@@ -1,0 +1,66 @@
+"""A user's mistake becomes one message and exit status 2, never a traceback."""
+
+from __future__ import annotations
+
+import errno
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from pipeline.errors import GLUnavailableError, InputError
+from protocols.errors import StudyError
+
+EXIT_USER_ERROR = 2
+
+_CURES = {
+    errno.ENOENT: "check the path",
+    errno.ENOTDIR: "a part of this path is a file, not a folder",
+    errno.EISDIR: "a file is needed here, not a folder",
+    errno.EACCES: "change its permissions, or choose another place",
+    errno.EPERM: "change its permissions, or choose another place",
+    errno.EROFS: "choose a place that can be written to",
+    errno.EEXIST: "choose another name, or remove it first",
+    errno.ENOTEMPTY: "choose another folder, or empty it first",
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOSPC: "free some space on this disk, or choose another one",
+    errno.EDQUOT: "your quota on this disk is used up; free some space, or choose another one",
+    errno.EFBIG: "this disk cannot hold files of this size; choose another one",
+    errno.EIO: "the disk failed; check its cable and its health before you go on",
+}
+
+
+@contextmanager
+def user_errors() -> Iterator[None]:
+    """Turn what the user can mend into one message on stderr and exit status 2.
+
+    That is: `StudyError`, `InputError`, `GLUnavailableError`, and an `OSError`
+    about a file or a disk of the user's. Anything else is a bug of ours and
+    keeps its traceback.
+    """
+    try:
+        yield
+    except (StudyError, InputError, GLUnavailableError) as error:
+        message = str(error)
+    except OSError as error:
+        if not _is_the_users(error):
+            raise
+        message = _describe(error)
+    else:
+        return
+    # Outside the handlers, so that no chain of exceptions hangs on the exit.
+    print("error: " + message.replace("\n", "\n       "), file=sys.stderr)
+    raise typer.Exit(EXIT_USER_ERROR)
+
+
+def _is_the_users(error: OSError) -> bool:
+    # A full or failing disk says so on write, where no name is at hand.
+    nameless = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+    return error.errno in (nameless if error.filename is None else _CURES)
+
+
+def _describe(error: OSError) -> str:
+    reason = (error.strerror or "failed").lower()
+    where = "" if error.filename is None else f"{error.filename}: "
+    return f"{where}{reason}; {_CURES[error.errno or 0]}"

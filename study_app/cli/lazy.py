@@ -1,0 +1,73 @@
+"""Commands that are imported when they run, not when they are listed."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+if TYPE_CHECKING:
+    from typer._click import Command, Context
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place for one command or group of commands.
+
+    `target` is ``module:attribute``: a `typer.Typer` (a group) or a function
+    (one command). A slot whose module does not exist is not offered.
+    """
+
+    name: str
+    help: str
+    target: str
+
+    @property
+    def exists(self) -> bool:
+        """Whether the module is there; it is looked for, not run."""
+        return importlib.util.find_spec(self.target.partition(":")[0]) is not None
+
+    def load(self) -> Command:
+        """Import the module and return its command, under the slot's name."""
+        module, _, attribute = self.target.partition(":")
+        target = getattr(importlib.import_module(module), attribute)
+        if isinstance(target, typer.Typer):
+            group = typer.main.get_group(target)
+            group.name = self.name
+            return group
+        single = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        single.command(self.name)(target)
+        return typer.main.get_command(single)
+
+
+class LazyGroup(TyperGroup):
+    """A group that lists its `slots` and imports only the one that is called."""
+
+    slots: ClassVar[tuple[Slot, ...]] = ()
+
+    def __init__(self, **attrs: Any) -> None:
+        super().__init__(**attrs)
+        for slot in self.slots:
+            if slot.exists:
+                self.add_command(_LazyCommand(slot))
+
+
+class _LazyCommand(TyperCommand):
+    """Stands in for a slot's command in listings; becomes it when called."""
+
+    def __init__(self, slot: Slot) -> None:
+        super().__init__(slot.name, help=slot.help)
+        self._slot = slot
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: Context | None = None,
+        **extra: Any,
+    ) -> Context:
+        return self._slot.load().make_context(info_name, args, parent=parent, **extra)

@@ -1,0 +1,138 @@
+"""The command `metamerlab`: what it lists, what it imports, how it fails."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from pipeline.errors import GLUnavailableError, InputError
+from protocols.errors import StudyError
+from study_app.cli import SLOTS, app, user_errors
+from study_app.cli.lazy import LazyGroup, Slot
+
+HEAVY = ("numpy", "pandas", "scipy", "moderngl", "glfw", "pydantic", "matplotlib", "PIL", "cv2")
+
+
+def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
+    code = "from study_app.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60
+    )
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from study_app.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        f"print('IMPORTED', [name for name in {HEAVY!r} if name in sys.modules])"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--help"], capture_output=True, text=True, timeout=60
+    )
+
+    assert "doctor" in done.stdout
+    assert done.stdout.strip().splitlines()[-1] == "IMPORTED []", done.stdout + done.stderr
+
+
+def test_help_lists_every_slot_that_exists_and_no_other():
+    listed = CliRunner().invoke(app, ["--help"], terminal_width=100).stdout
+
+    for slot in SLOTS:
+        assert (slot.help in listed) == slot.exists, slot.name
+
+
+@pytest.mark.parametrize("name", [slot.name for slot in SLOTS if slot.exists])
+def test_help_of_every_command_shows_an_example(name):
+    shown = CliRunner().invoke(app, [name, "--help"], prog_name="metamerlab")
+
+    assert shown.exit_code == 0, shown.output
+    assert f"Usage: metamerlab {name}" in shown.stdout
+    assert "xample" in shown.stdout, "the help of a command must show how it is used"
+
+
+def test_version_names_version_and_git_revision():
+    shown = CliRunner().invoke(app, ["--version"]).stdout
+
+    assert shown.startswith("metamerlab ")
+    assert "git revision" in shown
+
+
+def test_unknown_command_suggests_the_nearest_and_exits_with_2():
+    done = run_cli("docter")
+
+    assert done.returncode == 2
+    assert "doctor" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def lazy_app(target: str) -> typer.Typer:
+    class Group(LazyGroup):
+        slots = (Slot("job", "A job.", target),)
+
+    return typer.Typer(cls=Group, callback=lambda: None)
+
+
+def test_a_slot_without_a_module_is_not_offered():
+    assert Slot("gone", "Gone.", "study_app.cli.no_such_module:run").exists is False
+    assert CliRunner().invoke(lazy_app("study_app.cli.no_such_module:run"), ["job"]).exit_code == 2
+
+
+def test_a_slot_offers_a_function_or_a_whole_group(tmp_path, monkeypatch):
+    (tmp_path / "slot_under_test.py").write_text(
+        "import typer\n"
+        "app = typer.Typer(callback=lambda: None)\n"
+        "@app.command()\n"
+        "def inner(size: int = 3) -> None:\n    print('size', size)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+    alone = CliRunner().invoke(lazy_app("slot_under_test:inner"), ["job", "--size", "5"])
+    grouped = CliRunner().invoke(lazy_app("slot_under_test:app"), ["job", "inner", "--size", "7"])
+
+    assert (alone.exit_code, alone.stdout) == (0, "size 5\n")
+    assert (grouped.exit_code, grouped.stdout) == (0, "size 7\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (StudyError("pilot.toml: one\npilot.toml: two"), "pilot.toml: one\n       pilot.toml: two"),
+        (InputError("flow_px must be finite (found NaN)"), "flow_px must be finite (found NaN)"),
+        (GLUnavailableError("OpenGL 4.3 is needed"), "OpenGL 4.3 is needed"),
+        (FileNotFoundError(errno.ENOENT, "No such file", "a.exr"), "a.exr: no such file; check"),
+        (PermissionError(errno.EACCES, "Permission denied", "out"), "out: permission denied;"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space left on device; free"),
+    ],
+)
+def test_what_the_user_can_mend_gives_one_message_and_exit_status_2(capsys, error, said):
+    with pytest.raises(typer.Exit) as exit_info, user_errors():
+        raise error
+
+    printed = capsys.readouterr()
+    assert exit_info.value.exit_code == 2
+    assert printed.out == ""
+    assert printed.err.startswith(f"error: {said}")
+
+
+@pytest.mark.parametrize(
+    "bug", [ValueError("a bug"), KeyError("a bug"), OSError(errno.EBADF, "Bad file descriptor")]
+)
+def test_a_bug_keeps_its_traceback(bug):
+    with pytest.raises(type(bug)), user_errors():
+        raise bug
+
+
+def test_a_missing_folder_is_told_without_a_traceback(tmp_path: Path):
+    done = run_cli("doctor", "--folder", str(tmp_path / "nowhere"))
+
+    assert done.returncode == 2
+    assert "nowhere" in done.stderr.replace("\n", "")
+    assert "Traceback" not in done.stderr
