@@ -1,0 +1,175 @@
+"""Questions to drivers that may crash: each is asked in a process of its own.
+
+`ask` starts that process, which calls `answer`; a crash is reported as an
+answer too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+from pipeline.errors import GLUnavailableError
+
+Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
+
+LIMITS = (
+    "GL_MAX_TEXTURE_SIZE",
+    "GL_MAX_ARRAY_TEXTURE_LAYERS",
+    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS",
+    "GL_MAX_COMPUTE_SHARED_MEMORY_SIZE",
+    "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
+)
+SWAPS = 40  # frames timed by `display`: 0.7 s at 60 Hz
+
+
+def ask(name: str, *, timeout_s: float = 60.0) -> Answer:
+    """Run the probe `name` in a process of its own.
+
+    Returns
+    -------
+    dict
+        The probe's answer, or ``{"error": reason}``: also where the process
+        crashed, hung for `timeout_s` or printed no answer.
+    """
+    code = f"from study_app.doctor.probes import answer; answer({name!r})"
+    # -P: a folder of the user's that happens to be called "pipeline" must not be imported.
+    command = [sys.executable, "-P", "-c", code]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        return {"error": f"gave no answer within {timeout_s:g} s"}
+    if done.returncode < 0:
+        return {"error": f"the driver crashed ({signal.Signals(-done.returncode).name})"}
+    lines = done.stdout.strip().splitlines()
+    try:
+        return dict(json.loads(lines[-1]))
+    except (IndexError, json.JSONDecodeError):
+        said = done.stderr.strip().splitlines()
+        return {"error": said[-1] if said else f"ended with status {done.returncode}"}
+
+
+def gl() -> Answer:
+    """The renderer that batches will use: off-screen, through EGL."""
+    from pipeline.gl.context import create_context, describe
+
+    try:
+        ctx = create_context()
+    except GLUnavailableError as error:
+        return {"error": str(error)}
+    renderer = describe(ctx)
+    return {
+        "renderer": renderer.name,
+        "vendor": renderer.vendor,
+        "version": renderer.version,
+        "software": renderer.software,
+        "limits": {limit: int(ctx.info[limit]) for limit in LIMITS if limit in ctx.info},
+    }
+
+
+def egl() -> Answer:
+    """Every EGL device, with the renderer behind it or why it gives none."""
+    from pipeline.gl.context import MAX_DEVICES, create_context, describe
+
+    devices: list[Answer] = []
+    for index in range(MAX_DEVICES):
+        try:
+            devices.append({"renderer": str(describe(create_context(index)))})
+        except GLUnavailableError as error:
+            reason = str(error)
+            if "but found" in reason:  # glcontext: "requested device N, but found M devices"
+                break
+            devices.append({"error": reason})
+    return {"devices": devices}
+
+
+def display() -> Answer:
+    """Monitors, and whether buffer swaps keep time with one of them."""
+    import glfw
+
+    warnings.simplefilter("ignore", glfw.GLFWError)
+    if not glfw.init():
+        _, reason = glfw.get_error()
+        return {"error": _text(reason) or "no display"}
+    names = {
+        getattr(glfw, "PLATFORM_X11", None): "X11",
+        getattr(glfw, "PLATFORM_WAYLAND", None): "Wayland",
+    }
+    monitors = glfw.get_monitors()
+    found: Answer = {
+        "platform": names.get(glfw.get_platform(), "unknown"),
+        "monitors": [_monitor(glfw, monitor) for monitor in monitors],
+    }
+    found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
+    glfw.terminate()
+    return found
+
+
+def _monitor(glfw: Any, monitor: Any) -> Answer:
+    mode = glfw.get_video_mode(monitor)
+    width_mm, height_mm = glfw.get_monitor_physical_size(monitor)
+    return {
+        "name": _text(glfw.get_monitor_name(monitor)),
+        "width_px": mode.size.width,
+        "height_px": mode.size.height,
+        "refresh_hz": mode.refresh_rate,
+        "width_mm": width_mm,
+        "height_mm": height_mm,
+    }
+
+
+def _time_swaps(glfw: Any) -> Answer:
+    for hint, value in (
+        (glfw.CONTEXT_VERSION_MAJOR, 4),
+        (glfw.CONTEXT_VERSION_MINOR, 3),
+        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+    ):
+        glfw.window_hint(hint, value)
+    window = glfw.create_window(64, 64, "metamerlab doctor", None, None)
+    if not window:
+        _, reason = glfw.get_error()
+        return {"error": _text(reason) or "no window with OpenGL 4.3"}
+    glfw.make_context_current(window)
+    glfw.swap_interval(1)
+
+    import moderngl
+
+    ctx = moderngl.create_context()
+    times_s = []
+    for _ in range(SWAPS):
+        ctx.clear()
+        glfw.swap_buffers(window)
+        ctx.finish()
+        times_s.append(time.perf_counter())
+        glfw.poll_events()
+    # The first swaps fill the driver's queue and return early.
+    intervals_s = [late - early for early, late in itertools.pairwise(times_s[8:])]
+    return {
+        "renderer": str(ctx.info["GL_RENDERER"]),
+        "version": str(ctx.info["GL_VERSION"]),
+        "swap_median_s": statistics.median(intervals_s),
+        "swap_min_s": min(intervals_s),
+        "swap_max_s": max(intervals_s),
+    }
+
+
+def _text(value: bytes | str | None) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value or ""
+
+
+PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "egl": egl, "display": display}
+
+
+def answer(name: str) -> None:
+    """Ask the probe `name`, print its answer as one line of JSON, and end the process."""
+    print(json.dumps(PROBES[name]()), flush=True)
+    os._exit(0)  # a driver that crashes while it is unloaded has already answered

@@ -1,0 +1,77 @@
+"""Fonts on this machine, and which scripts each can write.
+
+Pillow has no font fallback: one text is drawn with one font, so that font must
+hold every character of it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from PIL import ImageFont
+
+SAMPLES = {
+    "Latin": "aéßŁő",
+    "Greek": "αβΩ",
+    "Cyrillic": "жщЯ",
+    "Hebrew": "אבש",
+    "Arabic": "ابت",
+    "Devanagari": "कखग",
+    "Chinese": "中文字",
+    "Japanese": "あカ",
+    "Korean": "한글",
+}
+"""A few characters per script; a font that holds them writes the script."""
+
+# Read first: these are the ones with the widest coverage.
+_PREFERRED = ("dejavusans.", "notosans-regular.", "notosanscjk-regular.", "freesans.", "unifont")
+
+
+def find_fonts() -> list[Path]:
+    """Return every TrueType and OpenType font file, those with wide coverage first."""
+    home = Path.home()
+    data = os.environ.get("XDG_DATA_HOME") or str(home / ".local/share")
+    shared = os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share"
+    folders = [home / ".fonts", *(Path(base) / "fonts" for base in (data, *shared.split(":")))]
+    found = {
+        path
+        for folder in folders
+        if folder.is_dir()
+        for path in folder.rglob("*")
+        if path.suffix.lower() in (".ttf", ".otf", ".ttc")
+    }
+    return sorted(found, key=lambda path: (_preference(path), str(path)))
+
+
+def missing_characters(font: Path, text: str) -> str:
+    """Return the characters of `text` that `font` cannot draw (spaces aside).
+
+    Raises
+    ------
+    OSError
+        If `font` is not a font that FreeType can read.
+    """
+    face = ImageFont.truetype(font, 32, layout_engine=ImageFont.Layout.BASIC)
+    blank = _outline(face, "\U0010ffff")  # never assigned: every font draws its "not here" box
+    return "".join(
+        char for char in dict.fromkeys(text) if not char.isspace() and _outline(face, char) == blank
+    )
+
+
+def scripts_of(font: Path) -> list[str]:
+    """Return the scripts of `SAMPLES` that `font` can write; none if it is unreadable."""
+    try:
+        return [script for script, text in SAMPLES.items() if not missing_characters(font, text)]
+    except OSError:
+        return []
+
+
+def _preference(path: Path) -> int:
+    name = path.name.lower()
+    return next((rank for rank, start in enumerate(_PREFERRED) if name.startswith(start)), 99)
+
+
+def _outline(face: ImageFont.FreeTypeFont, char: str) -> tuple[tuple[int, int], bytes]:
+    mask = face.getmask(char, mode="L")
+    return mask.size, bytes(mask)

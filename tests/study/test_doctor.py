@@ -1,0 +1,267 @@
+"""`metamerlab doctor` tells the truth about this machine, and about machines made up here."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from study_app.doctor import Job, Status, examine, worst
+from study_app.doctor.findings import Finding, Needs
+from study_app.doctor.graphics import check_display, check_egl, check_gl
+from study_app.doctor.probes import PROBES, ask
+from study_app.doctor.software import check_extras, check_packages, check_python
+from study_app.doctor.storage import check_disk, check_memory
+from study_app.fonts import find_fonts, missing_characters, scripts_of
+
+GPU = {
+    "renderer": "NVIDIA RTX 4000",
+    "vendor": "NVIDIA",
+    "version": "4.6",
+    "software": False,
+    "limits": {"GL_MAX_TEXTURE_SIZE": 32768, "GL_MAX_ARRAY_TEXTURE_LAYERS": 2048},
+}
+
+
+def display(refresh_hz=60, swap_s=1 / 60, longest_s=None, width_mm=597, renderer="NVIDIA"):
+    """What the probe answers on a machine with one 27-inch full-HD monitor."""
+    monitor = {
+        "name": "DP-1",
+        "width_px": 1920,
+        "height_px": 1080,
+        "refresh_hz": refresh_hz,
+        "width_mm": width_mm,
+        "height_mm": round(width_mm * 9 / 16),
+    }
+    window = {
+        "renderer": renderer,
+        "version": "4.6",
+        "swap_median_s": swap_s,
+        "swap_min_s": swap_s,
+        "swap_max_s": longest_s or swap_s,
+    }
+    return {"platform": "X11", "monitors": [monitor], "window": window}
+
+
+def named(findings: list[Finding], check: str) -> Finding:
+    (finding,) = [finding for finding in findings if finding.check.startswith(check)]
+    return finding
+
+
+def test_a_good_machine_passes_every_question(tmp_path):
+    answers = {"gl": GPU, "egl": {"devices": [{"renderer": "NVIDIA"}]}, "display": display()}
+    findings = examine(tmp_path, needs=Needs(0, 0, 0, 0, 0, 9), probe=answers.__getitem__)
+
+    judged = [f for f in findings if f.check not in ("packages", "text shaping", "fonts")]
+    assert {f.check for f in judged if f.status is not Status.PASS} <= {"disk space"}
+    assert all(finding.jobs for finding in findings)
+
+
+@pytest.mark.parametrize(
+    ("answer", "status", "said"),
+    [
+        (display(), Status.PASS, "16.67"),
+        (display(refresh_hz=0, swap_s=2e-4), Status.FAIL, "virtual"),
+        (display(swap_s=2e-4), Status.FAIL, "no vsync"),
+        (display(swap_s=2 / 60), Status.FAIL, "frames are missed"),
+        (display(longest_s=2.1 / 60), Status.WARN, "a frame was missed"),
+        (display(refresh_hz=144, swap_s=1 / 144), Status.PASS, "6.94"),
+        ({"error": "no DISPLAY"}, Status.FAIL, "without a display"),
+        ({"platform": "X11", "monitors": []}, Status.FAIL, "without a display"),
+    ],
+)
+def test_timing_is_judged_by_the_time_between_swaps(answer, status, said):
+    timing = named(check_display(answer, {}), "timing")
+
+    assert timing.status is status
+    assert said in timing.found
+    assert bool(timing.cure) == (status is not Status.PASS)
+
+
+def test_a_software_renderer_is_a_warning_for_sessions():
+    window = named(check_display(display(renderer="llvmpipe"), {}), "window")
+
+    assert window.status is Status.WARN
+    assert Job.SESSIONS in window.jobs
+
+
+@pytest.mark.parametrize(
+    ("width_mm", "status"), [(597, Status.PASS), (0, Status.WARN), (508, Status.WARN)]
+)
+def test_a_monitor_of_unknown_or_guessed_size_is_a_warning(width_mm, status):
+    """By hand: 1920 px at 96 dpi are 508 mm."""
+    monitor = named(check_display(display(width_mm=width_mm), {}), "monitor")
+
+    assert monitor.status is status
+    assert "1920 x 1080 px, 60 Hz" in monitor.found
+
+
+def test_wayland_is_a_warning_even_behind_x11():
+    for answer, environment in (
+        ({**display(), "platform": "Wayland"}, {}),
+        (display(), {"WAYLAND_DISPLAY": "wayland-0"}),
+    ):
+        assert named(check_display(answer, environment), "display").status is Status.WARN
+
+
+def test_opengl_is_judged_by_presence_limits_and_hardware():
+    small = {**GPU, "limits": {"GL_MAX_TEXTURE_SIZE": 2048}}
+
+    assert check_gl(GPU, Needs()).status is Status.PASS
+    assert check_gl({**GPU, "software": True}, Needs()).status is Status.WARN
+    assert "2048, 4096 is needed" in check_gl(small, Needs()).found
+    assert check_gl({"error": "no driver"}, Needs()).status is Status.FAIL
+    assert check_egl({"devices": [{"error": "broken"}]}).status is Status.FAIL
+
+
+def test_missing_old_and_untested_packages_are_told():
+    def status(requirement: str, tested: str | None = None) -> tuple[Status, str]:
+        pins = {"numpy": tested} if tested else None
+        finding = check_packages([Requirement(requirement)], pins)
+        return finding.status, finding.found
+
+    assert status("numpy>=2")[0] is Status.PASS
+    assert status("numpy>=900") == (Status.FAIL, status("numpy>=900")[1])
+    assert "is not >=900" in status("numpy>=900")[1]
+    assert status("no-such-package>=1") == (Status.FAIL, "no-such-package is missing")
+    assert status("numpy>=2", tested="0.0.1")[0] is Status.WARN
+    assert check_packages([]).status is Status.WARN  # not installed: nothing is known
+
+
+def test_optional_parts_never_fail():
+    extras = check_extras([Requirement('no-such-package; extra == "lsl"')])
+
+    assert extras.status is Status.PASS
+    assert "not installed: lsl" in extras.found
+
+
+def test_an_old_python_fails():
+    assert check_python((3, 10)).status is Status.FAIL
+    assert check_python().status is Status.PASS
+
+
+def test_memory_is_judged_by_what_a_trial_takes():
+    needs = Needs(free_memory_warn_gb=4, free_memory_fail_gb=1)
+    statuses = [check_memory(gb, needs).status for gb in (8.0, 3.9, 0.9)]
+
+    assert statuses == [Status.PASS, Status.WARN, Status.FAIL]
+
+
+def test_disk_test_leaves_nothing_behind_and_wants_room(tmp_path):
+    space = named(check_disk(tmp_path, Needs(free_disk_fail_gb=1e9)), "disk space")
+
+    assert list(tmp_path.iterdir()) == []
+    assert space.status in (Status.FAIL, Status.WARN)  # WARN: the test folder is in memory
+
+
+def test_a_folder_that_cannot_be_written_to_fails(tmp_path):
+    (finding,) = check_disk(tmp_path / "nowhere", Needs())
+
+    assert finding.status is Status.FAIL
+    assert "no such file" in finding.found
+
+
+def test_a_probe_that_crashes_hangs_or_babbles_is_an_answer(monkeypatch):
+    def answer_of(code: str, timeout_s: float = 20.0) -> str:
+        real = subprocess.run
+
+        def run(command, **options):
+            return real([*command[:-1], code], **options)
+
+        monkeypatch.setattr("study_app.doctor.probes.subprocess.run", run)
+        answer = ask("gl", timeout_s=timeout_s)
+        monkeypatch.undo()
+        return str(answer.get("error"))
+
+    assert "crashed (SIGSEGV)" in answer_of("import os; os.kill(os.getpid(), 11)")
+    assert "no answer within" in answer_of("import time; time.sleep(60)", timeout_s=0.5)
+    assert answer_of("raise SystemExit('broken driver')") == "broken driver"
+    assert answer_of("print('not JSON')") == "ended with status 0"
+
+
+def test_the_worst_finding_decides():
+    good, bad = (Finding("a", status, "") for status in (Status.PASS, Status.FAIL))
+
+    assert worst([good, bad, good]) is Status.FAIL
+    assert worst([]) is Status.PASS
+
+
+def test_a_font_is_known_to_write_latin_and_not_to_write_an_unassigned_character():
+    latin = next((path for path in find_fonts() if "Latin" in scripts_of(path)), None)
+    if latin is None:
+        pytest.skip("no font on this machine writes Latin text")
+
+    assert missing_characters(latin, "Press a key") == ""
+    assert missing_characters(latin, "a\U0010fffe") == "\U0010fffe"
+
+
+def test_a_file_that_is_no_font_writes_no_script(tmp_path):
+    (tmp_path / "broken.ttf").write_bytes(b"no font")
+
+    assert scripts_of(tmp_path / "broken.ttf") == []
+
+
+# --- the command, on this very machine ---------------------------------------------------
+
+
+def run_doctor(
+    *arguments: str, env: dict[str, str], wrapper: tuple[str, ...] = ()
+) -> subprocess.CompletedProcess[str]:
+    code = "from study_app.cli import main; main()"
+    command = [*wrapper, sys.executable, "-c", code, "doctor", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
+
+
+def without_display() -> dict[str, str]:
+    return {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def test_doctor_works_without_any_display(tmp_path: Path):
+    done = run_doctor("--json", "--folder", str(tmp_path), env=without_display())
+    report = json.loads(done.stdout)
+    statuses = {finding["check"]: finding["status"] for finding in report["findings"]}
+
+    assert done.returncode == 1, done.stderr
+    assert statuses["display"] == statuses["timing"] == "FAIL"
+    assert report["jobs"]["sessions"] == "FAIL"
+    assert report["metamerlab"]
+    for finding in report["findings"]:
+        assert finding["status"] == "PASS" or finding["cure"], finding
+
+
+def test_doctor_for_analysis_does_not_ask_for_a_display(tmp_path: Path):
+    done = run_doctor("--for", "analysis", "--folder", str(tmp_path), env=without_display())
+
+    assert "timing" not in done.stdout
+    assert "for analysis" in done.stdout
+    assert done.returncode == (1 if "FAIL" in done.stdout else 0), done.stdout
+
+
+def test_timing_fails_on_xvfb_and_nothing_crashes(tmp_path: Path):
+    if shutil.which("xvfb-run") is None:
+        if os.environ.get("REQUIRE_GL") == "1":
+            pytest.fail("xvfb-run is needed (apt-get install xvfb xauth)")
+        pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
+    xvfb = ("xvfb-run", "-a", "-s", "-screen 0 800x600x24")
+    done = run_doctor("--json", "--folder", str(tmp_path), env=without_display(), wrapper=xvfb)
+    findings = {finding["check"]: finding for finding in json.loads(done.stdout)["findings"]}
+
+    assert done.returncode == 1
+    assert findings["display"]["status"] == "PASS"
+    assert "800 x 600 px" in findings["monitor screen"]["found"]
+    assert findings["timing"]["status"] == "FAIL"
+    assert "virtual" in findings["timing"]["found"]
+
+
+@pytest.mark.parametrize("name", sorted(PROBES))
+def test_every_probe_answers_from_a_process_of_its_own(name):
+    answer = ask(name)
+
+    assert answer
+    assert "Traceback" not in str(answer.get("error"))
