@@ -1,0 +1,191 @@
+"""Who may import whom, read from the sources without running them."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
+
+# The importer (a package, or a part of one) -> what it may import of ours beside
+# its own package. The longest name that fits the importing module counts.
+ALLOWED = {
+    "protocols": (),
+    "pipeline": (),
+    "stimuli": ("pipeline", "protocols"),
+    "study_app": ("protocols", "pipeline.gl", "pipeline.errors"),
+    "study_app.cli": PACKAGES,  # the front door
+    "analysis": ("protocols",),
+}
+
+# `metamerlab --help` has half a second: only these load before a command is chosen.
+LIGHT = ("typer", "click", "rich", "protocols.errors", "pipeline.errors")
+EAGER = ("study_app", "study_app.cli")
+
+
+class Import(NamedTuple):
+    """One import statement, as absolute module names."""
+
+    line: int
+    names: tuple[str, ...]  # the module, and each name taken from it, dotted
+    at_start: bool  # runs when the module is imported
+
+
+def imports_of(source: str, module: str, *, is_package: bool) -> Iterator[Import]:
+    """Yield every import in `source`, also those inside functions, and by `import_module`."""
+    package = module if is_package else module.rpartition(".")[0]
+    tree = ast.parse(source)
+    later = {
+        id(inner)
+        for outer in ast.walk(tree)
+        if isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        or (isinstance(outer, ast.If) and "TYPE_CHECKING" in ast.unparse(outer.test))
+        for inner in ast.walk(outer)
+    }
+    for node in ast.walk(tree):
+        at_start = id(node) not in later
+        match node:
+            case ast.Import():
+                yield Import(node.lineno, tuple(alias.name for alias in node.names), at_start)
+            case ast.ImportFrom():
+                base = node.module or ""
+                if node.level:
+                    parts = package.split(".")
+                    above = ".".join(parts[: len(parts) - node.level + 1])
+                    base = f"{above}.{base}" if base else above
+                names = tuple(f"{base}.{alias.name}" for alias in node.names)
+                yield Import(node.lineno, names, at_start)
+            case ast.Call(func=function, args=[ast.Constant(value=str(name)), *_]) if ast.unparse(
+                function
+            ).rpartition(".")[2] in {"import_module", "__import__"}:
+                yield Import(node.lineno, (name,), at_start)
+
+
+def inside(name: str, package: str) -> bool:
+    """Tell whether `name` is `package` or lies in it."""
+    return name == package or name.startswith(f"{package}.")
+
+
+def violations(source: str, module: str, *, is_package: bool = False) -> list[str]:
+    """Return one line for each import in `source` that the layers forbid."""
+    rule = max((part for part in ALLOWED if inside(module, part)), key=len)
+    own = module.partition(".")[0]
+    found = []
+    for statement in imports_of(source, module, is_package=is_package):
+        for name in statement.names:
+            ours = name.partition(".")[0] in PACKAGES
+            if not ours or any(inside(name, part) for part in ALLOWED[rule]):
+                continue
+            if inside(name, own) and (rule == "study_app.cli" or not inside(name, "study_app.cli")):
+                continue
+            found.append(f"{module}:{statement.line}: {rule} may not import {name}")
+    return found
+
+
+def heavy_at_start(source: str, module: str, *, is_package: bool = False) -> list[str]:
+    """Return what `source` imports when it is loaded that is neither light nor built in."""
+    own = (module, *LIGHT, *sys.stdlib_module_names)
+    return [
+        f"{module}:{statement.line}: {name} loads at start"
+        for statement in imports_of(source, module, is_package=is_package)
+        if statement.at_start
+        for name in statement.names
+        if not any(inside(name, part) for part in own)
+    ]
+
+
+def our_modules(repository: Path) -> Iterator[tuple[Path, str, bool]]:
+    """Yield every source file of the five packages with its module name."""
+    for package in PACKAGES:
+        for path in sorted((repository / package).rglob("*.py")):
+            parts = path.relative_to(repository).with_suffix("").parts
+            is_package = parts[-1] == "__init__"
+            yield path, ".".join(parts[:-1] if is_package else parts), is_package
+
+
+def test_every_import_keeps_to_the_layers(repository):
+    found = [
+        line
+        for path, module, is_package in our_modules(repository)
+        for line in violations(path.read_text(encoding="utf-8"), module, is_package=is_package)
+    ]
+
+    assert not found, "\n".join(found)
+
+
+def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):
+    found = [
+        line
+        for path, module, is_package in our_modules(repository)
+        if module in EAGER
+        for line in heavy_at_start(path.read_text(encoding="utf-8"), module, is_package=is_package)
+    ]
+
+    assert not found, "\n".join(found)
+
+
+def test_every_package_is_examined(repository):
+    seen = {module.partition(".")[0] for _, module, _ in our_modules(repository)}
+
+    assert seen == set(PACKAGES)
+    listed = (repository / "pyproject.toml").read_text(encoding="utf-8")
+    assert all(f'"{package}"' in listed for package in PACKAGES)
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("pipeline.warp.gpu", "import protocols"),
+        ("pipeline.warp.gpu", "from stimuli import clip"),
+        ("protocols.plan", "from pipeline import frame"),
+        ("protocols.plan", "def f():\n    import analysis.tidy"),
+        ("analysis.tidy", "import importlib\nimportlib.import_module('pipeline.quality')"),
+        ("analysis.tidy", "from study_app.recorder import Recorder"),
+        ("stimuli.build", "from study_app import cli"),
+        ("study_app.draw", "import pipeline"),
+        ("study_app.draw", "from pipeline import quality"),
+        ("study_app.draw", "from pipeline.warp import reference"),
+        ("study_app.session", "from . import cli"),
+        ("study_app.gaze.lsl", "from ..cli import errors"),
+        ("study_app.session", "import analysis"),
+    ],
+)
+def test_a_forbidden_import_is_caught(module, source):
+    assert len(violations(source, module)) == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("pipeline.warp.gpu", "from pipeline.frame import Frame\nimport numpy"),
+        ("pipeline.warp.gpu", "from ..gl import context"),
+        ("stimuli.build", "import protocols.manifest, pipeline.quality"),
+        ("study_app.draw", "from pipeline.gl.texture import upload\nfrom pipeline import gl"),
+        ("study_app.cli.demo", "from stimuli import exr\nimport analysis, study_app.trial"),
+        ("study_app.cli", "from study_app.cli.lazy import Slot"),
+        ("analysis.tidy", "from protocols import journal"),
+        ("analysis.tidy", "import protocols_of_mine"),
+    ],
+)
+def test_an_allowed_import_passes(module, source):
+    assert violations(source, module) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "caught"),
+    [
+        ("import numpy", 1),
+        ("from rich.console import Console", 0),
+        ("if True:\n    from analysis import tidy", 1),
+        ("def command():\n    import numpy", 0),
+        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import numpy", 0),
+        ("from study_app.cli.lazy import Slot", 0),
+    ],
+)
+def test_a_heavy_import_at_the_front_door_is_caught(source, caught):
+    assert len(heavy_at_start(source, "study_app.cli", is_package=True)) == caught
