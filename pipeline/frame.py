@@ -59,6 +59,8 @@ class WarpedFrame:
     flow_px : ndarray of float32, shape (H, W, 2)
         Warped motion: target minus source position of what each pixel shows, x then y.
         Inside holes the motion of the background.
+    frame_index : int
+        Which frame of its clip this is, from 0.
 
     Raises
     ------
@@ -70,8 +72,11 @@ class WarpedFrame:
     depth_m: NDArray[np.float32]
     hole: NDArray[np.bool_]
     flow_px: NDArray[np.float32]
+    frame_index: int = 0
 
     def __post_init__(self) -> None:
+        if self.frame_index < 0:
+            raise InputError(f"frame_index must be at least 0 (got {self.frame_index})")
         check_colour(self.colour, "colour")
         check_depth(self.depth_m, "depth_m")
         check_hole(self.hole, "hole")

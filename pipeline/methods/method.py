@@ -1,0 +1,66 @@
+"""The one signature of all fill methods, and what each of them must keep."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
+
+
+class Method(Protocol):
+    """A configured way to fill the holes of a warped frame.
+
+    A fill is a pure function of the frame and the seed: any state is only a cache, so
+    frame k alone equals frame k within a sequence.
+    """
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
+        """Return the frame without holes.
+
+        Parameters
+        ----------
+        warped : WarpedFrame
+            At least one pixel must be known.
+        seed : int
+            Of the noise, at least 0; methods without noise ignore it.
+
+        Returns
+        -------
+        ndarray of float32, shape (H, W, 3)
+            Encoded R'G'B' in [0, 1]; bit for bit `warped.colour` outside the holes.
+
+        Raises
+        ------
+        InputError
+            If every pixel is a hole, or the method cannot take a frame of this size.
+        """
+        ...
+
+    def release(self) -> None:
+        """Free what the method holds on the GPU; nothing for methods that hold nothing."""
+        ...
+
+
+def composite(warped: WarpedFrame, filled: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Put `filled`, clipped to [0, 1], into the holes of `warped` and copy all else bit for bit.
+
+    Raises
+    ------
+    InputError
+        If `filled` has another shape or is not finite inside a hole.
+    """
+    if filled.shape != warped.colour.shape:
+        raise InputError(
+            f"the fill must have shape {warped.colour.shape} as the frame (got {filled.shape})"
+        )
+    result = warped.colour.copy()
+    inside = filled[warped.hole]
+    if not np.isfinite(inside).all():
+        raise InputError(
+            f"the fill must be finite in every hole (got {int((~np.isfinite(inside)).sum())}"
+            " values that are NaN or infinite)"
+        )
+    result[warped.hole] = inside.clip(0.0, 1.0)
+    return result

@@ -1,0 +1,160 @@
+"""From a method's name and parameters to the configured method.
+
+To add a method, write its class (one file in this folder) and add one line to `METHODS`.
+Parameters of a method are the keyword-only parameters of its class; the class checks
+their values. A class that draws on the GPU takes the context as its first parameter,
+``ctx``; one whose name carries a path (``onnx:FILE``) takes it as ``path``.
+"""
+
+import difflib
+import importlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import moderngl
+
+from pipeline.errors import GLUnavailableError, InputError
+from pipeline.methods.method import Method
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One method: its name, what it is, where its class lives."""
+
+    name: str  # a trailing colon: a path follows
+    summary: str
+    target: str  # module:class, imported when the method is made
+
+    @property
+    def takes_path(self) -> bool:
+        return self.name.endswith(":")
+
+    @property
+    def shown_name(self) -> str:
+        """The name as a user writes it."""
+        return {"onnx:": "onnx:FILE", "frames:": "frames:FOLDER"}.get(self.name, self.name)
+
+    def load(self) -> type[Any]:
+        """Import and return the class."""
+        module, _, attribute = self.target.partition(":")
+        return cast(type[Any], getattr(importlib.import_module(module), attribute))
+
+
+METHODS = tuple(
+    Entry(*line)
+    for line in (
+        (
+            "weighted-pull-push",
+            "pull-push with squared weights (2009 note)",
+            "pipeline.methods.weighted_pull_push:WeightedPullPush",
+        ),
+        ("telea", "OpenCV's fast marching (Telea 2004)", "pipeline.methods.opencv:Telea"),
+        (
+            "navier-stokes",
+            "OpenCV's fluid dynamics (Bertalmio et al. 2001)",
+            "pipeline.methods.opencv:NavierStokes",
+        ),
+        ("oiio-push-pull", "OpenImageIO's push-pull", "pipeline.methods.oiio:OiioPushPull"),
+        (
+            "background-extension",
+            "the background's edge, continued along the parallax",
+            "pipeline.methods.background_extension:BackgroundExtension",
+        ),
+        ("onnx:", "a neural network exported to ONNX", "pipeline.methods.onnx:OnnxNetwork"),
+        ("frames:", "frames made elsewhere", "pipeline.methods.frames:FramesOnDisk"),
+    )
+)
+
+
+def method_names() -> list[str]:
+    """Return every method's name as a user writes it."""
+    return [entry.shown_name for entry in METHODS]
+
+
+def check_method_name(name: str) -> Entry:
+    """Return the entry that `name` means; nothing of the method is imported.
+
+    Raises
+    ------
+    InputError
+        If there is no such method, with the nearest name; or if its path is missing.
+    """
+    for entry in METHODS:
+        if entry.takes_path and name.startswith(entry.name):
+            if name == entry.name:
+                raise InputError(f"method {name!r} must name a path: {entry.shown_name}")
+            return entry
+        if name == entry.name:
+            return entry
+    raise InputError(
+        f"method must be one of {', '.join(method_names())} (got {name!r}{_hint(name)})"
+    )
+
+
+def method_parameters(name: str) -> dict[str, Any]:
+    """Return the parameters of the method `name` with their defaults."""
+    signature = inspect.signature(check_method_name(name).load())
+    return {
+        parameter.name: parameter.default
+        for parameter in signature.parameters.values()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+
+
+def create_method(
+    name: str, ctx: moderngl.Context | None = None, parameters: Mapping[str, Any] | None = None
+) -> Method:
+    """Make the method called `name`.
+
+    Parameters
+    ----------
+    name : str
+        One of `method_names`; ``FILE`` and ``FOLDER`` stand for a path.
+    ctx : moderngl.Context, optional
+        Needed by the methods that run on the GPU, ignored by the others.
+    parameters : mapping, optional
+        Of `method_parameters`; the rest keep their defaults.
+
+    Raises
+    ------
+    InputError
+        If the method or a parameter is unknown (with the nearest name), or a value is
+        out of range.
+    GLUnavailableError
+        If the method runs on the GPU and there is no context.
+    """
+    entry = check_method_name(name)
+    known = method_parameters(name)
+    given = dict(parameters or {})
+    for key in given:
+        if key not in known:
+            offered = ", ".join(known) or "none"
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"parameters of {name} are: {offered} (got {key!r}{hint})")
+        _check_type(key, given[key], known[key])
+    method_class = entry.load()
+    leading: list[object] = []
+    if "ctx" in inspect.signature(method_class).parameters:
+        if ctx is None:
+            raise GLUnavailableError(f"method {name!r} needs an OpenGL context (got none)")
+        leading.append(ctx)
+    if entry.takes_path:
+        leading.append(Path(name.removeprefix(entry.name)))
+    return cast(Method, method_class(*leading, **given))
+
+
+def _check_type(key: str, value: object, default: object) -> None:
+    accepted = (int, float) if isinstance(default, float) else (type(default),)
+    if not isinstance(value, accepted) or (isinstance(value, bool) != isinstance(default, bool)):
+        wanted = " or ".join(kind.__name__ for kind in accepted)
+        raise InputError(f"parameter {key} must be {wanted} (got {value!r})")
+
+
+def _hint(name: str) -> str:
+    names = [entry.name for entry in METHODS]
+    near = difflib.get_close_matches(name.lower().replace("_", "-"), names, n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
