@@ -26,7 +26,7 @@ class RevisionHook(BuildHookInterface[Any]):
         stamp.write_text(reader.read_revision(root) + "\n", encoding="utf-8")
         build_data["force_include"][str(stamp)] = STAMP
 
-    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
         """Remove the temporary file."""
         if version != "editable":
             self._scratch.cleanup()

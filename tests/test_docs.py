@@ -1,0 +1,206 @@
+"""What README and docs tell people to type, click and read is true."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+README = REPOSITORY / "README.md"
+NOT_OURS = {".git", ".venv", "out", "dist", "build", "node_modules", "__pycache__"}
+
+# Our own scripts set up machines and run these tests: that they exist is all
+# that is asked of them here. `script/demo` is what `metamerlab demo` tests run.
+SCRIPT = re.compile(r"(\./)?script/(?P<name>[\w-]+)")
+
+
+def pages() -> list[Path]:
+    return [README, *sorted((REPOSITORY / "docs").rglob("*.md"))]
+
+
+def commands_in(text: str) -> list[str]:
+    """Return the commands of every ```bash block; ```console blocks are only looked at."""
+    blocks = re.findall(r"^```bash\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def anchors_in(text: str) -> set[str]:
+    """Return the anchors that GitHub gives the headings of a page."""
+    headings = re.findall(r"^#+ +(.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def broken_links(page: Path) -> list[str]:
+    """Return every relative link of a page that leads nowhere."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    broken = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        there = page.parent / name if name else page
+        if not there.exists() or (
+            anchor and anchor not in anchors_in(there.read_text(encoding="utf-8"))
+        ):
+            broken.append(f"{page.name}: {target}")
+    return broken
+
+
+def text_files(root: Path) -> list[tuple[Path, str]]:
+    """Return every text file of the repository, with its text."""
+    found = []
+    for folder, folders, names in os.walk(root):
+        folders[:] = [
+            name
+            for name in folders
+            if name not in NOT_OURS and not name.endswith(("_cache", ".egg-info", ".hypothesis"))
+        ]
+        for name in names:
+            path = Path(folder, name)
+            try:
+                found.append((path, path.read_text(encoding="utf-8")))
+            except (UnicodeDecodeError, OSError):
+                continue  # a picture, or a link to nowhere
+    return found
+
+
+# Written in pieces, so that this file does not match itself.
+HOSTS = [
+    "pypi" + r"\.org",
+    "python" + r"hosted\.org",
+    "debian" + r"\.org",
+    "ubuntu" + r"\.com/ubuntu",
+    "file:" + "///",
+]
+FOLDERS = ["work", "root", "opt/" + "pypi", "opt/" + "wheels", "Users/" + r"\w+"]
+PRIVATE = re.compile("|".join([*HOSTS, rf"(?<![\w./$}}~-])/(?:{'|'.join(FOLDERS)})/"]))
+
+
+def private_names(text: str) -> list[str]:
+    return [match.group() for match in PRIVATE.finditer(text)]
+
+
+@pytest.fixture(scope="module")
+def newcomer(tmp_path_factory):
+    """A folder that looks like the repository, so that commands write nothing into the real one."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    for path in REPOSITORY.iterdir():
+        if path.name not in NOT_OURS:
+            (folder / path.name).symlink_to(path)
+    (folder / ".venv").mkdir()
+    (folder / ".venv/bin").symlink_to(Path(sys.executable).parent)
+    return folder
+
+
+@pytest.mark.parametrize("command", commands_in(README.read_text(encoding="utf-8")))
+def test_every_command_in_the_readme_exists_and_runs(newcomer, command):
+    words = shlex.split(command, comments=True)
+    if script := SCRIPT.fullmatch(words[0]):
+        path = REPOSITORY / "script" / script["name"]
+        assert os.access(path, os.X_OK), f"{path} is not there or not executable"
+        return
+
+    done = subprocess.run(
+        ["bash", "-c", f"set -euo pipefail; {command}"],
+        cwd=newcomer,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+    # `doctor` answers 1 where the machine is unfit, which a build server may well be.
+    fine = {0, 1} if "doctor" in words else {0}
+    assert done.returncode in fine, f"{command}\n{done.stdout}{done.stderr}"
+    assert "Traceback" not in done.stderr
+
+
+def test_every_command_is_in_the_readme(repository):
+    done = subprocess.run(
+        [Path(sys.executable).parent / "metamerlab", "--help"],
+        env={**os.environ, "TERM": "dumb", "COLUMNS": "120"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    listing = done.stdout.partition("Commands")[2]
+    names = re.findall(r"^\W*([a-z][\w-]*)  ", listing, flags=re.MULTILINE)
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+
+    assert names, done.stdout
+    missing = [name for name in names if f"metamerlab {name}" not in readme]
+    assert not missing, f"not in README.md: {missing}"
+
+
+def test_every_script_is_explained(repository):
+    text = "".join(page.read_text(encoding="utf-8") for page in pages())
+    scripts = [
+        path.name
+        for path in (repository / "script").iterdir()
+        if path.is_file() and not path.suffix
+    ]
+
+    assert {"setup", "demo", "test", "check", "bench"} <= set(scripts)
+    assert [name for name in scripts if f"script/{name}" not in text] == []
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(REPOSITORY)))
+def test_every_relative_link_leads_somewhere(page):
+    assert broken_links(page) == []
+
+
+def test_every_decision_is_listed(repository):
+    index = (repository / "docs/development.md").read_text(encoding="utf-8")
+    records = sorted(path.name for path in (repository / "docs/decisions").glob("*.md"))
+
+    assert [name for name in records if f"decisions/{name}" not in index] == []
+
+
+def test_decision_numbers_are_unique(repository):
+    numbers = [path.name[:4] for path in (repository / "docs/decisions").glob("*.md")]
+
+    assert len(numbers) == len(set(numbers))
+
+
+def test_no_file_names_a_machine_or_a_package_host(repository):
+    found = [
+        f"{path.relative_to(repository)}: {name}"
+        for path, text in text_files(repository)
+        for name in private_names(text)
+    ]
+
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "caught"),
+    [
+        ("see /" + "work/main", True),
+        ('"/' + 'root/.cache"', True),
+        ("--index https://" + "pypi" + ".org/simple", True),
+        ("http://deb." + "debian" + ".org", True),
+        ("docs/work/plan.md", False),
+        ("$HOME/root/x", False),
+    ],
+)
+def test_the_search_for_private_names_finds_them(text, caught):
+    assert bool(private_names(text)) is caught
+
+
+def test_a_broken_link_is_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# A title\n[a](#a-title) [b](#none) [c](page.md) [d](gone.md) [e](ftp://x)\n")
+
+    assert broken_links(page) == ["page.md: #none", "page.md: gone.md"]
+
+
+def test_commands_are_read_from_bash_blocks_only():
+    text = "```bash\n# why\nscript/test -k \\\n  warp\n\n```\n```console\nrm x\n```\n"
+
+    assert commands_in(text) == ["script/test -k    warp"]

@@ -1,0 +1,101 @@
+"""What is built for users holds what they need and nothing else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+import pipeline
+from protocols.revision import STAMP_NAME, read_revision
+
+PACKAGES = {"analysis", "pipeline", "protocols", "stimuli", "study_app"}
+
+
+@pytest.fixture(scope="module")
+def wheel(repository, tmp_path_factory):
+    """Build the wheel from this checkout, with the tools that are installed."""
+    out = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-P", "-m", "build", "--wheel", "--no-isolation"]
+    done = subprocess.run(
+        [*command, "--outdir", str(out), str(repository)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = out.glob("*.whl")
+    with zipfile.ZipFile(path) as archive:
+        yield archive
+
+
+@pytest.fixture(scope="module")
+def contents(wheel):
+    """The wheel's files outside its own metadata."""
+    return {name for name in wheel.namelist() if ".dist-info/" not in name}
+
+
+def sources(repository: Path) -> set[str]:
+    """Return every file of the five packages, as the wheel should name it."""
+    return {
+        path.relative_to(repository).as_posix()
+        for package in PACKAGES
+        for path in (repository / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+def test_the_wheel_holds_exactly_the_five_packages(contents):
+    assert {name.partition("/")[0] for name in contents} == PACKAGES
+
+
+def test_the_wheel_holds_every_file_of_the_packages(repository, contents):
+    assert contents == sources(repository)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "why"),
+    [(".glsl", "shaders"), ("py.typed", "types for users' checkers"), (".toml", "studies")],
+)
+def test_the_wheel_carries_data_files(contents, suffix, why):
+    assert any(name.endswith(suffix) for name in contents), f"no {why} in the wheel"
+
+
+def test_every_package_is_typed(contents):
+    assert {f"{package}/py.typed" for package in PACKAGES} <= contents
+
+
+def test_the_wheel_installs_one_command(wheel):
+    (entry_points,) = [name for name in wheel.namelist() if name.endswith("entry_points.txt")]
+
+    assert wheel.read(entry_points).decode().split("\n", 1)[0] == "[console_scripts]"
+    assert wheel.read(entry_points).decode().count("=") == 1
+
+
+def test_the_wheel_carries_the_licence_and_asks_for_the_right_python(wheel):
+    (metadata,) = [name for name in wheel.namelist() if name.endswith("METADATA")]
+    fields = Parser().parsestr(wheel.read(metadata).decode())
+
+    assert fields["Name"] == "metamerlab"
+    assert fields["Requires-Python"] == ">=3.11"
+    assert fields["License-File"] == "LICENSE"
+    assert {"metrics", "lsl", "dask", "onnx", "dev"} <= set(fields.get_all("Provides-Extra"))
+
+
+def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):
+    wheel.extract(f"protocols/{STAMP_NAME}", tmp_path)
+
+    assert read_revision(tmp_path) == read_revision(repository)
+
+
+@pytest.mark.skipif(
+    os.environ.get("METAMERLAB_TEST_WHEEL") != "1", reason="only under script/test --wheel"
+)
+def test_the_tests_run_against_the_installed_wheel(repository):
+    assert repository not in Path(pipeline.__file__).parents or ".venv" in pipeline.__file__
+    assert not any(Path(entry).resolve() == repository for entry in sys.path)
