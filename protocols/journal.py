@@ -32,9 +32,10 @@ from protocols.units import (
 )
 
 UtcTime = Annotated[
-    str, StringConstraints(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$")
+    str,
+    StringConstraints(pattern=r"^[0-9]{4}(-[0-9]{2}){2}T[0-9]{2}(:[0-9]{2}){2}(\.[0-9]{1,6})?Z$"),
 ]
-TrialId = Annotated[str, StringConstraints(pattern=r"^(practice|main|catch)-\d{4}$")]
+TrialId = Annotated[str, StringConstraints(pattern=r"^(practice|main|catch)-[0-9]{4}$")]
 Interval = Literal["first", "second"]
 PhaseName = Literal["fixate", "first", "gap", "second", "respond"]
 VoidReason = Literal[

@@ -153,6 +153,9 @@ def _locate(
             annotation = _item(annotation, step)
             continue
         owner = _choose(models, raw) or owner
+        if len(models) > 1:  # the tag of a discriminated union, which the file has no key for
+            annotation = owner
+            continue
         in_file = isinstance(raw, Mapping) and step in raw
         field = step in owner.model_fields if owner and models else False
         if not in_file and not (last and (field or not models)):

@@ -1,0 +1,167 @@
+"""A protocol with mistakes: every one at once, with place, value and cure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from protocols.errors import StudyError
+from protocols.load import load_display, load_protocol, load_toml, shipped
+from protocols.schema import StudyProtocol
+
+DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def mistakes(tmp_path):
+    """Load the demo study with replacements; return the lines of the message."""
+
+    def load(*replacements: tuple[str, str]) -> list[str]:
+        text = DEMO
+        for old, new in replacements:
+            assert old in text, old
+            text = text.replace(old, new, 1)
+        path = tmp_path / "pilot.toml"
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(StudyError) as caught:
+            load_protocol(path)
+        return [line.removeprefix(f"{path}: ") for line in str(caught.value).splitlines()]
+
+    return load
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("gap_s = 0.5", "gap_ms = 500",
+         "trial.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?"),
+        ("iti_s = 0.5", "iti = 0.5", "trial.iti: unknown key; did you mean 'iti_s' (seconds)?"),
+        ("window_deg = 1.5", "window_arcmin = 90",
+         "gaze.window_arcmin: unknown key; did you mean 'window_deg' (degrees): window_deg = 1.5?"),
+        ("window_deg = 1.5", "window_deg = -1.5",
+         "gaze.window_deg: must be greater than 0 degrees (got -1.5)"),
+        ("gap_s = 0.5", 'gap_s = "0.5"', "trial.gap_s: must be a number (got '0.5')"),
+        ("gap_s = 0.5", "gap_s = true", "trial.gap_s: must be a number (got true)"),
+        ("gap_s = 0.5", "gap_s = inf", "trial.gap_s: must be a finite number (got inf)"),
+        ("repeats = 2", "repeats = 2.5", "design.repeats: must be a whole number (got 2.5)"),
+        ("[clips]", "[clip]", "clip: unknown key; did you mean 'clips'?"),
+        ("[clips]", "[clip]", "clips: missing"),
+        ('kind = "builtin"', 'kind = "bultin"',
+         "scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr (got 'bultin');"
+         " did you mean 'builtin'?"),
+        ("turns = 1.0", "turn = 1.0", "scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
+        ('name = "large"', 'name = "small"',
+         "sizes[1].name: names must differ (got 'small', which sizes[0] has);"
+         " rename one of them"),
+        ('name = "garden"', 'name = "gar__den"',
+         "scenes[0].name: must be lower-case words and numbers joined by single dashes or"
+         " underscores (got 'gar__den')"),
+        ('against = "push-pull"', 'against = "pushpull"',
+         "analysis.primary.against: must name one of the methods (reference, push-pull,"
+         " metameric) (got 'pushpull'); did you mean 'push-pull'?"),
+        ('scenes = ["garden"]', 'scenes = ["gardn"]',
+         "design.practice.scenes[0]: must name one of the scenes (garden, colonnade)"
+         " (got 'gardn'); did you mean 'garden'?"),
+        ('pairings = "all"', 'pairings = [["metameric", "metameric"]]',
+         "design.pairings[0]: a pairing must hold two different methods"
+         " (got 'metameric' twice)"),
+        ('pairings = "all"',
+         'pairings = [["metameric", "push-pull"], ["push-pull", "metameric"]]',
+         "design.pairings[1]: every pairing must be given once (got ['push-pull', 'metameric'],"
+         " which design.pairings[0] has); raise repeats instead"),
+        ('default_language = "en"', 'default_language = "fr"',
+         "text.default_language: must be one of the languages given (en, de, ja) (got 'fr')"),
+        ('pause_keys = ["p"]', 'pause_keys = ["f"]',
+         "response.pause_keys: a key must do one thing (got 'f' in left_keys and pause_keys)"),
+        ("hole_share = 0.02", "",
+         "sizes[0]: a size says either hole_share or extent_m (got neither)"),
+        ("duration_s = 1.0", "duration_s = 0.35",
+         "clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5); the nearest"
+         " durations are 0.333333 s and 0.366667 s"),
+        ("seed = 7", "seed = 7\nrender_width_px = 2048",
+         "clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
+         " 'lanczos3', or leave render_width_px out"),
+        ("fixation_timeout_s = 10.0", "fixation_timeout_s = 0.5",
+         "trial.fixation_timeout_s: must be longer than fixation_s = 0.5 s (got 0.5 s)"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_with_place_value_and_cure(mistakes, old, new, message):
+    assert message in mistakes((old, new))
+
+
+def test_every_mistake_is_told_at_once(mistakes):
+    lines = mistakes(
+        ("gap_s = 0.5", "gap_ms = 500"),
+        ("window_deg = 1.5", "window_deg = -1.5"),
+        ("repeats = 2", 'repeats = "two"'),
+        ('name = "large"', 'name = "small"'),  # a mistake between entries ...
+        ('against = "push-pull"', 'against = "nobody"'),  # ... and one between sections
+        ('first = "erstes"', "first = 1"),
+    )
+
+    assert len(lines) == 6
+    for place in (
+        "design.repeats:", "trial.gap_ms:", "gaze.window_deg:", "sizes[1].name:",
+        "analysis.primary.against:", "text.languages.de.first:",
+    ):  # fmt: skip
+        assert sum(line.startswith(place) for line in lines) == 1, place
+
+
+def test_every_single_unknown_key_is_refused(mistakes):
+    for header in ("study", "display", "clips", "design", "trial", "gaze", "response", "privacy"):
+        (line,) = mistakes((f"[{header}]\n", f"[{header}]\nnonsense_zzz = 1\n"))
+        assert line.startswith(f"{header}.nonsense_zzz: unknown key; known keys: ")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"format = 1\nname = \xff\n", "line 2: must be UTF-8 text (got byte 0xff)"),
+        (b"format = 1\nname = \n", "must be valid TOML (Invalid value (at line 2, column 8))"),
+        (b"[study]\n[study]\n", "must be valid TOML (Cannot declare ('study',) twice"),
+        (b"", "study: missing"),
+    ],
+)
+def test_a_file_that_is_no_protocol_is_told_with_its_line(tmp_path, content, message):
+    path = tmp_path / "broken.toml"
+    path.write_bytes(content)
+    with pytest.raises(StudyError) as caught:
+        load_protocol(path)
+    assert message in str(caught.value)
+    assert all(line.startswith(f"{path}: ") for line in str(caught.value).splitlines())
+
+
+def test_a_missing_file_and_an_unknown_name_are_told(tmp_path):
+    with pytest.raises(StudyError, match="there is no such file"):
+        load_protocol(tmp_path / "none.toml")
+    with pytest.raises(StudyError, match="this is a folder"):
+        load_protocol(tmp_path)
+    with pytest.raises(StudyError, match="did you mean 'demo'"):
+        load_protocol(Path("demos"))
+    with pytest.raises(StudyError, match="did you mean 'fhd27-60hz'"):
+        load_display("fhd27-60")
+
+
+def test_a_display_with_wrong_size_is_refused(tmp_path):
+    text = shipped("displays")["fhd27-60hz"].read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("height_mm = 336.2", "height_mm = 400.0"), encoding="utf-8")
+
+    with pytest.raises(StudyError, match=r"square within 2 % \(got 0\.3113 x 0\.3704"):
+        load_display(str(path))
+
+
+def test_a_display_file_is_found_beside_the_protocol(tmp_path):
+    (tmp_path / "mine.toml").write_bytes(shipped("displays")["qhd27-120hz"].read_bytes())
+
+    assert load_display("mine.toml", beside=tmp_path / "study.toml").refresh_hz == 120.0
+
+
+def test_a_bare_model_refuses_what_the_loader_refuses():
+    protocol = load_toml(shipped("studies")["demo"], StudyProtocol)
+    plain = protocol.model_dump()
+    plain["sizes"] = (plain["sizes"][0], plain["sizes"][0])
+
+    with pytest.raises(ValueError, match="names must differ"):
+        StudyProtocol.model_validate(plain)
