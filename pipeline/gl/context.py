@@ -1,5 +1,10 @@
-"""OpenGL contexts: off-screen through EGL, or the one the caller's window made current."""
+"""OpenGL contexts: off-screen through EGL, or the one the caller's window made current.
 
+A context belongs to the thread that made it, and one is current at a time: work goes to
+the current one, whichever object asks. Making a context makes it current.
+"""
+
+import ctypes
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +13,7 @@ import moderngl
 from pipeline.errors import GLUnavailableError
 
 REQUIRED_VERSION = 430  # compute shaders, image atomics
+_OLDEST_VERSION = 300  # asked for only to learn the name of a driver that is too old
 MAX_DEVICES = 16
 _PAST_THE_LAST = "but found"  # glcontext: "requested device index 3, but found 2 devices"
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software")
@@ -45,13 +51,16 @@ def describe(ctx: moderngl.Context) -> Renderer:
 
 
 def create_context(device_index: int | None = None) -> moderngl.Context:
-    """Open an off-screen context on an EGL device.
+    """Open an off-screen context on an EGL device and make it current.
+
+    Free it with `release_context`, at the latest before a window's context is made
+    current in the same thread.
 
     Parameters
     ----------
     device_index : int, optional
-        Which EGL device. By default the first hardware renderer, or, where there is
-        none, the first software renderer.
+        Which EGL device, from 0. By default the first hardware renderer, or, where there
+        is none, the first software renderer.
 
     Raises
     ------
@@ -59,16 +68,22 @@ def create_context(device_index: int | None = None) -> moderngl.Context:
         If no device gives OpenGL 4.3, with what each device answered and the cure.
     """
     if device_index is not None:
-        return _open(device_index)
-    refusals: list[str] = []
+        try:
+            return _open(device_index)
+        except _RefusedError as error:
+            cure = "choose another device_index" if _PAST_THE_LAST in str(error) else _CURE
+            raise GLUnavailableError(
+                f"EGL device {device_index} must give OpenGL 4.3 (found: {error}); {cure}"
+            ) from error
+    refusals: dict[str, int] = {}  # reason: first device; a missing libEGL answers for all
     software: list[int] = []
     for index in range(MAX_DEVICES):
         try:
             ctx = _open(index)
-        except GLUnavailableError as error:
+        except _RefusedError as error:
             if _PAST_THE_LAST in str(error):
                 break
-            refusals.append(f"device {index}: {error}")
+            refusals.setdefault(str(error), index)
             continue
         if not describe(ctx).software:
             return ctx
@@ -76,12 +91,25 @@ def create_context(device_index: int | None = None) -> moderngl.Context:
         ctx.release()
     if software:
         return _open(software[0])
-    found = "; ".join(refusals) or "no EGL device"
+    answers = [f"device {index}: {reason}" for reason, index in refusals.items()]
+    found = "; ".join(answers) or "no EGL device"
     raise GLUnavailableError(f"OpenGL 4.3 through EGL is needed (found: {found}); {_CURE}")
+
+
+def release_context(ctx: moderngl.Context) -> None:
+    """Free what `create_context` opened, and leave no EGL context current.
+
+    Without the second step the X server ends the process (BadAccess) as soon as a window
+    makes its GLX context current in this thread.
+    """
+    ctx.release()
+    ctypes.CDLL("libEGL.so.1").eglReleaseThread()
 
 
 def adopt_context() -> moderngl.Context:
     """Wrap the context that the caller's window made current in this thread.
+
+    It stays the window's: releasing the wrapper leaves the window's context alone.
 
     Raises
     ------
@@ -89,29 +117,44 @@ def adopt_context() -> moderngl.Context:
         If no context is current, or it is older than OpenGL 4.3.
     """
     try:
-        ctx = moderngl.create_context()
+        # Not create_context(): that looks for GLX alone once any other context was made,
+        # and its release destroys the window's context.
+        moderngl.init_context()
+        ctx = moderngl.get_context()
     except Exception as error:  # moderngl raises bare Exception
         raise GLUnavailableError(
             f"a window's OpenGL context must be current in this thread (found: {error});"
             " make the window's context current first"
         ) from error
-    return _checked(ctx)
+    if ctx.version_code < REQUIRED_VERSION:
+        raise GLUnavailableError(
+            f"the window's context must be OpenGL 4.3 or newer (found: {describe(ctx)});"
+            f" ask for 4.3 core when the window is made, or {_CURE}"
+        )
+    return ctx
+
+
+class _RefusedError(Exception):
+    """Why one EGL device gives no context, or which too old driver it has."""
 
 
 def _open(device_index: int) -> moderngl.Context:
-    settings: dict[str, Any] = {"backend": "egl", "device_index": device_index}
     try:
-        ctx = moderngl.create_context(standalone=True, **settings)
+        return _egl_context(device_index, REQUIRED_VERSION)
     except Exception as error:  # moderngl and glcontext raise bare Exception
-        raise GLUnavailableError(
-            f"EGL device {device_index} must give an OpenGL context (found: {error}); {_CURE}"
-        ) from error
-    return _checked(ctx)
+        raise _RefusedError(_driver_behind(device_index) or str(error)) from error
 
 
-def _checked(ctx: moderngl.Context) -> moderngl.Context:
-    if ctx.version_code < REQUIRED_VERSION:
-        found = str(describe(ctx))
-        ctx.release()
-        raise GLUnavailableError(f"OpenGL 4.3 is needed (found: {found}); {_CURE}")
-    return ctx
+def _driver_behind(device_index: int) -> str | None:
+    try:
+        ctx = _egl_context(device_index, _OLDEST_VERSION)
+    except Exception:
+        return None
+    renderer = str(describe(ctx))
+    ctx.release()
+    return renderer
+
+
+def _egl_context(device_index: int, version: int) -> moderngl.Context:
+    settings: dict[str, Any] = {"backend": "egl", "device_index": device_index}
+    return moderngl.create_context(require=version, standalone=True, **settings)
