@@ -6,21 +6,30 @@ Two directives beside GLSL's own:
     Puts in that file of `pipeline/shaderlib/`, once.
 ``#constant TILE``
     Becomes ``#define TILE <value>``; the host must give the value, and the shader must use it.
+    A bool becomes 1 or 0, for ``#if``.
 """
 
+import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
+from importlib.resources.abc import Traversable
+from numbers import Integral
 from typing import TypeAlias
 
 import moderngl
+import numpy as np
 
 Constant: TypeAlias = int | float | bool
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"')
 _CONSTANT = re.compile(r"^\s*#constant\s+(\w+)")
+_COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 # Where drivers put the line: Mesa "0:12(3): error", NVIDIA "0(12) : error", others "ERROR: 0:12:".
-_LINE_IN_LOG = re.compile(r"\b0(?::(\d+)(?:\(\d+\))?|\((\d+)\))")
+_LINE_IN_LOG = re.compile(
+    r"^((?:ERROR: |WARNING: )?)0(?::(\d+)(?:\(\d+\))?|\((\d+)\))", re.MULTILINE
+)
 
 
 class ShaderError(Exception):
@@ -43,19 +52,34 @@ def compile_compute(
     Raises
     ------
     ShaderError
-        If a constant is missing, unknown or unused, an include is missing, or the driver
-        refuses the source.
+        If a constant is missing, unknown, unused or not a number, an include is missing,
+        or the driver refuses the source.
     """
-    source = flatten(path, constants)
+    return compile_source(ctx, flatten(path, constants))
+
+
+def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeShader:
+    """Compile a flattened shader.
+
+    Raises
+    ------
+    ShaderError
+        If the driver refuses it, with its words and the places in the files as written.
+    """
     try:
         return ctx.compute_shader(source.text)
     except moderngl.Error as error:
+        path = source.origin[0][0] if source.origin else "an empty shader"
         raise ShaderError(f"{path} does not compile:\n{_relocate(str(error), source)}") from error
 
 
-def flatten(path: str, constants: dict[str, Constant]) -> Source:
-    """Resolve includes and constants of ``pipeline/<path>``."""
+def flatten(
+    path: str, constants: Mapping[str, Constant], root: Traversable | None = None
+) -> Source:
+    """Resolve includes and constants of the shader `path` in `root`, by default the package."""
+    folder = resources.files("pipeline") if root is None else root
     lines: list[str] = []
+    written: list[str] = []  # the same without our own #define lines
     origin: list[tuple[str, int]] = []
     declared: dict[str, tuple[str, int]] = {}
     included: set[str] = set()
@@ -66,7 +90,7 @@ def flatten(path: str, constants: dict[str, Constant]) -> Source:
                 target = f"shaderlib/{match[1]}"
                 if target not in included:
                     included.add(target)
-                    add(target, _read(target, f"{name}:{number}"))
+                    add(target, _read(folder, target, f"{name}:{number}"))
                 continue
             if match := _CONSTANT.match(line):
                 key = match[1]
@@ -75,40 +99,44 @@ def flatten(path: str, constants: dict[str, Constant]) -> Source:
                         f"{name}:{number}: constant {key} has no value; pass {key}=..."
                     )
                 declared[key] = (name, number)
-                line = f"#define {key} {_literal(constants[key])}"
+                line = f"#define {key} {_literal(key, constants[key])}"
+            else:
+                written.append(line)
             lines.append(line)
             origin.append((name, number))
 
-    add(path, _read(path, "compile_compute"))
+    add(path, _read(folder, path, "compile_compute"))
+    code = _COMMENT.sub(" ", "\n".join(written))
     for key in constants:
         if key not in declared:
             raise ShaderError(f"{path}: no '#constant {key}' in it or its includes; remove {key}=")
-        uses = sum(bool(re.search(rf"\b{key}\b", line)) for line in lines)
-        if uses < 2:
+        if not re.search(rf"\b{key}\b", code):
             name, number = declared[key]
             raise ShaderError(f"{name}:{number}: constant {key} is never used")
     return Source("\n".join(lines) + "\n", tuple(origin))
 
 
-def _read(path: str, wanted_by: str) -> str:
-    file = resources.files("pipeline").joinpath(path)
+def _read(root: Traversable, path: str, wanted_by: str) -> str:
+    file = root.joinpath(path)
     if not file.is_file():
         raise ShaderError(f"{wanted_by}: no shader file pipeline/{path}")
     return file.read_text(encoding="utf-8")
 
 
-def _literal(value: Constant) -> str:
-    if isinstance(value, bool):
-        return "1" if value else "0"
-    return repr(value)
+def _literal(key: str, value: Constant) -> str:
+    if not math.isfinite(value):
+        raise ShaderError(f"constant {key} must be finite (got {value})")
+    # Through Python's own types: numpy writes its scalars as "np.float64(0.5)".
+    number = int(value) if isinstance(value, Integral | np.bool_) else float(value)
+    return f"({number!r})" if number < 0 else repr(number)
 
 
 def _relocate(log: str, source: Source) -> str:
     def place(match: re.Match[str]) -> str:
-        index = int(match[1] or match[2]) - 1
+        index = int(match[2] or match[3]) - 1
         if not 0 <= index < len(source.origin):
             return match[0]
         name, number = source.origin[index]
-        return f"{name}:{number}"
+        return f"{match[1]}{name}:{number}"
 
     return _LINE_IN_LOG.sub(place, log)
