@@ -5,7 +5,6 @@ and the pass hosts. Row 0 of an array is texel row 0.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,8 +50,36 @@ _BY_DTYPE = {(fmt.components, fmt.gl_dtype): fmt for fmt in FORMATS.values()}
 
 
 def format_of(texture: moderngl.Texture) -> Format:
-    """Return the format `texture` was made with."""
-    return _BY_DTYPE[texture.components, texture.dtype]
+    """Return the format `texture` was made with.
+
+    Raises
+    ------
+    InputError
+        If it is none of `FORMATS`: the texture was made elsewhere.
+    """
+    fmt = None if texture.depth else _BY_DTYPE.get((texture.components, texture.dtype))
+    if fmt is None:
+        kind = "depth" if texture.depth else f"{texture.components}-component {texture.dtype}"
+        raise InputError(f"a texture must have one of {', '.join(FORMATS)} (got a {kind} texture)")
+    return fmt
+
+
+def check_texture(
+    texture: moderngl.Texture, name: str, size: tuple[int, int], format_name: str
+) -> None:
+    """Require one size (width, height) and format of a texture given to a pass.
+
+    Raises
+    ------
+    InputError
+        Naming the texture, what the pass was built for and what was found.
+    """
+    found = format_of(texture).name
+    if texture.size != size or found != format_name:
+        raise InputError(
+            f"{name} must be {size[0]}x{size[1]} {format_name}, as this pass was built"
+            f" (got {texture.width}x{texture.height} {found})"
+        )
 
 
 def create_texture(
@@ -74,15 +101,9 @@ def create_texture(
     GLUnavailableError
         If the driver refuses (out of memory, for one).
     """
-    if format_name not in FORMATS:
-        raise InputError(f"format_name must be one of {', '.join(FORMATS)} (got {format_name!r})")
-    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
-    if not all(1 <= edge <= limit for edge in size):
-        raise InputError(
-            f"texture edges must lie in 1..{limit} on this driver (got {size[0]}x{size[1]})"
-        )
-    fmt = FORMATS[format_name]
-    _ = ctx.error  # forget what earlier calls left behind
+    fmt = _format_named(format_name)
+    check_size(ctx, size)
+    ctx.clear_errors()  # forget what earlier calls left behind
     texture = ctx.texture(size, fmt.components, dtype=fmt.gl_dtype)
     if (error := ctx.error) != "GL_NO_ERROR":
         texture.release()
@@ -90,9 +111,28 @@ def create_texture(
             f"the driver must hold a {size[0]}x{size[1]} {format_name} texture"
             f" (it answered {error}); use smaller images or free GPU memory"
         )
+    _reset_sampling(texture)
+    return texture
+
+
+def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """Require texture edges, (width, height), that `ctx` can hold.
+
+    Raises
+    ------
+    InputError
+        If an edge is below 1 or above the driver's limit.
+    """
+    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    if not all(1 <= edge <= limit for edge in size):
+        raise InputError(
+            f"texture edges must lie in 1..{limit} on this driver (got {size[0]}x{size[1]})"
+        )
+
+
+def _reset_sampling(texture: moderngl.Texture) -> None:
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.repeat_x = texture.repeat_y = False
-    return texture
 
 
 def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:
@@ -104,55 +144,75 @@ def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:
         If shape or dtype differ from the texture's.
     """
     fmt = format_of(texture)
-    shape = _shape(texture, fmt)
-    if array.shape != shape or array.dtype != np.dtype(fmt.array_dtype):
-        raise InputError(
-            f"array must be {np.dtype(fmt.array_dtype)} of shape {shape} for a {fmt.name} texture"
-            f" (got {array.dtype} of shape {array.shape})"
-        )
+    _check_array(array, fmt, _shape(texture.size, fmt))
     texture.write(np.ascontiguousarray(array), alignment=1)
 
 
 def read_back(texture: moderngl.Texture) -> NDArray[Any]:
-    """Copy `texture` into a new array of shape (height, width[, components])."""
+    """Copy `texture` into a new array of shape (height, width[, components]).
+
+    What a shader stored arrives only after a memory barrier, which is the writing pass's.
+    """
     fmt = format_of(texture)
-    array = np.empty(_shape(texture, fmt), dtype=fmt.array_dtype)
+    array = np.empty(_shape(texture.size, fmt), dtype=fmt.array_dtype)
     texture.read_into(array, alignment=1)
     return array
 
 
 def texture_from(ctx: moderngl.Context, array: NDArray[Any], format_name: str) -> moderngl.Texture:
-    """Make a texture of `array`'s size and upload it."""
-    texture = create_texture(ctx, (array.shape[1], array.shape[0]), format_name)
+    """Make a texture of `array`'s size and upload it.
+
+    Raises
+    ------
+    InputError, GLUnavailableError
+        As `create_texture` and `upload`; no texture is left behind.
+    """
+    fmt = _format_named(format_name)
+    size = (array.shape[1], array.shape[0]) if array.ndim >= 2 else (1, array.size)
+    _check_array(array, fmt, _shape(size, fmt))
+    texture = create_texture(ctx, size, format_name)
     upload(texture, array)
     return texture
 
 
-def _shape(texture: moderngl.Texture, fmt: Format) -> tuple[int, ...]:
-    plane = (texture.height, texture.width)
+def _format_named(name: str) -> Format:
+    if name not in FORMATS:
+        raise InputError(f"format_name must be one of {', '.join(FORMATS)} (got {name!r})")
+    return FORMATS[name]
+
+
+def _shape(size: tuple[int, int], fmt: Format) -> tuple[int, ...]:
+    plane = (size[1], size[0])
     return plane if fmt.components == 1 else (*plane, fmt.components)
+
+
+def _check_array(array: NDArray[Any], fmt: Format, shape: tuple[int, ...]) -> None:
+    if array.shape != shape or array.dtype != np.dtype(fmt.array_dtype):
+        raise InputError(
+            f"array must be {np.dtype(fmt.array_dtype)} of shape {shape} for a {fmt.name} texture"
+            f" (got {array.dtype} of shape {array.shape})"
+        )
 
 
 class TexturePool:
     """Lends textures and takes them back, so that a sequence allocates only once.
 
     Owned by whoever builds the passes; `release()` frees everything it ever made.
+    Borrowers give textures back and never release them.
     """
 
     def __init__(self, ctx: moderngl.Context) -> None:
-        self._create: Callable[[tuple[int, int], str], moderngl.Texture] = lambda size, name: (
-            create_texture(ctx, size, name)
-        )
+        self._ctx = ctx
         self._idle: defaultdict[tuple[tuple[int, int], str], list[moderngl.Texture]] = defaultdict(
             list
         )
-        self._lent: dict[int, moderngl.Texture] = {}
+        self._lent: dict[int, moderngl.Texture] = {}  # by id(): GL names repeat across contexts
 
     def take(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
-        """Lend a texture; its content is undefined."""
+        """Lend a texture as `create_texture` makes it; its content is undefined."""
         idle = self._idle[size, format_name]
-        texture = idle.pop() if idle else self._create(size, format_name)
-        self._lent[texture.glo] = texture
+        texture = idle.pop() if idle else create_texture(self._ctx, size, format_name)
+        self._lent[id(texture)] = texture
         return texture
 
     def give_back(self, *textures: moderngl.Texture) -> None:
@@ -164,8 +224,12 @@ class TexturePool:
             If one was not lent by this pool, or was given back already.
         """
         for texture in textures:
-            if self._lent.pop(texture.glo, None) is None:
-                raise ValueError(f"texture {texture.glo} is not on loan from this pool")
+            if self._lent.pop(id(texture), None) is None:
+                raise ValueError(
+                    f"a texture given back must be on loan from this pool (got a"
+                    f" {texture.width}x{texture.height} one that is not)"
+                )
+            _reset_sampling(texture)  # the next borrower expects a texture as made
             self._idle[texture.size, format_of(texture).name].append(texture)
 
     @property

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import moderngl
 
+from pipeline.errors import InputError
+
 # Mesa's software renderer answers a compute time query with a nanosecond.
 COUNTED_FROM_MS = 1e-3
 
@@ -26,13 +28,37 @@ class Timing:
 
     @property
     def median_wall_ms(self) -> float:
+        """Median from idle to idle, by the wall clock."""
         return statistics.median(self.wall_ms)
 
 
 def measure(
     ctx: moderngl.Context, work: Callable[[], None], *, repeats: int = 20, warm_up: int = 3
 ) -> Timing:
-    """Run `work` repeatedly and time each run from idle to idle."""
+    """Run `work` repeatedly and time each run from idle to idle.
+
+    Parameters
+    ----------
+    work : callable
+        Issues the GPU work; must not hold a time query of its own.
+    repeats : int
+        How many runs are timed, at least 1.
+    warm_up : int
+        How many untimed runs come first, at least 0.
+
+    Raises
+    ------
+    InputError
+        If `repeats` or `warm_up` is too small.
+
+    Notes
+    -----
+    Leaves one query object in the context: moderngl has no call that frees it.
+    """
+    if repeats < 1 or warm_up < 0:
+        raise InputError(
+            f"repeats must be at least 1 and warm_up at least 0 (got {repeats} and {warm_up})"
+        )
     for _ in range(warm_up):
         work()
     ctx.finish()
