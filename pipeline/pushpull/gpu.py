@@ -1,10 +1,11 @@
 """Push-pull on the GPU. Twin: reference.py."""
 
+from itertools import pairwise
+
 import moderngl
 
-from pipeline.errors import InputError
 from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture
+from pipeline.gl.texture import check_size, check_texture, create_texture
 
 TILE = 8  # work-group edge, pixels
 
@@ -19,33 +20,44 @@ class PushPullPass:
     ----------
     size : (width, height)
         Any size from 1x1.
+
+    Raises
+    ------
+    InputError
+        If the driver has no textures of this size.
     """
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
+        check_size(ctx, size)
         self._ctx = ctx
         self._pull = compile_compute(ctx, "pushpull/pull.comp.glsl", TILE=TILE)
         self._push = compile_compute(ctx, "pushpull/push.comp.glsl", TILE=TILE)
         self.size = size
-        self._coarser = [create_texture(ctx, level, "rgba32f") for level in coarser_sizes(size)]
+        # A single pixel still gets a level below it, so that it takes the path of the others.
+        sizes = coarser_sizes(size) or [(1, 1)]
+        self._coarser = [create_texture(ctx, level, "rgba32f") for level in sizes]
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return max(1, 2 * len(self._coarser))
+        return 2 * len(self._coarser)
 
     def __call__(self, image: moderngl.Texture, filled: moderngl.Texture) -> None:
         """Fill `image` (rgb, confidence; rgba32f) into `filled` (the same texture will do).
 
-        Where no pixel at all is known the result is zero, confidence included.
+        The confidence of the result is 1 where the confidences of `image` are 0 or 1.
+        Colours must be finite also where they are unknown. Where no pixel at all is known
+        the result is zero, confidence included.
+
+        Raises
+        ------
+        InputError
+            If a texture's size or format is not the pass's.
         """
-        for name, texture in (("image", image), ("filled", filled)):
-            if texture.size != self.size:
-                raise InputError(
-                    f"{name} must be {self.size[0]}x{self.size[1]} as this pass was built"
-                    f" (got {texture.width}x{texture.height})"
-                )
-        levels = [image, *self._coarser] if self._coarser else [image, image]
-        for fine, coarse in zip(levels, self._coarser, strict=False):
+        check_texture(image, "image", self.size, "rgba32f")
+        check_texture(filled, "filled", self.size, "rgba32f")
+        levels = [image, *self._coarser]
+        for fine, coarse in pairwise(levels):
             fine.use(0)
             self._dispatch(self._pull, coarse)
         for index in reversed(range(len(levels) - 1)):

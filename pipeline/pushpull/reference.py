@@ -52,11 +52,12 @@ def push(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np
     -------
     ndarray of shape (H, W, 4)
         ``confidence * fine + (1 - confidence) * coarse``, the coarse level interpolated
-        bilinearly; confidence becomes the coarse level's, 1 where anything was known.
+        bilinearly; confidence is blended by the same rule, with 1 in place of `fine`.
     """
     weight = fine[..., 3:].astype(np.float64)
     below = upsample(coarse, (fine.shape[0], fine.shape[1]))
-    colour = weight * fine[..., :3] + (1 - weight) * below[..., :3]
+    blend = weight * fine[..., :3] + (1 - weight) * below[..., :3]
+    colour = np.where(weight < 1, blend, fine[..., :3])  # 1 * -0.0 + 0 would lose its sign
     return np.concatenate([colour, weight + (1 - weight) * below[..., 3:]], axis=-1)
 
 
@@ -90,8 +91,17 @@ def push_pull(image: NDArray[np.floating]) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If no pixel is known.
+        If the shape, a colour or a confidence is not as said, or no pixel is known.
     """
+    if image.ndim != 3 or image.shape[2] != 4 or image.size == 0:
+        raise InputError(f"image must be of shape (H, W, 4) (got {image.shape})")
+    good = np.isfinite(image).all(axis=-1) & (image[..., 3] >= 0) & (image[..., 3] <= 1)
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        raise InputError(
+            "image must hold finite colours, also where unknown, and confidences in [0, 1]"
+            f" (got {image[row, column]} at row {row}, column {column})"
+        )
     if not (image[..., 3] > 0).any():
         raise InputError(
             f"image must have at least one known pixel (all {image[..., 3].size} are unknown)"
