@@ -5,11 +5,11 @@ the world-from-camera transform. The centre of pixel (row i, column j) is at
 x = j + 0.5, y = i + 0.5.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import check_depth
@@ -30,13 +30,14 @@ class Camera:
         Focal lengths, > 0.
     cx_px, cy_px : float
         Principal point; the image's centre is (width_px / 2, height_px / 2).
-    world_from_camera : ndarray of float64, shape (4, 4)
-        A rigid transform.
+    world_from_camera : array of shape (4, 4)
+        A rigid transform; kept as a float64 copy that cannot be written to.
 
     Raises
     ------
     InputError
-        If a size or focal length is not positive or the pose is not rigid.
+        If a size or focal length is not positive, the principal point not finite, or the
+        pose not rigid.
     """
 
     width_px: int
@@ -52,14 +53,20 @@ class Camera:
             raise InputError(
                 f"a camera's image must be at least 1x1 px (got {self.width_px}x{self.height_px})"
             )
-        if not (self.fx_px > 0 and self.fy_px > 0):
+        if not (0 < self.fx_px < np.inf and 0 < self.fy_px < np.inf):
             raise InputError(
-                f"focal lengths must be greater than 0 px (got {self.fx_px}, {self.fy_px})"
+                "focal lengths must be greater than 0 px and finite"
+                f" (got {self.fx_px}, {self.fy_px})"
             )
-        pose = self.world_from_camera
+        if not np.isfinite((self.cx_px, self.cy_px)).all():
+            raise InputError(f"the principal point must be finite (got {self.cx_px}, {self.cy_px})")
+        pose = np.array(self.world_from_camera, dtype=np.float64)
+        pose.setflags(write=False)
+        object.__setattr__(self, "world_from_camera", pose)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise InputError(
-                f"world_from_camera must be a finite 4x4 matrix (got shape {pose.shape})"
+                f"world_from_camera must be a finite 4x4 matrix (got shape {pose.shape}"
+                f"{'' if np.isfinite(pose).all() else ' with NaN or infinite values'})"
             )
         rotation = pose[:3, :3]
         rigid = (
@@ -86,17 +93,18 @@ class Camera:
             raise InputError(f"horizontal_deg must lie in (0, 180) (got {horizontal_deg})")
         focal_px = width_px / 2 / np.tan(np.radians(horizontal_deg) / 2)
         pose = UPRIGHT if world_from_camera is None else world_from_camera
-        return cls(
-            width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2, pose.copy()
-        )
+        return cls(width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2, pose)
 
-    def moved(self, offset_m: NDArray[np.float64]) -> "Camera":
+    def moved(self, offset_m: ArrayLike) -> Self:
         """Return this camera shifted by (right, down, forward) metres along its own axes."""
+        offset = np.asarray(offset_m, np.float64)
+        if offset.shape != (3,):
+            raise InputError(
+                f"offset_m must be (right, down, forward), 3 numbers (got shape {offset.shape})"
+            )
         pose = self.world_from_camera.copy()
-        pose[:3, 3] += pose[:3, :3] @ offset_m
-        return Camera(
-            self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px, pose
-        )
+        pose[:3, 3] += pose[:3, :3] @ offset
+        return replace(self, world_from_camera=pose)
 
     def pixel_centres(self) -> NDArray[np.float64]:
         """Positions (x, y) of all pixel centres, shape (H, W, 2), pixels."""
@@ -119,7 +127,12 @@ class Camera:
         Positions of points at or behind the camera (depth <= 0) are not meaningful.
         """
         relative = point_m - self.world_from_camera[:3, 3]
-        return self._image(relative @ self.world_from_camera[:3, :3])
+        return self._image(relative @ self._camera_from_world_rotation().T)
+
+    def _camera_from_world_rotation(self) -> NDArray[np.float64]:
+        # Not the transpose: a pose from a file is a rotation only to its own precision, and
+        # a point must come back to the pixel that it was unprojected from.
+        return np.asarray(np.linalg.inv(self.world_from_camera[:3, :3]), np.float64)
 
     def _rays(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         x = (position_px[..., 0] - self.cx_px) / self.fx_px
@@ -147,9 +160,11 @@ def flow_between(
     Returns
     -------
     flow_px : ndarray of float32, shape (H, W, 2)
-        Target minus source position.
+        Target minus source position, x then y; (0, 0) for points that the target has
+        behind it.
     target_depth_m : ndarray of float32, shape (H, W)
-        Depth of the same points along the target's axis; not positive behind it.
+        Depth of the same points along the target's axis; 0 for points behind it, which
+        nothing may draw.
 
     Raises
     ------
@@ -163,11 +178,14 @@ def flow_between(
             f" (got {depth_m.shape[0]}x{depth_m.shape[1]})"
         )
     start = source.pixel_centres()
-    target_from_source = np.linalg.inv(target.world_from_camera) @ source.world_from_camera
-    turned = source._rays(start) @ target_from_source[:3, :3].T
+    to_target = target._camera_from_world_rotation()
+    turn = to_target @ source.world_from_camera[:3, :3]
+    # Cameras far from the origin: subtract first, and little is lost.
+    shift_m = to_target @ (source.world_from_camera[:3, 3] - target.world_from_camera[:3, 3])
+    turned = source._rays(start) @ turn.T
     # Per unit of depth: a point at infinity feels no translation.
     inverse = 1.0 / depth_m.astype(np.float64)
-    scaled = turned + target_from_source[:3, 3] * inverse[..., None]
+    scaled = turned + shift_m * inverse[..., None]
     end, depth_ratio = target._image(scaled)
     behind = ~(depth_ratio > 0)
     flow = np.where(behind[..., None], 0.0, end - start)

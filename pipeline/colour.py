@@ -32,27 +32,41 @@ RGB_FROM_YCBCR: Final[NDArray[np.float64]] = np.array(
 
 
 def ycbcr_from_rgb(colour: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Decorrelate R'G'B' of shape (..., 3) into Y', Cb, Cr (BT.709, full range)."""
-    return colour @ YCBCR_FROM_RGB.T.astype(colour.dtype)
-
-
-def rgb_from_ycbcr(ycbcr: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Invert `ycbcr_from_rgb`."""
-    return ycbcr @ RGB_FROM_YCBCR.T.astype(ycbcr.dtype)
-
-
-def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Encode scene-linear light in [0, 1] for a display (IEC 61966-2-1).
+    """Decorrelate R'G'B' of shape (..., 3) into Y', Cb, Cr (BT.709, full range).
 
     Raises
     ------
     InputError
-        If a value is negative or not finite: the curve is not defined there.
+        If `colour` is not of a floating type or its last axis is not 3 long.
     """
-    if not (np.isfinite(linear).all() and (linear >= 0).all()):
-        raise InputError(
-            "linear must be finite and at least 0 (got negative, NaN or infinite values)"
-        )
+    _check_floating(colour, "colour", channels=3)
+    return colour @ YCBCR_FROM_RGB.T.astype(colour.dtype)
+
+
+def rgb_from_ycbcr(ycbcr: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Invert `ycbcr_from_rgb`.
+
+    Raises
+    ------
+    InputError
+        If `ycbcr` is not of a floating type or its last axis is not 3 long.
+    """
+    _check_floating(ycbcr, "ycbcr", channels=3)
+    return ycbcr @ RGB_FROM_YCBCR.T.astype(ycbcr.dtype)
+
+
+def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Encode scene-linear light for a display (IEC 61966-2-1).
+
+    1 is the display's white; what is brighter goes on along the curve, and clipping it is
+    the caller's decision.
+
+    Raises
+    ------
+    InputError
+        If `linear` is not of a floating type, or a value is negative or not finite.
+    """
+    _check_light(linear, "linear")
     return np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
     ).astype(linear.dtype)
@@ -64,12 +78,27 @@ def decode_srgb(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
     Raises
     ------
     InputError
-        If a value is negative or not finite.
+        If `encoded` is not of a floating type, or a value is negative or not finite.
     """
-    if not (np.isfinite(encoded).all() and (encoded >= 0).all()):
-        raise InputError(
-            "encoded must be finite and at least 0 (got negative, NaN or infinite values)"
-        )
+    _check_light(encoded, "encoded")
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(
         encoded.dtype
     )
+
+
+def _check_light(array: NDArray[np.floating], name: str) -> None:
+    _check_floating(array, name)
+    bad = ~(np.isfinite(array) & (array >= 0))
+    if bad.any():
+        raise InputError(
+            f"{name} must be finite and at least 0"
+            f" (got {array[bad].flat[0]}, and {int(bad.sum())} such values in all)"
+        )
+
+
+def _check_floating(array: NDArray[np.floating], name: str, *, channels: int | None = None) -> None:
+    # Integers would be truncated without a word: 8-bit values must be divided by 255 first.
+    if not np.issubdtype(array.dtype, np.floating):
+        raise InputError(f"{name} must be of a floating type (got {array.dtype})")
+    if channels is not None and array.shape[-1:] != (channels,):
+        raise InputError(f"{name} must be of shape (..., {channels}) (got {array.shape})")

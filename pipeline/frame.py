@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value
 class SourceFrame:
     """What a renderer or camera saw: colour and depth (RGBZ).
 
@@ -44,7 +44,7 @@ class SourceFrame:
         return self.depth_m.shape[0], self.depth_m.shape[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value
 class WarpedFrame:
     """A source frame as another view sees it, with holes: what every fill method takes.
 
@@ -94,8 +94,8 @@ class WarpedFrame:
 def check_colour(array: NDArray[Any], name: str) -> None:
     """Require encoded colour: float32 (H, W, 3), finite, in [0, 1]."""
     _check_array(array, name, np.float32, (None, None, 3))
-    bad: NDArray[np.bool_] = np.asarray(~((array >= 0) & (array <= 1)))  # NaN fails both
-    _check_none(np.any(bad, axis=-1, keepdims=False), array, name, "finite and in [0, 1]")
+    good: NDArray[np.bool_] = np.all((array >= 0) & (array <= 1), axis=-1)  # NaN fails both
+    _check_none(~good, array, name, "finite and in [0, 1]")
 
 
 def check_depth(array: NDArray[Any], name: str) -> None:
@@ -134,6 +134,8 @@ def check_some_known(hole: NDArray[np.bool_]) -> None:
 def _check_array(
     array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> None:
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{name} must be a numpy array (got {type(array).__name__})")
     wanted = "(" + ", ".join({0: "H", 1: "W"}.get(i, str(n)) for i, n in enumerate(shape)) + ")"
     fits = array.ndim == len(shape) and all(
         n is None or n == found for n, found in zip(shape, array.shape, strict=False)
@@ -150,7 +152,8 @@ def _check_array(
 def _check_none(bad: NDArray[np.bool_], array: NDArray[Any], name: str, rule: str) -> None:
     if bad.any():
         row, column = np.argwhere(bad)[0]
+        others = int(bad.sum()) - 1
+        more = f", and {others} more such pixels" if others else ""
         raise InputError(
-            f"{name} must be {rule} (got {array[row, column]} at row {row}, column {column},"
-            f" and {int(bad.sum()) - 1} more such pixels)"
+            f"{name} must be {rule} (got {array[row, column]} at row {row}, column {column}{more})"
         )
