@@ -1,0 +1,257 @@
+"""The warp on the GPU. Twin: reference.py."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.gl.shader import compile_compute
+from pipeline.gl.texture import create_texture, read_back, texture_from
+from pipeline.warp.settings import WarpSettings, Window, check_inputs
+
+TILE = 8  # work-group edge, quads or pixels
+LANES = 64  # work-group size where one group takes one quad or many lines
+SMALL = 16  # target pixels in the bounding box of a quad that one invocation draws
+GROUPS = 512  # work groups that share the large quads
+_UNTOUCHED = b"\xff\xff\xff\xff"
+RINGS = 2  # of vertices around the source
+
+
+@dataclass(frozen=True, eq=False)
+class WarpTextures:
+    """A warped frame on the GPU.
+
+    Attributes
+    ----------
+    colour : rgba32f
+        Encoded R'G'B'; alpha 1 where known, all zero in holes.
+    depth_m : r32f
+        Depth; the background's in holes.
+    flow_px : rg32f
+        Target minus source position of what is shown; the background's in holes.
+    """
+
+    colour: moderngl.Texture
+    depth_m: moderngl.Texture
+    flow_px: moderngl.Texture
+
+    @classmethod
+    def create(cls, ctx: moderngl.Context, size: tuple[int, int]) -> Self:
+        """Make uninitialised textures of `size` (width, height)."""
+        return cls(
+            create_texture(ctx, size, "rgba32f"),
+            create_texture(ctx, size, "r32f"),
+            create_texture(ctx, size, "rg32f"),
+        )
+
+    def read_back(self) -> WarpedFrame:
+        """Copy into arrays."""
+        colour: NDArray[np.float32] = read_back(self.colour)
+        return WarpedFrame(
+            np.ascontiguousarray(colour[..., :3]),
+            read_back(self.depth_m),
+            colour[..., 3] == 0,
+            read_back(self.flow_px),
+        )
+
+    def release(self) -> None:
+        """Free the textures."""
+        for texture in (self.colour, self.depth_m, self.flow_px):
+            texture.release()
+
+
+class WarpPass:
+    """Warp source textures of one size into one window.
+
+    Compiles and allocates once, on construction: 8 bytes per window pixel and 4 per source
+    pixel. A call binds and dispatches (7 times), allocates nothing, and reads nothing back.
+
+    Parameters
+    ----------
+    source_size : (width, height)
+        Any size from 1x1.
+    window : Window, optional
+        What is shown, in the source's pixel grid; all of it by default.
+    settings : WarpSettings
+        Variant and thresholds.
+    """
+
+    dispatches = 7
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        source_size: tuple[int, int],
+        window: Window | None = None,
+        settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
+    ) -> None:
+        self._ctx = ctx
+        self.source_size = source_size
+        self.window = window or Window(0, 0, *source_size)
+        self.settings = settings
+        self._mesh = (source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1)
+        extend = settings.variant == "full"
+        self._small = compile_compute(
+            ctx,
+            "warp/small.comp.glsl",
+            TILE=TILE,
+            SMALL=SMALL,
+            TEAR=settings.variant != "smear",
+            EXTEND=extend,
+            SURFACE_PX=settings.surface_px,
+        )
+        self._large = compile_compute(ctx, "warp/large.comp.glsl", LANES=LANES)
+        self._resolve = compile_compute(ctx, "warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
+        self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=LANES)
+        width, height = self.window.width_px, self.window.height_px
+        for shader in (self._small, self._large, self._resolve):
+            _set(shader, "target_size", (width, height))
+            _set(shader, "target_origin", (self.window.x_px, self.window.y_px))
+            _set(shader, "stretch", settings.stretch_subpixels(self.window))
+        _set(self._continue, "fallback", 0.0)
+        untouched = _UNTOUCHED * (width * height)
+        self._keys = ctx.buffer(untouched)
+        self._winners = ctx.buffer(untouched)
+        self._list = ctx.buffer(reserve=8 + 4 * self._mesh[0] * self._mesh[1])
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory that the pass itself holds."""
+        return self._keys.size + self._winners.size + self._list.size
+
+    def __call__(
+        self,
+        colour: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        warped: WarpTextures,
+    ) -> None:
+        """Warp `colour`, seen at `depth_m` by the target, along `flow_px` into `warped`.
+
+        Parameters
+        ----------
+        colour : texture of the source's size
+            Encoded R'G'B' in [0, 1], any format with three channels or more.
+        depth_m : texture of the source's size, r32f
+            Depth of each source pixel in the target's view; <= 0 is behind it.
+        flow_px : texture of the source's size, rg32f
+            Target minus source position; finite.
+        warped : WarpTextures of the window's size
+            Overwritten.
+        """
+        self._check(colour, depth_m, flow_px, warped)
+        depth_m.use(0)
+        flow_px.use(1)
+        colour.use(2)
+        self._keys.bind_to_storage_buffer(0)
+        self._winners.bind_to_storage_buffer(1)
+        self._list.bind_to_storage_buffer(2)
+        self._list.write(bytes(8))
+        columns, rows = (-(-edge // TILE) for edge in self._mesh)
+        for index in (0, 1):
+            _set(self._small, "round_index", index)
+            _set(self._large, "round_index", index)
+            self._small.run(columns, rows)
+            self._ctx.memory_barrier()
+            self._large.run(GROUPS)
+            self._ctx.memory_barrier()
+        width, height = self.window.width_px, self.window.height_px
+        warped.colour.bind_to_image(0, read=False, write=True)
+        warped.depth_m.bind_to_image(1)
+        warped.flow_px.bind_to_image(2)
+        self._resolve.run(-(-width // TILE), -(-height // TILE))
+        self._ctx.memory_barrier()
+        if self.settings.variant == "full":
+            for along, lines, fallback in (((1, 0), height, 0.0), ((0, 1), width, np.inf)):
+                _set(self._continue, "along", along)
+                _set(self._continue, "fallback", fallback)
+                self._continue.run(-(-lines // LANES))
+                self._ctx.memory_barrier()
+
+    def _check(
+        self,
+        colour: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        warped: WarpTextures,
+    ) -> None:
+        shown = (self.window.width_px, self.window.height_px)
+        for name, texture, size in (
+            ("colour", colour, self.source_size),
+            ("depth_m", depth_m, self.source_size),
+            ("flow_px", flow_px, self.source_size),
+            ("warped.colour", warped.colour, shown),
+            ("warped.depth_m", warped.depth_m, shown),
+            ("warped.flow_px", warped.flow_px, shown),
+        ):
+            if texture.size != size:
+                raise InputError(
+                    f"{name} must be {size[0]}x{size[1]} as this pass was built"
+                    f" (got {texture.width}x{texture.height})"
+                )
+
+    def release(self) -> None:
+        """Free buffers and shaders."""
+        for buffer in (self._keys, self._winners, self._list):
+            buffer.release()
+        for shader in (self._small, self._large, self._resolve, self._continue):
+            shader.release()
+
+
+def warp_frame(
+    ctx: moderngl.Context,
+    frame: SourceFrame,
+    flow_px: NDArray[np.float32],
+    *,
+    target_depth_m: NDArray[np.float32] | None = None,
+    window: Window | None = None,
+    settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
+) -> WarpedFrame:
+    """Warp one frame: arrays in, arrays out. For many frames build a `WarpPass`.
+
+    Parameters
+    ----------
+    frame : SourceFrame of size (H, W)
+        Colour and depth.
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Target minus source position, x then y; finite. `camera.flow_between` computes it.
+    target_depth_m : ndarray of float32, shape (H, W), optional
+        Depth of each source pixel as the target camera sees it, where the camera moves along
+        its axis; not positive behind it. By default the source's depth.
+    window : Window, optional
+        What is shown, in the source's pixel grid; all of it by default.
+    settings : WarpSettings
+        Variant and thresholds.
+
+    Raises
+    ------
+    InputError
+        If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
+    """
+    depth_m = check_inputs(frame, flow_px, target_depth_m)
+    height, width = frame.size
+    padded = np.concatenate([frame.colour, np.ones((height, width, 1), np.float32)], axis=-1)
+    warp = WarpPass(ctx, (width, height), window, settings)
+    sources = (
+        texture_from(ctx, padded, "rgba32f"),
+        texture_from(ctx, depth_m, "r32f"),
+        texture_from(ctx, flow_px, "rg32f"),
+    )
+    warped = WarpTextures.create(ctx, (warp.window.width_px, warp.window.height_px))
+    try:
+        warp(*sources, warped)
+        return warped.read_back()
+    finally:
+        for resource in (*sources, warped, warp):
+            resource.release()
+
+
+def _set(shader: moderngl.ComputeShader, name: str, value: object) -> None:
+    """Set a uniform, unless the compiler found it unused in this shader."""
+    uniform = shader.get(name, None)
+    if isinstance(uniform, moderngl.Uniform):
+        uniform.value = value

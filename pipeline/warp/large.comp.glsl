@@ -1,0 +1,53 @@
+#version 430
+// Rank the quads that cover many pixels, one per work group: rows side by side, and several
+// invocations along each row. A fixed number of groups empties the list.
+// Twin: ranks() in reference.py. Change both or neither.
+
+#constant LANES  // work-group size, a power of two
+
+layout(local_size_x = LANES) in;
+
+#include "warp_mesh.glsl"
+#include "warp_rank.glsl"
+
+// Widen the span of pixels in row y (sub-pixels) by where an edge crosses it. Rounding is
+// below a pixel (2^-22 of 2^23 sub-pixels), and the span gets one more on each side.
+void cross_edge(ivec2 from, ivec2 to, int y, inout vec2 span) {
+    if (y < min(from.y, to.y) || y > max(from.y, to.y)) return;
+    float share = from.y == to.y ? 0.0 : float(y - from.y) / float(to.y - from.y);
+    float x = float(from.x) + share * float(to.x - from.x);
+    span = vec2(min(span.x, x), max(span.y, x));
+    if (from.y == to.y) span = vec2(min(span.x, float(to.x)), max(span.y, float(to.x)));
+}
+
+void main() {
+    ivec2 mesh = mesh_size();
+    int lane = int(gl_LocalInvocationIndex);
+    for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
+        uint index = large[slot] & ~STRETCHED;
+        bool stretched = (large[slot] & STRETCHED) != 0u;
+        Quad quad = load_quad(ivec2(int(index) % mesh.x, int(index) / mesh.x));
+
+        int low = min(min(quad.a.y, quad.b.y), min(quad.c.y, quad.d.y));
+        int high = max(max(quad.a.y, quad.b.y), max(quad.c.y, quad.d.y));
+        low = max((low + SUB / 2 - 1) >> 8, 0);
+        high = min((high - SUB / 2) >> 8, target_size.y - 1);
+
+        int rows = 1;  // at once
+        while (rows < LANES && rows < high - low + 1) rows *= 2;
+        int across = LANES / rows;
+        for (int y = low + lane / across; y <= high; y += rows) {
+            int centre = y * SUB + SUB / 2;
+            vec2 span = vec2(float(GUARD), -float(GUARD));
+            cross_edge(quad.a, quad.b, centre, span);
+            cross_edge(quad.b, quad.c, centre, span);
+            cross_edge(quad.c, quad.d, centre, span);
+            cross_edge(quad.d, quad.a, centre, span);
+            cross_edge(quad.a, quad.c, centre, span);
+            ivec2 pixels = ivec2(floor(span / float(SUB)));
+            int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
+            for (int x = left + lane % across; x <= right; x += across)
+                rank(quad, index, stretched, ivec2(x, y));
+        }
+    }
+}

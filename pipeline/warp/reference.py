@@ -1,0 +1,317 @@
+"""The warp as its paper defines it, in numpy.
+
+Kuffner dos Anjos et al. 2022 ([MI]), section 3.1: neighbouring source pixels form quads, each
+is moved by its corners' flow and drawn with a depth test. A quad that is torn apart, because
+it ties foreground to background, is kept behind everything else and shows the background's
+depth. Depth grows with distance, so eq. 1 holds as printed and the background is the
+*maximum* of the corner depths.
+
+Positions are rounded to 1/256 px, and every decision but the order in depth is made on
+integers: both twins decide alike, and shared edges leave neither gaps nor double hits.
+
+Twin: gpu.py with *.comp.glsl and shaderlib/warp_*.glsl. Change both or neither.
+"""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, check_inputs
+
+RINGS = 2  # of vertices around the source pixels
+GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+def warp(
+    frame: SourceFrame,
+    flow_px: NDArray[np.float32],
+    *,
+    target_depth_m: NDArray[np.float32] | None = None,
+    window: Window | None = None,
+    settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
+) -> WarpedFrame:
+    """Show `frame` as the target view sees it.
+
+    Parameters
+    ----------
+    frame : SourceFrame of size (H, W)
+        Colour and depth.
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Target minus source position, x then y; finite.
+    target_depth_m : ndarray of float32, shape (H, W), optional
+        Depth of each source pixel as the target camera sees it; not positive behind it. By
+        default the source's depth.
+    window : Window, optional
+        What is shown, in the source's pixel grid; all of it by default.
+    settings : WarpSettings
+        Variant and thresholds.
+
+    Raises
+    ------
+    InputError
+        If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
+
+    Notes
+    -----
+    [MI] 3.1, eq. 1.
+    """
+    depth_m = check_inputs(frame, flow_px, target_depth_m).astype(np.float64)
+    window = window or Window.of(frame.size)
+    mesh = moved_mesh(depth_m, flow_px, window)
+    stretched = mesh.ring_0.copy()
+    if settings.variant != "smear":
+        stretched |= torn_quads(flow_px, settings.stretch_subpixels(window), settings.surface_px)
+    drawn = mesh.drawable & ~mesh.ring_0
+    if settings.variant == "full":
+        drawn = mesh.drawable
+    elif settings.variant == "remove":
+        drawn &= ~stretched
+    hits = coverage(mesh, drawn, window)
+    shown = nearest(hits, partitioned_depth(mesh, stretched, hits))
+    return resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Quads between neighbouring vertices; the last axis counts corners a b c d.
+
+    Corners run clockwise from the top left. Vertices are the source pixels and two rings
+    around them: the inner ends the border pixels' footprint half a pixel out, the outer
+    (`ring_0`) lies beyond the window's edge, so that its quads carry the border's depth into
+    what enters the view.
+    """
+
+    at: Ints  # (quads, 4, 2): x, y in the window, 1/256 px
+    pixel: Ints  # (quads, 4): the source pixel each corner stands for, flat index
+    depth_m: Floats  # (quads, 4)
+    drawable: Bools  # (quads,): no corner behind the camera or beyond the guard
+    ring_0: Bools  # (quads,)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Which quads cover which pixel centres, and how their corners weigh there."""
+
+    quad: Ints  # (hits,)
+    pixel: Ints  # (hits,): flat index in the window
+    weight: Floats  # (hits, 4): 0 for the corner outside the covering triangle
+
+
+def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) -> Mesh:
+    """Move every vertex by the flow of its pixel."""
+    height, width = depth_m.shape
+    column, row = (
+        np.clip(np.arange(-RINGS, length + RINGS), 0, length - 1) for length in (width, height)
+    )
+    pixel = row[:, None] * width + column
+    home = [
+        np.clip(2 * np.arange(-RINGS, length + RINGS) + 1, 0, 2 * length) * (SUBPIXELS // 2)
+        for length in (width, height)
+    ]
+    moved = displacement(flow_px)[row][:, column]
+    x = home[0] + moved[..., 0] - SUBPIXELS * window.x_px
+    y = home[1][:, None] + moved[..., 1] - SUBPIXELS * window.y_px
+    x[:, 0] = np.minimum(x[:, 0], -SUBPIXELS)
+    y[0] = np.minimum(y[0], -SUBPIXELS)
+    x[:, -1] = np.maximum(x[:, -1], (window.width_px + 1) * SUBPIXELS)
+    y[-1] = np.maximum(y[-1], (window.height_px + 1) * SUBPIXELS)
+    at = corners(np.stack([x, y], axis=-1))
+    depth = corners(depth_m.ravel()[pixel])
+    ring = np.ones((height + 2 * RINGS - 1, width + 2 * RINGS - 1), np.bool_)
+    ring[1:-1, 1:-1] = False
+    return Mesh(
+        at=at,
+        pixel=corners(pixel),
+        depth_m=depth,
+        drawable=(depth > 0).all(axis=1) & (abs(at) <= GUARD).all(axis=(1, 2)),
+        ring_0=ring.ravel(),
+    )
+
+
+def displacement(flow_px: NDArray[np.float32]) -> Ints:
+    """Round the flow to 1/256 px, ties to even."""
+    subpixels: Ints = np.rint((flow_px * SUBPIXELS).clip(-2 * GUARD, 2 * GUARD)).astype(np.int64)
+    return subpixels
+
+
+def corners(vertices: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Gather the four vertices around each quad of a grid, clockwise from the top left."""
+    around = (vertices[:-1, :-1], vertices[:-1, 1:], vertices[1:, 1:], vertices[1:, :-1])
+    return np.stack(around, axis=2).reshape(-1, 4, *vertices.shape[2:])
+
+
+def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> Bools:
+    """Tell which quads tie two surfaces together: those with a torn side.
+
+    A side is torn if it is longer than `stretch` (1/256 px) and belongs to no surface: a
+    surface is `surface_px` sides in line, this one among them, that differ from it by at most
+    half its length. So a slanted surface under a strong zoom stays whole, and a step in depth,
+    also one blurred over a few pixels, does not. Lengths are the larger of the extents in x
+    and y.
+    """
+    height, width, _ = flow_px.shape
+    row, column = np.indices((height, width)) * SUBPIXELS
+    moved = np.stack([column, row], axis=-1) + displacement(flow_px)
+    across = torn_sides(moved, stretch, surface_px)  # between horizontal neighbours
+    down = torn_sides(moved.swapaxes(0, 1), stretch, surface_px).swapaxes(0, 1)
+    # In the mesh, a row or column repeats its border pixel: those sides have no length.
+    across = np.pad(np.pad(across, ((RINGS, RINGS), (0, 0)), mode="edge"), ((0, 0), (RINGS, RINGS)))
+    down = np.pad(np.pad(down, ((0, 0), (RINGS, RINGS)), mode="edge"), ((RINGS, RINGS), (0, 0)))
+    torn: Bools = across[:-1] | across[1:] | down[:, :-1] | down[:, 1:]
+    return torn.ravel()
+
+
+def torn_sides(moved: Ints, stretch: int, surface_px: int) -> Bools:
+    """Tell which sides between neighbours in a row are torn; shape (H, W - 1)."""
+    side = np.diff(moved, axis=1)
+    length = abs(side).max(axis=-1)
+    torn = np.zeros(length.shape, np.bool_)
+    for row, column in np.argwhere(length > stretch):
+        alike = 2 * abs(side[row] - side[row, column]).max(axis=-1) <= length[row, column]
+        before, after = alike[:column][::-1], alike[column + 1 :]
+        run = 1 + sum(len(part) if part.all() else int(part.argmin()) for part in (before, after))
+        torn[row, column] = run < surface_px
+    return torn
+
+
+def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
+    """Find every pixel centre that each drawn quad covers.
+
+    Quads fall into the triangles abc and acd. A centre on a shared edge belongs to the
+    triangle below or, on a vertical edge, right of it (the edge is its top or left one), as if
+    centres were shifted right by an infinitely small amount and down by one smaller still. A
+    triangle turned over by the motion covers nothing; another surface always covers its place.
+    """
+    quads = np.flatnonzero(drawn)
+    low = (mesh.at[quads].min(axis=1) + SUBPIXELS // 2 - 1) // SUBPIXELS
+    high = (mesh.at[quads].max(axis=1) - SUBPIXELS // 2) // SUBPIXELS
+    low = np.maximum(low, 0)
+    high = np.minimum(high, (window.width_px - 1, window.height_px - 1))
+    box = np.maximum(high - low + 1, 0)
+    count = box.prod(axis=1)
+    # One candidate for each pixel of each bounding box.
+    which = np.repeat(np.arange(len(quads)), count)
+    rank = np.arange(len(which)) - np.repeat(count.cumsum() - count, count)
+    x = low[which, 0] + rank % box[which, 0]
+    y = low[which, 1] + rank // box[which, 0]
+    centre = np.stack([x, y], axis=-1) * SUBPIXELS + SUBPIXELS // 2
+    corner = mesh.at[quads[which]] - centre[:, None]
+    weight = np.zeros((len(which), 4))
+    for triangle in ((0, 1, 2), (0, 2, 3)):
+        found, shares = inside(corner[:, triangle])
+        weight[np.flatnonzero(found)[:, None], triangle] = shares
+    hit = weight.any(axis=1)
+    return Hits(quads[which[hit]], (y * window.width_px + x)[hit], weight[hit])
+
+
+def inside(corner: Ints) -> tuple[Bools, Floats]:
+    """Tell which triangles, shape (n, 3, 2), hold the origin, and their corners' weights."""
+    after = np.roll(corner, -1, axis=1)
+    # Twice the area between the origin and each edge; each weighs the corner opposite.
+    side = corner[..., 0] * after[..., 1] - corner[..., 1] * after[..., 0]
+    edge = after - corner
+    top_left = (edge[..., 1] < 0) | ((edge[..., 1] == 0) & (edge[..., 0] > 0))
+    found = ((side > 0) | ((side == 0) & top_left)).all(axis=1)
+    opposite = np.roll(side[found], -1, axis=1)
+    return found, opposite / opposite.sum(axis=1, keepdims=True)
+
+
+def partitioned_depth(mesh: Mesh, stretched: Bools, hits: Hits) -> Floats:
+    """Partition depth so that one test serves surfaces and holes ([MI] eq. 1).
+
+    With d in [0, 1] growing with distance, a surface gets ``0.5 d`` and a stretched quad
+    ``1 - 0.5 d``: it loses against every surface, and against a farther stretched one.
+
+    d is ``1 - z_near / z``, linear in the image plane. Any z_near gives the same order, so
+    the nearest depth there is will do.
+    """
+    with np.errstate(divide="ignore"):  # quads behind the camera are not among the hits
+        inverse = np.where(mesh.depth_m > 0, 1 / mesh.depth_m, 0)
+    near = inverse.max() or 1.0
+    d = 1 - inverse[hits.quad] / near
+    base = d[:, 0]  # exact where all corners are equally far
+    surface = 0.5 * (base + (hits.weight * (d - base[:, None])).sum(axis=1))
+    background = 1 - 0.5 * d.max(axis=1)
+    partitioned: Floats = np.where(stretched[hits.quad], background, surface)
+    return partitioned
+
+
+def nearest(hits: Hits, depth: Floats) -> Hits:
+    """Keep, at each pixel, the hit of least depth; the first quad among equals."""
+    order = np.lexsort((hits.quad, depth, hits.pixel))
+    _, first = np.unique(hits.pixel[order], return_index=True)
+    kept = order[first]
+    return Hits(hits.quad[kept], hits.pixel[kept], hits.weight[kept])
+
+
+def resolve(
+    frame: SourceFrame,
+    depth_m: Floats,
+    flow_px: NDArray[np.float32],
+    mesh: Mesh,
+    stretched: Bools,
+    shown: Hits,
+    window: Window,
+    settings: WarpSettings,
+) -> WarpedFrame:
+    """Give each pixel what its quad carries: interpolated, or the background's depth."""
+    size = (window.height_px, window.width_px)
+    colour = np.zeros((size[0] * size[1], 3))
+    depth = np.zeros(size[0] * size[1])
+    flow = np.zeros((size[0] * size[1], 2))
+    hole = np.ones(size[0] * size[1], np.bool_)
+
+    surface = ~stretched[shown.quad]
+    at, pixel = shown.pixel[surface], mesh.pixel[shown.quad[surface]]
+    weight = shown.weight[surface, :, None]
+    hole[at] = False
+    colour[at] = (weight * frame.colour.reshape(-1, 3)[pixel]).sum(axis=1).clip(0, 1)
+    flow[at] = (weight * flow_px.reshape(-1, 2)[pixel]).sum(axis=1)
+    with np.errstate(divide="ignore"):  # 1 / depth is linear in the image plane
+        depth[at] = 1 / (weight[..., 0] / depth_m.ravel()[pixel]).sum(axis=1)
+
+    at, pixel = shown.pixel[~surface], mesh.pixel[shown.quad[~surface]]
+    # Of equally far corners the first in reading order: a b d c.
+    candidates = pixel[:, [0, 1, 3, 2]]
+    farthest = depth_m.ravel()[candidates].argmax(axis=1)
+    source = np.take_along_axis(candidates, farthest[:, None], axis=1)[:, 0]
+    depth[at] = depth_m.ravel()[source]
+    flow[at] = flow_px.reshape(-1, 2)[source]
+
+    plane, motion = depth.reshape(size), flow.reshape(*size, 2)
+    if settings.variant == "full":
+        plane, motion = continued(plane, motion)
+    return WarpedFrame(
+        colour.reshape(*size, 3).astype(np.float32),
+        np.where(plane > 0, plane, np.inf).astype(np.float32),
+        hole.reshape(size),
+        motion.astype(np.float32),
+    )
+
+
+def continued(depth_m: Floats, flow_px: Floats) -> tuple[Floats, Floats]:
+    """Continue depth and motion into pixels that no quad reached (depth 0).
+
+    Along rows each run of them takes the farther of its two ends; then along columns. They
+    are rare: quads behind the camera leave them.
+    """
+    depth, flow = depth_m.copy(), flow_px.copy()
+    for _ in range(2):
+        for row in np.flatnonzero((depth == 0).any(axis=1) & (depth > 0).any(axis=1)):
+            known = np.flatnonzero(depth[row] > 0)
+            for column in np.flatnonzero(depth[row] == 0):
+                after = np.searchsorted(known, column)
+                ends = known[max(after - 1, 0) : after + 1]
+                source = ends[depth[row, ends].argmax()]
+                depth[row, column] = depth[row, source]
+                flow[row, column] = flow[row, source]
+        depth, flow = depth.T.copy(), flow.swapaxes(0, 1).copy()
+    return depth, flow

@@ -1,0 +1,135 @@
+"""What both twins of the warp are told: the target's window and how quads are treated."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, check_flow, check_same_size
+
+Variant: TypeAlias = Literal["full", "smear", "remove"]
+VARIANTS: tuple[Variant, ...] = get_args(Variant)
+
+SUBPIXELS = 256  # positions are rounded to this part of a pixel
+STRETCH_SHARE = 0.005  # of the window's width
+LEAST_STRETCH_PX = 2.0
+SURFACE_PX = 8
+
+
+@dataclass(frozen=True)
+class Window:
+    """The target view, in the source's pixel grid.
+
+    A source rendered with a margin is larger than the window that is shown.
+
+    Parameters
+    ----------
+    x_px, y_px : int
+        Where the window's left top corner lies in the source; may be negative.
+    width_px, height_px : int
+        Its size.
+
+    Raises
+    ------
+    InputError
+        If it holds no pixel.
+    """
+
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise InputError(
+                f"a window must hold at least 1x1 px (got {self.width_px}x{self.height_px})"
+            )
+
+    @classmethod
+    def of(cls, source_size: tuple[int, int]) -> "Window":
+        """All of a source of `source_size` (height, width)."""
+        return cls(0, 0, source_size[1], source_size[0])
+
+    @classmethod
+    def inside_margin(cls, source_size: tuple[int, int], margin_px: int) -> "Window":
+        """A source of `source_size` (height, width) without `margin_px` on every side."""
+        height, width = source_size
+        return cls(margin_px, margin_px, width - 2 * margin_px, height - 2 * margin_px)
+
+
+@dataclass(frozen=True)
+class WarpSettings:
+    """How the warp treats its quads.
+
+    Parameters
+    ----------
+    variant : {"full", "smear", "remove"}
+        ``full``: torn quads leave holes with background depth (the method).
+        ``smear``: every quad is a surface. ``remove``: torn quads are left out, and
+        holes have no depth (inf). The last two are [MI] Fig. 5's rivals.
+    stretch_px : float, optional
+        A quad's side longer than this may be torn; by default 0.005 of the window's width
+        (the authors' release), and at least 2.
+    surface_px : int
+        So many sides in line that stretch alike are one surface and are not torn, however
+        long they are. A number beyond the image's size leaves the length alone to decide, as
+        in [MI].
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    variant: Variant = "full"
+    stretch_px: float | None = None
+    surface_px: int = SURFACE_PX
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise InputError(f"variant must be one of {', '.join(VARIANTS)} (got {self.variant!r})")
+        if self.stretch_px is not None and not 1 <= self.stretch_px < np.inf:
+            raise InputError(
+                f"stretch_px must be at least 1, the length at rest (got {self.stretch_px})"
+            )
+        if self.surface_px < 2:
+            raise InputError(f"surface_px must be at least 2 (got {self.surface_px})")
+
+    def stretch_subpixels(self, window: Window) -> int:
+        """The threshold in the unit of positions."""
+        stretch_px = self.stretch_px
+        if stretch_px is None:
+            stretch_px = max(LEAST_STRETCH_PX, STRETCH_SHARE * window.width_px)
+        return min(round(stretch_px * SUBPIXELS), 2**30)
+
+
+def check_inputs(
+    frame: SourceFrame, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
+    """Check motion and depth against `frame`; return each source pixel's depth in the target.
+
+    Raises
+    ------
+    InputError
+        If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
+    """
+    check_flow(flow_px, "flow_px")
+    if target_depth_m is None:
+        check_same_size(colour=frame.colour, flow_px=flow_px)
+        return frame.depth_m
+    if target_depth_m.dtype != np.float32 or target_depth_m.ndim != 2:
+        raise InputError(
+            "target_depth_m must be float32 of shape (H, W)"
+            f" (got {target_depth_m.dtype} of shape {target_depth_m.shape})"
+        )
+    check_same_size(colour=frame.colour, flow_px=flow_px, target_depth_m=target_depth_m)
+    if (bad := np.isnan(target_depth_m)).any():
+        row, column = np.argwhere(bad)[0]
+        raise InputError(
+            "target_depth_m must be a number (not positive behind the camera)"
+            f" (got nan at row {row}, column {column}, and {int(bad.sum()) - 1} more such pixels)"
+        )
+    return target_depth_m
