@@ -1,0 +1,244 @@
+"""What script/lib.sh does on machines that lack something, on a machine made of fakes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+# Real programs that the scripts may use; nothing else of this machine is on their PATH.
+TOOLS = (
+    *("awk", "bash", "cat", "cp", "dirname", "env", "flock", "grep", "id", "mkdir", "mktemp"),
+    *("mv", "rm", "sha256sum", "sort", "tail", "touch", "tr"),
+)
+
+# A Python that is new enough, makes a "virtual environment" of itself, and whose pip
+# installs nothing but says what it was asked, and fails or dies when told to.
+FAKE_PYTHON = """#!/bin/bash
+case "$*" in
+    *version_info\\ \\<*) exit "$(cat "$MACHINE/too-old" 2>/dev/null || echo 0)" ;;
+    -V) echo "Python 3.12.1" ;;
+    *"-m venv"*) echo venv >>"$MACHINE/log"
+        dir=${@: -1}; rm -rf "$dir"; mkdir -p "$dir/bin"; cp "$0" "$dir/bin/python" ;;
+    *"-m pip"*) echo "pip $*" >>"$MACHINE/log"
+        [[ ! -e $MACHINE/kill-pip ]] || kill -KILL "$PPID"
+        [[ ! -e $MACHINE/fail-pip ]] || { echo "no network"; exit 1; } ;;
+    *ensurepip*) [[ ! -e $MACHINE/no-venv ]] ;;
+    *sys.version_info*) echo python3.12-venv ;;
+    *ctypes*) exit 1 ;;
+esac
+"""
+
+
+class Machine:
+    """A made-up machine: a PATH of fakes, and a repository with our lib.sh."""
+
+    def __init__(self, root: Path, repository: Path) -> None:
+        self.root = root
+        self.bin = root / "bin"
+        self.home = root / "metamerlab"
+        self.bin.mkdir()
+        (self.home / "script").mkdir(parents=True)
+        for name in ("lib.sh", "setup"):
+            shutil.copy(repository / "script" / name, self.home / "script" / name)
+        (self.home / "requirements.lock").write_text("numpy==2\n")
+        (self.home / "pyproject.toml").write_text("[project]\n")
+        for name in TOOLS:
+            if found := shutil.which(name):
+                (self.bin / name).symlink_to(found)
+        self.fake("python3", FAKE_PYTHON)
+
+    def fake(self, name: str, text: str) -> None:
+        path = self.bin / name
+        path.unlink(missing_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def debian(self, *, missing: str = "", root: bool = True) -> None:
+        """Make it a Debian on which all packages but the `missing` are installed."""
+        self.fake(
+            "dpkg-query",
+            '#!/bin/bash\nfor name in "${@:3}"; do\n'
+            f'  [[ " {missing} " == *" $name "* ]] || echo "installed $name"\ndone\n',
+        )
+        for name in ("apt-get", "dpkg", "sudo"):
+            log = f'echo "{name} $* frontend=$DEBIAN_FRONTEND" >>"$MACHINE/log"'
+            self.fake(name, f"#!/bin/bash\n{log}\n[[ {name} != sudo ]]\n")
+        self.fake("id", f"#!/bin/bash\necho {0 if root else 1000}\n")
+
+    def setup(self, **env: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [self.bin / "bash", self.home / "script/setup"],
+            env={"PATH": str(self.bin), "MACHINE": str(self.root), **env},
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    def log(self) -> list[str]:
+        """Return what the fakes were asked since the last look."""
+        path = self.root / "log"
+        lines = path.read_text().splitlines() if path.exists() else []
+        path.unlink(missing_ok=True)
+        return lines
+
+
+@pytest.fixture
+def machine(tmp_path, repository):
+    made = Machine(tmp_path, repository)
+    made.debian()
+    return made
+
+
+def test_a_fresh_machine_is_set_up_and_then_left_alone(machine):
+    first = machine.setup()
+    assert first.returncode == 0, first.stderr
+    asked = machine.log()
+    assert asked[0] == "venv"
+    assert "--require-hashes" in asked[1]
+    assert asked[2].endswith(f"--editable {machine.home}")
+
+    second = machine.setup()
+
+    assert (second.returncode, second.stdout, second.stderr) == (0, "", "")
+    assert machine.log() == []
+
+
+@pytest.mark.parametrize("name", ["requirements.lock", "pyproject.toml"])
+def test_a_changed_lock_or_project_is_installed_into_the_same_environment(machine, name):
+    machine.setup()
+    machine.log()
+    (machine.home / name).write_text("changed\n")
+
+    assert machine.setup().returncode == 0
+    assert [line.split()[0] for line in machine.log()] == ["pip", "pip"]
+
+
+@pytest.mark.parametrize("accident", ["kill-pip", "fail-pip"])
+def test_an_interrupted_set_up_is_made_again(machine, accident):
+    (machine.root / accident).touch()
+    assert machine.setup().returncode != 0
+    assert not (machine.home / ".venv/metamerlab-stamp").exists()
+    machine.log()
+    (machine.root / accident).unlink()
+
+    assert machine.setup().returncode == 0
+    assert machine.log()[0] == "venv"
+    assert machine.setup().stderr == ""
+
+
+def test_a_failing_pip_is_shown(machine):
+    (machine.root / "fail-pip").touch()
+
+    assert "no network" in machine.setup(TMPDIR=str(machine.root)).stderr
+
+
+def test_a_moved_repository_is_set_up_again(machine):
+    machine.setup()
+    machine.log()
+    machine.home = machine.home.rename(machine.root / "elsewhere")
+
+    assert machine.setup().returncode == 0
+    assert machine.log()[-1].endswith(f"--editable {machine.home}")
+
+
+def test_an_environment_whose_python_is_gone_is_made_again(machine):
+    machine.setup()
+    machine.log()
+    (machine.home / ".venv/bin/python").unlink()
+
+    assert machine.setup().returncode == 0
+    assert machine.log()[0] == "venv"
+
+
+def test_only_missing_packages_are_installed_and_nothing_is_asked(machine):
+    machine.debian(missing="xvfb libegl1")
+
+    assert machine.setup().returncode == 0
+    system = [line for line in machine.log() if line.startswith(("apt-get", "dpkg", "sudo"))]
+    assert [line.partition(" -o ")[0].split()[0] for line in system] == ["dpkg", *["apt-get"] * 2]
+    assert " update " in system[1]
+    assert "install --yes --no-install-recommends libegl1 xvfb " in system[2]
+    assert all(line.endswith("frontend=noninteractive") for line in system)
+
+
+def test_a_python_without_venv_gets_its_own_package(machine):
+    (machine.root / "no-venv").touch()
+
+    machine.setup()
+
+    assert any("install" in line and " python3.12-venv " in line for line in machine.log())
+
+
+def test_without_root_the_missing_packages_are_named_and_nothing_is_done(machine):
+    machine.debian(missing="xvfb libegl1", root=False)
+
+    done = machine.setup()
+
+    assert done.returncode == 2
+    assert "sudo apt-get install --yes --no-install-recommends libegl1 xvfb\n" in done.stderr
+    assert [line.split()[0] for line in machine.log()] == ["sudo"]  # asked once, refused
+    assert not (machine.home / ".venv").exists()
+
+
+def test_another_system_is_told_what_is_missing(machine):
+    (machine.bin / "apt-get").unlink()
+    for name in ("Xvfb", "xauth", "openbox"):
+        machine.fake(name, "#!/bin/bash\n")
+
+    done = machine.setup()
+
+    assert done.returncode == 2
+    assert "the command xdotool (Debian: xdotool)" in done.stderr
+    assert "the library libEGL.so.1 (Debian: libegl1)" in done.stderr
+    assert "Xvfb" not in done.stderr
+
+
+def test_a_python_that_is_too_old_is_refused_with_one_message(machine):
+    (machine.root / "too-old").write_text("1")
+
+    done = machine.setup()
+
+    assert done.returncode == 2
+    assert done.stderr.startswith("metamerlab needs Python 3.11 or newer (found Python 3.12.1 at")
+    assert machine.log() == []
+
+
+def test_a_newer_python_beside_an_old_one_is_found(machine):
+    machine.fake("python3.13", FAKE_PYTHON)
+    machine.fake("python3", '#!/bin/bash\n[[ $1 == -V ]] && echo "Python 3.9.2"\nexit 1\n')
+
+    assert machine.setup().returncode == 0
+
+
+@pytest.mark.parametrize("named", ["nowhere/python", "old"])
+def test_a_named_python_is_taken_or_refused_but_never_replaced(machine, named):
+    machine.fake("old", '#!/bin/bash\n[[ $1 == -V ]] && echo "Python 3.9.2"\nexit 1\n')
+
+    done = machine.setup(PYTHON=named)
+
+    assert done.returncode == 2
+    assert f"PYTHON={named}" in done.stderr
+    assert machine.log() == []
+
+
+def test_settings_that_install_elsewhere_are_left_aside(machine):
+    machine.fake(
+        "python3",
+        FAKE_PYTHON.replace('echo "pip $*"', 'echo "pip $* user=$PIP_USER target=$PIP_TARGET"'),
+    )
+
+    machine.setup(PIP_USER="1", PIP_TARGET="elsewhere")
+
+    assert all(line.endswith("user= target=") for line in machine.log() if line[:3] == "pip")
+
+
+@pytest.mark.parametrize("name", ["setup", "demo", "test", "check", "bench", "lock"])
+def test_every_command_sets_up_first(repository, name):
+    text = (repository / "script" / name).read_text(encoding="utf-8")
+
+    assert "\nprepare\n" in text
+    assert os.access(repository / "script" / name, os.X_OK)
