@@ -1,0 +1,88 @@
+"""The options and fixtures of conftest.py do what they promise."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+NO_GL = """
+
+def create_context():
+    raise GLUnavailableError("no driver here")
+"""
+
+PROOFS = """
+import pytest
+
+@pytest.mark.full
+def test_whole():
+    pass
+
+def test_counts(proof_count, full):
+    print("counts", proof_count(500), proof_count(3), full)
+"""
+
+
+@pytest.fixture
+def run_pytest(repository, tmp_path):
+    """Run a test file under a copy of our conftest.py; return pytest's exit status and output."""
+
+    def run(source: str, *options: str, conftest: str = "", **env: str) -> tuple[int, str]:
+        ours = (repository / "tests/conftest.py").read_text(encoding="utf-8")
+        (tmp_path / "conftest.py").write_text(ours + conftest)
+        (tmp_path / "test_made_up.py").write_text(source)
+        markers = "[pytest]\nmarkers = full: a long proof\n"
+        (tmp_path / "pytest.ini").write_text(markers)
+        inherited = {key: value for key, value in os.environ.items() if key != "REQUIRE_GL"}
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-rs", "-s", "-p", "no:cacheprovider", *options],
+            cwd=tmp_path,
+            env=inherited | env,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        return done.returncode, done.stdout
+
+    return run
+
+
+def test_without_opengl_a_test_that_needs_it_skips_and_says_why(run_pytest):
+    status, output = run_pytest("def test_a(gl_context): pass", conftest=NO_GL)
+
+    assert status == 0
+    assert "1 skipped" in output
+    assert "no driver here" in output
+
+
+def test_without_opengl_a_test_that_needs_it_fails_where_opengl_is_required(run_pytest):
+    status, output = run_pytest("def test_a(gl_context): pass", conftest=NO_GL, REQUIRE_GL="1")
+
+    assert status == 1
+    assert "REQUIRE_GL=1, and there is no usable OpenGL: no driver here" in output
+
+
+def test_by_default_long_proofs_run_a_tenth(run_pytest):
+    _, output = run_pytest(PROOFS)
+
+    assert "counts 50 1 False" in output
+    assert "1 passed, 1 skipped" in output
+
+
+def test_long_proofs_run_whole_when_asked(run_pytest):
+    _, output = run_pytest(PROOFS, "--full")
+
+    assert "counts 500 3 True" in output
+    assert "2 passed" in output
+
+
+def test_every_test_starts_from_the_same_random_numbers(run_pytest):
+    source = "def test_a(rng): print('drew', rng.random())\ntest_b = test_a\n"
+    _, output = run_pytest(source)
+
+    drawn = [line.split()[-1] for line in output.splitlines() if "drew" in line]
+    assert len(drawn) == 2
+    assert len(set(drawn)) == 1
