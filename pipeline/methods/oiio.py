@@ -1,7 +1,7 @@
 """OpenImageIO's push-pull, `ImageBufAlgo.fillholes_pushpull`."""
 
 import numpy as np
-import OpenImageIO as oiio
+import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
@@ -18,9 +18,10 @@ class OiioPushPull:
         alpha = (~warped.hole).astype(np.float32)[..., None]
         source = oiio.ImageBuf(np.concatenate([warped.colour * alpha, alpha], axis=-1))
         filled = oiio.ImageBufAlgo.fillholes_pushpull(source)
-        if filled.has_error:
+        pixels = None if filled.has_error else filled.get_pixels(oiio.FLOAT)
+        if pixels is None:
             raise InputError(f"OpenImageIO's push-pull failed: {filled.geterror()}")
-        return composite(warped, filled.get_pixels(oiio.FLOAT)[..., :3])
+        return composite(warped, pixels[..., :3])
 
     def release(self) -> None:
         """Hold nothing."""

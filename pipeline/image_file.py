@@ -1,0 +1,146 @@
+"""Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+_INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
+# OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
+_NO_TIME = "1970:01:01 00:00:00"
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """The content of an image file, as stored.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, uint16 or float32, shape (H, W, C)
+        Integers as stored; half and float, and whatever else, as float32.
+    channels : tuple of str
+        C names, such as ``R``, ``Z`` or ``flow.x``.
+    attributes : mapping
+        The file's header.
+    """
+
+    data: NDArray[Any]
+    channels: tuple[str, ...]
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_pixels(path: Path) -> Pixels:
+    """Read an image file of any format that OpenImageIO knows.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not an image, or its end is missing.
+    """
+    if not path.exists():
+        raise FileNotFoundError(2, "No such file", str(path))
+    config = oiio.ImageSpec()  # without one, PFM files come out upside down
+    config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
+    source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
+    if source is None:
+        reason = _one_line(oiio.geterror()) if path.is_file() else "it is a folder"
+        raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
+    spec = source.spec()
+    stored = str(spec.format) if not spec.channelformats else "float"
+    kind = stored if stored in _INTEGERS else "float"
+    data = source.read_image(0, 0, 0, spec.nchannels, kind)
+    error = source.geterror()
+    source.close()
+    if data is None or error:
+        raise InputError(
+            f"{path}: must be a whole image ({_one_line(error)});"
+            " the file is damaged or was cut short: copy or make it again"
+        )
+    data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
+    attributes = {item.name: item.value for item in spec.extra_attribs}
+    return Pixels(data, tuple(spec.channelnames), attributes)
+
+
+def write_pixels(
+    path: Path,
+    data: NDArray[Any],
+    channels: Sequence[str],
+    *,
+    types: Sequence[str] = (),
+    attributes: Mapping[str, str | int | float] | None = None,
+) -> None:
+    """Write an image file whole or not at all: under a temporary name, synced, then renamed.
+
+    Parameters
+    ----------
+    path : Path
+        The extension chooses the format.
+    data : ndarray of shape (H, W, C)
+    channels : sequence of str
+        C names.
+    types : sequence of str, optional
+        What to store each channel as, ``"half"`` or ``"float"``; by default as `data`.
+    attributes : mapping, optional
+        For the header.
+
+    Raises
+    ------
+    OSError
+        If the folder is missing or cannot be written to, or the disk is full.
+    InputError
+        If the format is unknown or cannot hold the data.
+    """
+    height, width, count = data.shape
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    try:
+        temporary.touch()  # what the system has against it, it says better than OpenImageIO
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, str(path)) from None
+    try:
+        target = oiio.ImageOutput.create(str(temporary))
+        if target is None:
+            oiio.geterror()  # it names the temporary file
+            raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
+        spec = oiio.ImageSpec(width, height, count, _oiio_type(data.dtype))
+        spec.channelnames = tuple(channels)
+        if types:
+            spec.channelformats = tuple(types)
+        if path.suffix.lower() == ".exr":
+            spec.attribute("DateTime", _NO_TIME)
+        for name, value in (attributes or {}).items():
+            spec.attribute(name, value)
+        done = target.open(str(temporary), spec) and target.write_image(np.ascontiguousarray(data))
+        if not (target.close() and done):
+            raise _write_error(path, _one_line(target.geterror()))
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_error(path: Path, reason: str) -> Exception:
+    free = os.statvfs(path.parent)
+    if free.f_bavail == 0:
+        return OSError(28, "No space left on device", str(path))
+    return InputError(f"{path}: cannot be written ({reason})")
+
+
+def _oiio_type(dtype: np.dtype[Any]) -> str:
+    names = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
+    if dtype.name not in names:
+        raise InputError(f"pixels must be one of {', '.join(names)} (got {dtype.name})")
+    return names[dtype.name]
+
+
+def _one_line(message: str) -> str:
+    return message.strip().splitlines()[0].rstrip(".") if message.strip() else "no reason given"

@@ -1,0 +1,225 @@
+"""Continue each hole from its background side, along the parallax direction.
+
+The simple classical rival: what a hole uncovers is most likely more of what lies beside
+it. Where the camera moved sideways, the parallax runs along the rows, and each row of a
+hole takes its colour from its end on the background.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.methods.method import composite
+
+_MARGIN_PX = 2.0  # by how much rounding may widen a hole beyond the motion that opened it
+_CONTINUATIONS = ("repeat", "mirror")
+
+
+class BackgroundExtension:
+    """Each hole pixel takes the colour found on walking to the hole's background side.
+
+    1. The direction. A hole opens behind the foreground that moved away, so its background
+       side lies where the foreground moves relative to the background, reversed:
+       ``background motion - foreground motion``, the background's being the frame's own
+       motion inside the hole and the foreground's that of the nearest pixel at a hole's
+       border which is clearly nearer than the hole. A hole that no such pixel can have
+       opened (content that enters at the image border) takes the direction to the nearest
+       known pixel.
+    2. The end. The pixel walks until it meets a known pixel. If that is foreground (clearly
+       nearer than the hole), or the image ends before, it walks the other way too and the
+       farther of the two ends counts. Where both walks leave the image, the nearest known
+       pixel is the end.
+    3. The colour: that of the end (``repeat``), or of the pixel as far beyond the end as the
+       hole pixel is before it (``mirror``; repeated from where the background ends).
+
+    Parameters
+    ----------
+    continuation : {"repeat", "mirror"}
+        How the background goes on inside the hole.
+    inset_px : int
+        How many more pixels to walk into the background, past the mixed colours of a
+        silhouette; fewer where it is narrower.
+    depth_threshold : float
+        How much nearer counts as clearly nearer: a share of the frame's range of ``1 / z``,
+        in which parallax is linear.
+    """
+
+    def __init__(
+        self,
+        *,
+        continuation: str = "repeat",
+        inset_px: int = 0,
+        depth_threshold: float = 0.04,
+    ) -> None:
+        if continuation not in _CONTINUATIONS:
+            raise InputError(
+                f"continuation must be one of {', '.join(_CONTINUATIONS)} (got {continuation!r})"
+            )
+        if not 0 <= inset_px <= 16:
+            raise InputError(f"inset_px must lie in 0..16 (got {inset_px})")
+        if not 0 < depth_threshold < 1:
+            raise InputError(f"depth_threshold must lie in (0, 1) (got {depth_threshold})")
+        self.continuation = continuation
+        self.inset_px = inset_px
+        self.depth_threshold = depth_threshold
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
+        """Fill the holes; every filled pixel has a colour of the frame's."""
+        check_some_known(warped.hole)
+        if not warped.hole.any():
+            return warped.colour.copy()
+        scene = _Scene.of(warped, self.depth_threshold)
+        start = np.argwhere(warped.hole)
+        direction = parallax_direction(warped, self.depth_threshold)[warped.hole]
+        ends = _background_end(scene, start, direction)
+        # Mirrored, the last hole pixel takes the first known one: no gap, no doubling.
+        beyond = ends.steps - 1 if self.continuation == "mirror" else np.zeros_like(ends.steps)
+        source = _walk_within(scene, ends.end, ends.step, beyond + self.inset_px)
+        filled = warped.colour.copy()
+        filled[warped.hole] = warped.colour[source[:, 0], source[:, 1]]
+        return composite(warped, filled)
+
+    def release(self) -> None:
+        """Hold nothing."""
+
+
+def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> NDArray[np.float64]:
+    """Where each hole's background side lies, shape (H, W, 2), (row, column), unit length.
+
+    Zero outside holes. See `BackgroundExtension`, step 1.
+    """
+    nearness = 1.0 / warped.depth_m.astype(np.float64)
+    clear = depth_threshold * _range(nearness)
+    hole = warped.hole
+    # Hole depth that a known neighbour compares with: the hole pixel next to it.
+    beside, (row, column) = ndimage.distance_transform_edt(~hole, return_indices=True)
+    at_border = ~hole & (beside < 1.5)
+    foreground = at_border & (nearness > nearness[row, column] + clear)
+    toward_known = _direction_to_nearest(~hole)
+    result = np.where(hole[..., None], toward_known, 0.0)
+    if not foreground.any():
+        return result
+    distance, (row, column) = ndimage.distance_transform_edt(~foreground, return_indices=True)
+    relative = (warped.flow_px - warped.flow_px[row, column]).astype(np.float64)[..., ::-1]
+    length = np.linalg.norm(relative, axis=-1)
+    opened = hole & (length > 0) & (distance <= length + _MARGIN_PX)
+    result[opened] = relative[opened] / length[opened][:, None]
+    return result
+
+
+@dataclass(frozen=True)
+class _Scene:
+    known: NDArray[np.bool_]
+    nearness: NDArray[np.float64]  # 1 / depth
+    clear: float  # the least difference of nearness that counts
+
+    @classmethod
+    def of(cls, warped: WarpedFrame, depth_threshold: float) -> "_Scene":
+        nearness = 1.0 / warped.depth_m.astype(np.float64)
+        return cls(~warped.hole, nearness, depth_threshold * _range(nearness))
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Where walks ended: pixel (N, 2), the step taken (N, 2), how many steps (N)."""
+
+    end: NDArray[np.intp]
+    step: NDArray[np.float64]
+    steps: NDArray[np.intp]
+    found: NDArray[np.bool_]
+
+
+def _background_end(
+    scene: _Scene, start: NDArray[np.intp], direction: NDArray[np.float64]
+) -> _Ends:
+    """Walk to the background side, and the other way where that side is foreground or outside."""
+    ahead = _walk_to_known(scene.known, start, direction)
+    guide = scene.nearness[start[:, 0], start[:, 1]]
+    nearness = scene.nearness[ahead.end[:, 0], ahead.end[:, 1]]
+    doubtful = ~ahead.found | (nearness > guide + scene.clear)
+    back = _walk_to_known(scene.known, start[doubtful], -direction[doubtful])
+    other = scene.nearness[back.end[:, 0], back.end[:, 1]]
+    better = back.found & (~ahead.found[doubtful] | (other < nearness[doubtful]))
+    ends = _replace(ahead, np.flatnonzero(doubtful)[better], back, better)
+
+    lost = np.flatnonzero(~ends.found)
+    return _replace(ends, lost, _nearest_known(scene.known, start[lost]), np.ones(len(lost), bool))
+
+
+def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> _Ends:
+    """The nearest known pixel in any direction, which always exists."""
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    end = nearest[:, start[:, 0], start[:, 1]].T.astype(np.intp)
+    steps = np.abs(end - start).max(axis=1, initial=0)
+    step = (end - start) / np.maximum(steps, 1)[:, None]
+    return _Ends(end, step, steps, np.ones(len(start), bool))
+
+
+def _walk_to_known(
+    known: NDArray[np.bool_], start: NDArray[np.intp], direction: NDArray[np.float64]
+) -> _Ends:
+    """Step from pixel to pixel until one is known; not found where the image ends before."""
+    longest = np.abs(direction).max(axis=1, keepdims=True)
+    step = np.divide(direction, longest, out=np.zeros_like(direction), where=longest > 0)
+    end, steps = start.copy(), np.zeros(len(start), np.intp)
+    found = np.zeros(len(start), bool)
+    walking = np.flatnonzero(longest[:, 0] > 0)
+    count = 0
+    while len(walking):
+        count += 1
+        pixel = np.rint(start[walking] + count * step[walking]).astype(np.intp)
+        inside = ((pixel >= 0) & (pixel < known.shape)).all(axis=1)
+        walking, pixel = walking[inside], pixel[inside]
+        arrived = known[pixel[:, 0], pixel[:, 1]]
+        done = walking[arrived]
+        end[done], steps[done], found[done] = pixel[arrived], count, True
+        walking = walking[~arrived]
+    return _Ends(end, step, steps, found)
+
+
+def _walk_within(
+    scene: _Scene, start: NDArray[np.intp], step: NDArray[np.float64], steps: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """Go on by up to `steps`, while the pixels are known and not clearly nearer than `start`."""
+    guide = scene.nearness[start[:, 0], start[:, 1]]
+    end = start.copy()
+    walking = np.flatnonzero(steps > 0)
+    count = 0
+    while len(walking):
+        count += 1
+        pixel = np.rint(start[walking] + count * step[walking]).astype(np.intp)
+        inside = ((pixel >= 0) & (pixel < scene.known.shape)).all(axis=1)
+        walking, pixel = walking[inside], pixel[inside]
+        row, column = pixel[:, 0], pixel[:, 1]
+        same = scene.known[row, column] & (
+            scene.nearness[row, column] <= guide[walking] + scene.clear
+        )
+        walking, pixel = walking[same], pixel[same]
+        end[walking] = pixel
+        walking = walking[steps[walking] > count]
+    return end
+
+
+def _replace(ends: _Ends, where: NDArray[np.intp], by: _Ends, chosen: NDArray[np.bool_]) -> _Ends:
+    fields = {}
+    for name in ("end", "step", "steps", "found"):
+        values = getattr(ends, name).copy()
+        values[where] = getattr(by, name)[chosen]
+        fields[name] = values
+    return _Ends(**fields)
+
+
+def _direction_to_nearest(known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Unit vector (row, column) from each pixel to the nearest known one; 0 at known ones."""
+    distance, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
+    offset = np.moveaxis(nearest, 0, -1) - np.indices(known.shape).transpose(1, 2, 0)
+    unit: NDArray[np.float64] = offset / np.where(distance > 0, distance, 1.0)[..., None]
+    return unit
+
+
+def _range(nearness: NDArray[np.float64]) -> float:
+    return float(nearness.max() - nearness.min())

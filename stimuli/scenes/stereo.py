@@ -1,0 +1,251 @@
+"""A stereo pair with disparity, as a source frame and its motion into the other view.
+
+Disparity d of a left pixel at x means that the right view shows it at x - d, so its flow
+is (-d, 0); its depth is f b / (d + offset), with the focal length f in pixels, the baseline
+b in metres, and the offset between the principal points in pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, check_colour, check_same_size
+from stimuli.exr import WarpInput, load_colour, load_plane
+
+BUILT_IN: Final = ("motorcycle",)
+
+# Middlebury 2014 "Motorcycle" at the size that scikit-image ships.
+_MOTORCYCLE_FOCAL_PX = 994.978
+_MOTORCYCLE_BASELINE_M = 0.193001
+_MOTORCYCLE_OFFSET_PX = 31.086
+
+ASSUMED_FIELD_OF_VIEW = 1.0  # focal length over image width, where a pair does not say
+ASSUMED_BASELINE_M = 0.1
+
+
+@dataclass(frozen=True)
+class StereoPair:
+    """Two views of one scene, and where each left pixel is in the right one.
+
+    Parameters
+    ----------
+    left : ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    disparity_px : ndarray of float32, shape (H, W)
+        Of the left view, finite everywhere; greater than ``-offset_px``.
+    known : ndarray of bool, shape (H, W)
+        Where the disparity was measured and not set by `fill_unknown`.
+    focal_px, baseline_m, offset_px : float
+        The rig; see the module's text.
+    right : ndarray of float32, shape (H, W, 3), optional
+        The truth to compare a fill with.
+
+    Raises
+    ------
+    InputError
+        If sizes differ, a value breaks the rules above, or the rig is not possible.
+    """
+
+    left: NDArray[np.float32]
+    disparity_px: NDArray[np.float32]
+    known: NDArray[np.bool_]
+    focal_px: float
+    baseline_m: float
+    offset_px: float = 0.0
+    right: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        check_colour(self.left, "left")
+        arrays = {"left": self.left, "disparity_px": self.disparity_px, "known": self.known}
+        if self.right is not None:
+            check_colour(self.right, "right")
+            arrays["right"] = self.right
+        check_same_size(**arrays)
+        for name, value in (("focal_px", self.focal_px), ("baseline_m", self.baseline_m)):
+            if not value > 0:
+                raise InputError(f"{name} must be greater than 0 (got {value})")
+        bad = ~(np.isfinite(self.disparity_px) & (self.disparity_px + self.offset_px > 0))
+        if bad.any():
+            row, column = np.argwhere(bad)[0]
+            raise InputError(
+                f"disparity must be greater than {-self.offset_px:g} px, or the depth is not"
+                f" positive (got {self.disparity_px[row, column]} at row {row}, column {column},"
+                f" and {int(bad.sum()) - 1} more such pixels); is the offset right?"
+            )
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """Depth of the left view, shape (H, W)."""
+        depth = self.focal_px * self.baseline_m / (self.disparity_px + self.offset_px)
+        return depth.astype(np.float32)
+
+    def warp_input(self, amount: float = 1.0) -> WarpInput:
+        """Return the left view with its motion towards the right one.
+
+        Parameters
+        ----------
+        amount : float
+            How far along the baseline: 1 is the right view, 0.5 half way to it; beyond 1 and
+            below 0 the view leaves the segment between the two cameras.
+        """
+        flow_px = np.zeros((*self.disparity_px.shape, 2), np.float32)
+        flow_px[..., 0] = -amount * self.disparity_px
+        return WarpInput(SourceFrame(self.left, self.depth_m), flow_px)
+
+
+def built_in_pair(name: str) -> StereoPair:
+    """Return a pair that comes with the packages metamerlab needs; nothing is downloaded.
+
+    Raises
+    ------
+    InputError
+        If `name` is not one of `BUILT_IN`.
+    """
+    if name not in BUILT_IN:
+        raise InputError(f"built-in pairs are: {', '.join(BUILT_IN)} (got {name!r})")
+    from skimage.data import stereo_motorcycle
+
+    left, right, disparity = stereo_motorcycle()  # type: ignore[no-untyped-call]
+    filled, known = fill_unknown(np.asarray(disparity, np.float32))
+    return StereoPair(
+        left=_from_bytes(left),
+        right=_from_bytes(right),
+        disparity_px=filled,
+        known=known,
+        focal_px=_MOTORCYCLE_FOCAL_PX,
+        baseline_m=_MOTORCYCLE_BASELINE_M,
+        offset_px=_MOTORCYCLE_OFFSET_PX,
+    )
+
+
+def load_pair(
+    left: Path,
+    disparity: Path,
+    right: Path | None = None,
+    *,
+    units_per_px: float = 1.0,
+    focal_px: float | None = None,
+    baseline_m: float = ASSUMED_BASELINE_M,
+    offset_px: float = 0.0,
+) -> StereoPair:
+    """Read a stereo pair with the disparity of its left view.
+
+    Parameters
+    ----------
+    left, right : Path
+        Colour images.
+    disparity : Path
+        An image of one channel (PNG, PGM, PFM, OpenEXR) or a numpy file (``.npy``, or
+        ``.npz`` with one array). Unknown pixels are 0 in files of integers and not finite
+        in files of floats; they are set as `fill_unknown` says.
+    units_per_px : float
+        What the file stores for a disparity of one pixel: 4 where it holds quarters of a
+        pixel, 1 for pixels.
+    focal_px : float, optional
+        By default the image's width, a field of view of 53 degrees: then only the order and
+        the ratios of depths are right, which is all that filling holes needs.
+    baseline_m, offset_px : float
+        See the module's text.
+
+    Raises
+    ------
+    FileNotFoundError
+        If one of the files is missing.
+    InputError
+        If a file is not what it must be, sizes differ, or no disparity is known.
+    """
+    if not units_per_px > 0:
+        raise InputError(f"units_per_px must be greater than 0 (got {units_per_px})")
+    colour = load_colour(left)
+    stored, integer = _load_disparity(disparity)
+    check_same_size(**{str(left): colour, str(disparity): stored})
+    values = np.where(stored == 0, np.nan, stored) if integer else stored
+    filled, known = fill_unknown((values / units_per_px).astype(np.float32))
+    return StereoPair(
+        left=colour,
+        right=None if right is None else load_colour(right),
+        disparity_px=filled,
+        known=known,
+        focal_px=focal_px or ASSUMED_FIELD_OF_VIEW * colour.shape[1],
+        baseline_m=baseline_m,
+        offset_px=offset_px,
+    )
+
+
+def fill_unknown(
+    disparity_px: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Set each unknown disparity to that of the farther of its known neighbours in the row.
+
+    Unknown pixels are mostly those that only one camera sees: they belong to the background.
+
+    Parameters
+    ----------
+    disparity_px : ndarray of float32, shape (H, W)
+        NaN or infinite where unknown.
+
+    Returns
+    -------
+    filled : ndarray of float32, shape (H, W)
+        Finite. A row without any known pixel takes the nearest row that has one.
+    known : ndarray of bool, shape (H, W)
+
+    Raises
+    ------
+    InputError
+        If no pixel is known.
+    """
+    known = np.isfinite(disparity_px)
+    if not known.any():
+        raise InputError("disparity must be known for at least one pixel (none is finite)")
+    rows_known = np.flatnonzero(known.any(axis=1))
+    nearest = rows_known[
+        np.abs(np.arange(len(known))[:, None] - rows_known[None, :]).argmin(axis=1)
+    ]
+    # Far means small: the smaller of the two neighbours, one of which may be missing.
+    finite = np.where(known, disparity_px, np.inf)
+    left = _carry(finite, known)
+    right = _carry(finite[:, ::-1], known[:, ::-1])[:, ::-1]
+    filled = np.where(known, disparity_px, np.minimum(left, right))[nearest]
+    return filled.astype(np.float32), known
+
+
+def _carry(values: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np.floating]:
+    """Each pixel's last known value to the left, inf where there is none."""
+    column = np.where(known, np.arange(values.shape[1]), -1)
+    last = np.maximum.accumulate(column, axis=1)
+    carried = np.take_along_axis(values, last.clip(min=0), axis=1)
+    return np.where(last >= 0, carried, np.inf)
+
+
+def _load_disparity(path: Path) -> tuple[NDArray[np.float32], bool]:
+    if path.suffix.lower() not in (".npy", ".npz"):
+        return load_plane(path)
+    try:
+        loaded: Any = np.load(path)
+        array = loaded if isinstance(loaded, np.ndarray) else loaded[_only_key(path, loaded.files)]
+    except (ValueError, EOFError, OSError) as error:
+        if isinstance(error, (FileNotFoundError, PermissionError, InputError)):
+            raise
+        raise InputError(f"{path}: must be a numpy file of one array ({error})") from error
+    if array.ndim != 2 or array.dtype.kind not in "fui":
+        raise InputError(
+            f"{path}: must hold numbers of shape (H, W) (has {array.dtype} of shape {array.shape})"
+        )
+    return array.astype(np.float32), array.dtype.kind in "ui"
+
+
+def _only_key(path: Path, keys: list[str]) -> str:
+    if len(keys) != 1:
+        raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
+    return keys[0]
+
+
+def _from_bytes(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return (image[..., :3].astype(np.float64) / 255).astype(np.float32)
