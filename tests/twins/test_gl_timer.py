@@ -1,0 +1,44 @@
+"""GPU timing: what is run and recorded. How long things take is never a test's business."""
+
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.gl.timer import Timing, measure
+
+
+def test_work_is_run_for_warming_up_and_for_every_repeat(gl_context):
+    runs = []
+
+    timing = measure(gl_context, lambda: runs.append(None), repeats=4, warm_up=2)
+
+    assert len(runs) == 6
+    assert len(timing.gpu_ms) == len(timing.wall_ms) == 4
+    assert min(*timing.gpu_ms, *timing.wall_ms) >= 0
+
+
+def test_a_mistake_in_the_work_is_not_swallowed(gl_context):
+    def work():
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        measure(gl_context, work, warm_up=0)
+    measure(gl_context, lambda: None, repeats=1, warm_up=0)  # the clock is free again
+
+
+@pytest.mark.parametrize(("repeats", "warm_up"), [(0, 3), (-1, 3), (5, -1)])
+def test_counts_that_make_no_sense_are_refused(gl_context, repeats, warm_up):
+    with pytest.raises(InputError, match=rf"\(got {repeats} and {warm_up}\)"):
+        measure(gl_context, lambda: None, repeats=repeats, warm_up=warm_up)
+
+
+def test_the_median_is_the_gpus_where_its_clock_counts():
+    timing = Timing(gpu_ms=(3.0, 1.0, 2.0), wall_ms=(30.0, 10.0, 20.0))
+
+    assert timing.median_ms == 2
+    assert timing.median_wall_ms == 20
+
+
+def test_the_median_is_the_walls_where_the_gpus_clock_reads_nothing():
+    timing = Timing(gpu_ms=(1e-6, 0.0, 1e-6), wall_ms=(30.0, 10.0, 20.0))
+
+    assert timing.median_ms == 20
