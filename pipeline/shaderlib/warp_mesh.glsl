@@ -9,8 +9,10 @@
 // edge belongs to one side only. Quads a b c d, clockwise from the top left, fall into the
 // triangles abc and acd; those turned over by the motion are not drawn.
 
-layout(binding = 0) uniform sampler2D depth_m;  // in the target's view; inf is sky, <= 0 behind it
-layout(binding = 1) uniform sampler2D flow_px;  // target minus source
+// Images, not samplers: llvmpipe loads them three times faster.
+layout(r32f, binding = 0) uniform readonly image2D depth_m;   // in the target's view; inf is
+                                                              // sky, <= 0 behind the camera
+layout(rg32f, binding = 1) uniform readonly image2D flow_px;  // target minus source
 
 uniform ivec2 target_size;
 uniform ivec2 target_origin;  // in source pixels
@@ -24,26 +26,25 @@ const uint STRETCHED = 0x80000000u;
 const float INFINITE = uintBitsToFloat(0x7F800000u);
 
 struct Quad {
-    ivec2 a, b, c, d;   // corners, sub-pixels in the target
-    vec4 inverse_m;     // 1 / depth of each
-    bool drawable;      // no corner behind the camera or beyond the guard
+    ivec2 a, b, c, d;      // corners, sub-pixels in the target
+    vec2 fa, fb, fc, fd;   // flow, pixels
+    vec4 depth;            // metres
 };
 
-ivec2 mesh_size() { return textureSize(depth_m, 0) + 2 * RINGS - 1; }  // quads
+ivec2 mesh_size() { return imageSize(depth_m) + 2 * RINGS - 1; }  // quads
 
 ivec2 pixel_of(ivec2 vertex) {
-    return clamp(vertex - RINGS, ivec2(0), textureSize(depth_m, 0) - 1);
+    return clamp(vertex - RINGS, ivec2(0), imageSize(depth_m) - 1);
 }
 
-ivec2 displacement(ivec2 pixel) {
-    vec2 flow = clamp(texelFetch(flow_px, pixel, 0).xy * float(SUB), -2.0 * GUARD, 2.0 * GUARD);
-    return ivec2(roundEven(flow)) - SUB * target_origin;
+ivec2 subpixels(vec2 flow) {
+    return ivec2(roundEven(clamp(flow * float(SUB), -2.0 * GUARD, 2.0 * GUARD)));
 }
 
-ivec2 position(ivec2 vertex) {
-    ivec2 size = textureSize(depth_m, 0);
+ivec2 position(ivec2 vertex, vec2 flow) {
+    ivec2 size = imageSize(depth_m);
     ivec2 home = clamp(2 * (vertex - RINGS) + 1, ivec2(0), 2 * size) * (SUB / 2);
-    ivec2 at = home + displacement(pixel_of(vertex));
+    ivec2 at = home + subpixels(flow) - SUB * target_origin;
     ivec2 last = size + 2 * RINGS - 1;
     if (vertex.x == 0) at.x = min(at.x, -SUB);
     if (vertex.y == 0) at.y = min(at.y, -SUB);
@@ -52,58 +53,61 @@ ivec2 position(ivec2 vertex) {
     return at;
 }
 
-float depth_at(ivec2 vertex) { return texelFetch(depth_m, pixel_of(vertex), 0).x; }
-
-bool outside(ivec2 at) { return any(greaterThan(abs(at), ivec2(GUARD))); }
-
 Quad load_quad(ivec2 first) {
+    ivec2 b = first + ivec2(1, 0), c = first + 1, d = first + ivec2(0, 1);
+    ivec2 pa = pixel_of(first), pb = pixel_of(b), pc = pixel_of(c), pd = pixel_of(d);
     Quad quad;
-    quad.a = position(first);
-    quad.b = position(first + ivec2(1, 0));
-    quad.c = position(first + ivec2(1, 1));
-    quad.d = position(first + ivec2(0, 1));
-    vec4 depth = vec4(depth_at(first), depth_at(first + ivec2(1, 0)),
-                      depth_at(first + ivec2(1, 1)), depth_at(first + ivec2(0, 1)));
-    quad.inverse_m = 1.0 / depth;
-    quad.drawable = all(greaterThan(depth, vec4(0.0)))
-        && !(outside(quad.a) || outside(quad.b) || outside(quad.c) || outside(quad.d));
+    quad.fa = imageLoad(flow_px, pa).xy;
+    quad.fb = imageLoad(flow_px, pb).xy;
+    quad.fc = imageLoad(flow_px, pc).xy;
+    quad.fd = imageLoad(flow_px, pd).xy;
+    quad.a = position(first, quad.fa);
+    quad.b = position(b, quad.fb);
+    quad.c = position(c, quad.fc);
+    quad.d = position(d, quad.fd);
+    quad.depth = vec4(imageLoad(depth_m, pa).x, imageLoad(depth_m, pb).x,
+                      imageLoad(depth_m, pc).x, imageLoad(depth_m, pd).x);
     return quad;
 }
+
+bool in_ring_0(ivec2 first) {
+    return any(equal(first, ivec2(0))) || any(equal(first, mesh_size() - 1));
+}
+
+int longest(ivec2 v) { return max(abs(v.x), abs(v.y)); }
 
 int turn(ivec2 v, ivec2 w) { return v.x * w.y - v.y * w.x; }
 
 double turn(dvec2 v, dvec2 w) { return v.x * w.y - v.y * w.x; }
 
-// Whether a point on the left of edge v is inside, or on it and the edge is top or left.
-bool inside(float side, ivec2 v) {
-    return side > 0.0 || (side == 0.0 && (v.y < 0 || (v.y == 0 && v.x > 0)));
+// Twice the areas of the triangles between a pixel's centre and each edge, and of abc and acd.
+// Their signs are exact.
+struct Areas { float ab, bc, ac, cd, da, abc, acd; };
+
+// For quads and centres within NARROW of each other, whose products fit 32 bits.
+Areas narrow_areas(ivec2 a, ivec2 b, ivec2 c, ivec2 d) {
+    int ab = turn(a, b), bc = turn(b, c), ac = turn(a, c), cd = turn(c, d), da = turn(d, a);
+    return Areas(float(ab), float(bc), float(ac), float(cd), float(da),
+                 float(ab + bc - ac), float(ac + cd + da));
 }
 
-// Whether the quad shows at this pixel's centre, and how the second and third corner of the
-// covering triangle weigh there.
-bool covers(Quad quad, ivec2 pixel, out vec2 weight, out bool upper) {
-    ivec2 centre = pixel * SUB + SUB / 2;
-    ivec2 a = quad.a - centre, b = quad.b - centre, c = quad.c - centre, d = quad.d - centre;
-    ivec2 span = max(max(abs(a), abs(b)), max(abs(c), abs(d)));
-    // Twice the areas of the triangles between the centre and each edge. Their signs are
-    // exact: 32 bits hold the products of narrow quads, doubles those of all.
-    float ab, bc, ac, cd, da, abc, acd;
-    if (max(span.x, span.y) <= NARROW) {
-        int i = turn(a, b), j = turn(b, c), k = turn(a, c), l = turn(c, d), m = turn(d, a);
-        ab = float(i); bc = float(j); ac = float(k); cd = float(l); da = float(m);
-        abc = float(i + j - k); acd = float(k + l + m);
-    } else {
-        double i = turn(dvec2(a), dvec2(b)), j = turn(dvec2(b), dvec2(c));
-        double k = turn(dvec2(a), dvec2(c)), l = turn(dvec2(c), dvec2(d));
-        double m = turn(dvec2(d), dvec2(a));
-        ab = float(i); bc = float(j); ac = float(k); cd = float(l); da = float(m);
-        abc = float(i + j - k); acd = float(k + l + m);
-    }
-    upper = inside(ab, b - a) && inside(bc, c - b) && inside(-ac, a - c);
-    if (upper) {
-        weight = vec2(-ac, ab) / abc;
-        return true;
-    }
-    weight = vec2(da, ac) / acd;
-    return inside(ac, c - a) && inside(cd, d - c) && inside(da, a - d);
+// For all quads: doubles hold the products exactly.
+Areas wide_areas(dvec2 a, dvec2 b, dvec2 c, dvec2 d) {
+    double ab = turn(a, b), bc = turn(b, c), ac = turn(a, c), cd = turn(c, d), da = turn(d, a);
+    return Areas(float(ab), float(bc), float(ac), float(cd), float(da),
+                 float(ab + bc - ac), float(ac + cd + da));
+}
+
+// Whether a point on the left of `edge` is inside, or on it and the edge is top or left.
+bool inside(float area, ivec2 edge) {
+    return area > 0.0 || (area == 0.0 && (edge.y < 0 || (edge.y == 0 && edge.x > 0)));
+}
+
+// Whether abc or acd covers the centre, and how its second and third corner weigh there.
+bool covers(Quad quad, Areas area, out vec2 weight, out bool upper) {
+    upper = inside(area.ab, quad.b - quad.a) && inside(area.bc, quad.c - quad.b)
+        && inside(-area.ac, quad.a - quad.c);
+    weight = upper ? vec2(-area.ac, area.ab) / area.abc : vec2(area.da, area.ac) / area.acd;
+    return upper || (inside(area.ac, quad.c - quad.a) && inside(area.cd, quad.d - quad.c)
+                     && inside(area.da, quad.a - quad.d));
 }

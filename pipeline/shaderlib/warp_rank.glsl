@@ -9,26 +9,23 @@ layout(std430, binding = 1) buffer Winners { uint winners[]; };  // per target p
 layout(std430, binding = 2) buffer Large {
     uint large_count;
     uint unreached;      // nonzero: some target pixel was reached by no quad
-    uint large[];        // quads left to large.comp.glsl; room for all there are
+    uint large[];        // quads left to large.comp.glsl; room for all there are. Top bit:
+                         // stretched, set by classify.comp.glsl
 };
 
 // 0: find the least key. 1: find the first quad that has it. One program does both, so both
 // compute the very same keys.
 uniform int round_index;
 
-void rank(Quad quad, uint index, bool stretched, ivec2 pixel) {
+void rank(Quad quad, Areas area, uint index, bool stretched, ivec2 pixel) {
     vec2 weight;
     bool upper;
-    if (!covers(quad, pixel, weight, upper)) return;
-    vec4 w = quad.inverse_m;
-    uint key;
-    if (stretched) {
-        key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
-    } else {
-        vec2 rest = upper ? w.yz : w.zw;
-        float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
-        key = ~STRETCHED - (~STRETCHED & floatBitsToUint(max(inverse_m, 0.0)));
-    }
+    if (!covers(quad, area, weight, upper)) return;
+    vec4 w = 1.0 / quad.depth;
+    vec2 rest = upper ? w.yz : w.zw;
+    float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
+    uint key = ~STRETCHED - (~STRETCHED & floatBitsToUint(max(inverse_m, 0.0)));
+    if (stretched) key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
     uint cell = uint(pixel.y * target_size.x + pixel.x);
     if (round_index == 0) {
         atomicMin(keys[cell], key);

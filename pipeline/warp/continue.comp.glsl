@@ -13,19 +13,20 @@ layout(std430, binding = 2) buffer Large {
     uint unreached;
 };
 
-layout(r32f, binding = 1) uniform image2D warped_depth_m;   // 0: not reached
-layout(rg32f, binding = 2) uniform image2D warped_flow_px;
+layout(r32f, binding = 4) uniform image2D warped_depth_m;   // 0: not reached
+layout(rg32f, binding = 5) uniform image2D warped_flow_px;
 
 uniform ivec2 along;     // (1, 0) for rows, then (0, 1) for columns
 uniform float fallback;  // depth of a line that nothing reached
 
 void main() {
-    if (unreached == 0u) return;
+    // Nothing to do is zero lines and zero cells: llvmpipe walks masked loops to their end.
+    bool needed = unreached != 0u;
     ivec2 size = imageSize(warped_depth_m);
     ivec2 across = along.yx;
     int line = int(gl_GlobalInvocationID.x);
-    int lines = along.x == 1 ? size.y : size.x;
-    int cells = along.x == 1 ? size.x : size.y;
+    int lines = !needed ? 0 : along.x == 1 ? size.y : size.x;
+    int cells = !needed ? -1 : along.x == 1 ? size.x : size.y;
     if (line >= lines) return;
 
     ivec2 origin = across * line;

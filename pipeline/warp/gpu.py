@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.gl.context import describe
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
-LANES = 64  # work-group size where one group takes one quad or many lines
+LANES = 32  # work-group size where one group takes one quad; a GPU's warp
+SOFTWARE_LANES = 8  # llvmpipe's vector
 SMALL = 16  # target pixels in the bounding box of a quad that one invocation draws
-GROUPS = 512  # work groups that share the large quads
+GROUPS = 512  # work groups that share the listed quads
 _UNTOUCHED = b"\xff\xff\xff\xff"
 RINGS = 2  # of vertices around the source
 
@@ -68,7 +70,7 @@ class WarpPass:
     """Warp source textures of one size into one window.
 
     Compiles and allocates once, on construction: 8 bytes per window pixel and 4 per source
-    pixel. A call binds and dispatches (7 times), allocates nothing, and reads nothing back.
+    pixel. A call binds and dispatches (8 times), allocates nothing, and reads nothing back.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ class WarpPass:
         Variant and thresholds.
     """
 
-    dispatches = 7
+    dispatches = 8
 
     def __init__(
         self,
@@ -95,24 +97,28 @@ class WarpPass:
         self.settings = settings
         self._mesh = (source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1)
         extend = settings.variant == "full"
+        lanes = self._lanes = SOFTWARE_LANES if describe(ctx).software else LANES
         self._small = compile_compute(
-            ctx,
-            "warp/small.comp.glsl",
-            TILE=TILE,
-            SMALL=SMALL,
-            TEAR=settings.variant != "smear",
-            EXTEND=extend,
-            SURFACE_PX=settings.surface_px,
+            ctx, "warp/small.comp.glsl", TILE=TILE, SMALL=SMALL, EXTEND=extend
         )
-        self._large = compile_compute(ctx, "warp/large.comp.glsl", LANES=LANES)
+        self._classify = compile_compute(
+            ctx, "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
+        )
+        self._large = compile_compute(
+            ctx,
+            "warp/large.comp.glsl",
+            LANES=lanes,
+            SMEAR=settings.variant == "smear",
+            HIDE=settings.variant == "remove",
+        )
         self._resolve = compile_compute(ctx, "warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
-        self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=LANES)
+        self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=lanes)
+        self._shaders = (self._small, self._classify, self._large, self._resolve, self._continue)
         width, height = self.window.width_px, self.window.height_px
-        for shader in (self._small, self._large, self._resolve):
+        for shader in self._shaders:
             _set(shader, "target_size", (width, height))
             _set(shader, "target_origin", (self.window.x_px, self.window.y_px))
             _set(shader, "stretch", settings.stretch_subpixels(self.window))
-        _set(self._continue, "fallback", 0.0)
         untouched = _UNTOUCHED * (width * height)
         self._keys = ctx.buffer(untouched)
         self._winners = ctx.buffer(untouched)
@@ -144,9 +150,8 @@ class WarpPass:
             Overwritten.
         """
         self._check(colour, depth_m, flow_px, warped)
-        depth_m.use(0)
-        flow_px.use(1)
-        colour.use(2)
+        for unit, source in enumerate((depth_m, flow_px, colour)):
+            source.bind_to_image(unit, read=True, write=False)
         self._keys.bind_to_storage_buffer(0)
         self._winners.bind_to_storage_buffer(1)
         self._list.bind_to_storage_buffer(2)
@@ -157,19 +162,21 @@ class WarpPass:
             _set(self._large, "round_index", index)
             self._small.run(columns, rows)
             self._ctx.memory_barrier()
+            if index == 0:
+                self._classify.run(GROUPS)
+                self._ctx.memory_barrier()
             self._large.run(GROUPS)
             self._ctx.memory_barrier()
         width, height = self.window.width_px, self.window.height_px
-        warped.colour.bind_to_image(0, read=False, write=True)
-        warped.depth_m.bind_to_image(1)
-        warped.flow_px.bind_to_image(2)
+        for unit, result in enumerate((warped.colour, warped.depth_m, warped.flow_px), start=3):
+            result.bind_to_image(unit, read=True, write=True)
         self._resolve.run(-(-width // TILE), -(-height // TILE))
         self._ctx.memory_barrier()
         if self.settings.variant == "full":
             for along, lines, fallback in (((1, 0), height, 0.0), ((0, 1), width, np.inf)):
                 _set(self._continue, "along", along)
                 _set(self._continue, "fallback", fallback)
-                self._continue.run(-(-lines // LANES))
+                self._continue.run(-(-lines // self._lanes))
                 self._ctx.memory_barrier()
 
     def _check(
@@ -198,7 +205,7 @@ class WarpPass:
         """Free buffers and shaders."""
         for buffer in (self._keys, self._winners, self._list):
             buffer.release()
-        for shader in (self._small, self._large, self._resolve, self._continue):
+        for shader in self._shaders:
             shader.release()
 
 

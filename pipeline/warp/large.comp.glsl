@@ -4,6 +4,8 @@
 // Twin: ranks() in reference.py. Change both or neither.
 
 #constant LANES  // work-group size, a power of two
+#constant HIDE   // whether stretched quads are left out
+#constant SMEAR  // whether they are drawn like any other
 
 layout(local_size_x = LANES) in;
 
@@ -25,7 +27,8 @@ void main() {
     int lane = int(gl_LocalInvocationIndex);
     for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
         uint index = large[slot] & ~STRETCHED;
-        bool stretched = (large[slot] & STRETCHED) != 0u;
+        bool stretched = (large[slot] & STRETCHED) != 0u && !bool(SMEAR);
+        if (stretched && bool(HIDE)) continue;
         Quad quad = load_quad(ivec2(int(index) % mesh.x, int(index) / mesh.x));
 
         int low = min(min(quad.a.y, quad.b.y), min(quad.c.y, quad.d.y));
@@ -46,8 +49,11 @@ void main() {
             cross_edge(quad.a, quad.c, centre, span);
             ivec2 pixels = ivec2(floor(span / float(SUB)));
             int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
-            for (int x = left + lane % across; x <= right; x += across)
-                rank(quad, index, stretched, ivec2(x, y));
+            for (int x = left + lane % across; x <= right; x += across) {
+                ivec2 at = ivec2(x, y) * SUB + SUB / 2;
+                Areas area = wide_areas(quad.a - at, quad.b - at, quad.c - at, quad.d - at);
+                rank(quad, area, index, stretched, ivec2(x, y));
+            }
         }
     }
 }

@@ -131,7 +131,7 @@ def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) ->
         at=at,
         pixel=corners(pixel),
         depth_m=depth,
-        drawable=(depth > 0).all(axis=1) & (abs(at) <= GUARD).all(axis=(1, 2)),
+        drawable=np.logical_and((depth > 0).all(axis=1), (abs(at) <= GUARD).all(axis=(1, 2))),
         ring_0=ring.ravel(),
     )
 

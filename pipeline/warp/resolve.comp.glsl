@@ -11,17 +11,13 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
 
-layout(binding = 2) uniform sampler2D colour;  // encoded R'G'B', source
+layout(rgba32f, binding = 2) uniform readonly image2D colour;  // encoded R'G'B', source
 
 // rgb: encoded colour, 0 in holes. a: 1 known, 0 hole.
-layout(rgba32f, binding = 0) uniform writeonly image2D warped_colour;
+layout(rgba32f, binding = 3) uniform writeonly image2D warped_colour;
 // Metres; in holes the background's. 0 where no quad reached: continue.comp.glsl fills it.
-layout(r32f, binding = 1) uniform writeonly image2D warped_depth_m;
-layout(rg32f, binding = 2) uniform writeonly image2D warped_flow_px;
-
-vec3 colour_at(ivec2 vertex) { return texelFetch(colour, pixel_of(vertex), 0).rgb; }
-
-vec2 flow_at(ivec2 vertex) { return texelFetch(flow_px, pixel_of(vertex), 0).xy; }
+layout(r32f, binding = 4) uniform writeonly image2D warped_depth_m;
+layout(rg32f, binding = 5) uniform writeonly image2D warped_flow_px;
 
 // 1 / depth is linear in the image plane. This form gives back one depth of three exactly
 // where it alone counts, and where all three are the same.
@@ -44,40 +40,45 @@ void main() {
     keys[cell] = NOTHING;
     winners[cell] = NOTHING;
 
-    vec4 shown = vec4(0.0);
-    float depth = bool(EXTEND) ? 0.0 : INFINITE;
-    vec2 motion = vec2(0.0);
     if (key == NOTHING) {
-        unreached = 1u;
-    } else {
-        ivec2 mesh = mesh_size();
-        ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-        if ((key & STRETCHED) != 0u) {
-            // The farthest corner; the first of equals.
-            depth = 0.0;
-            for (int corner = 0; corner < 4; ++corner) {
-                ivec2 vertex = first + ivec2(corner & 1, corner >> 1);
-                float candidate = depth_at(vertex);
-                if (candidate > depth) {
-                    depth = candidate;
-                    motion = flow_at(vertex);
-                }
-            }
-        } else {
-            vec2 weight;
-            bool upper;
-            covers(load_quad(first), pixel, weight, upper);
-            ivec2 second = first + (upper ? ivec2(1, 0) : ivec2(1, 1));
-            ivec2 third = first + (upper ? ivec2(1, 1) : ivec2(0, 1));
-            vec3 base = colour_at(first);
-            vec3 mixed = base + weight.x * (colour_at(second) - base)
-                       + weight.y * (colour_at(third) - base);
-            shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
-            vec2 start = flow_at(first);
-            motion = start + weight.x * (flow_at(second) - start)
-                   + weight.y * (flow_at(third) - start);
-            depth = blend_depth(depth_at(first), depth_at(second), depth_at(third), weight);
-        }
+        if (bool(EXTEND)) unreached = 1u;
+        imageStore(warped_colour, pixel, vec4(0.0));
+        imageStore(warped_depth_m, pixel, vec4(bool(EXTEND) ? 0.0 : INFINITE));
+        imageStore(warped_flow_px, pixel, vec4(0.0));
+        return;
+    }
+    ivec2 mesh = mesh_size();
+    ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
+    Quad quad = load_quad(first);
+
+    vec4 shown = vec4(0.0);
+    // In holes the farthest corner; the first of equals, in reading order.
+    float depth = quad.depth.x;
+    vec2 motion = quad.fa;
+    if (quad.depth.y > depth) { depth = quad.depth.y; motion = quad.fb; }
+    if (quad.depth.w > depth) { depth = quad.depth.w; motion = quad.fd; }
+    if (quad.depth.z > depth) { depth = quad.depth.z; motion = quad.fc; }
+    if ((key & STRETCHED) == 0u) {
+        ivec2 centre = pixel * SUB + SUB / 2;
+        ivec2 a = quad.a - centre, b = quad.b - centre, c = quad.c - centre, d = quad.d - centre;
+        Areas area;
+        if (max(max(longest(a), longest(b)), max(longest(c), longest(d))) <= NARROW)
+            area = narrow_areas(a, b, c, d);
+        else
+            area = wide_areas(a, b, c, d);
+        vec2 weight;
+        bool upper;
+        covers(quad, area, weight, upper);
+
+        vec3 base = imageLoad(colour, pixel_of(first)).rgb;
+        vec3 second = imageLoad(colour, pixel_of(first + ivec2(1, upper ? 0 : 1))).rgb;
+        vec3 third = imageLoad(colour, pixel_of(first + ivec2(upper ? 1 : 0, 1))).rgb;
+        vec3 mixed = base + weight.x * (second - base) + weight.y * (third - base);
+        shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
+        motion = quad.fa + weight.x * ((upper ? quad.fb : quad.fc) - quad.fa)
+               + weight.y * ((upper ? quad.fc : quad.fd) - quad.fa);
+        vec2 rest = upper ? quad.depth.yz : quad.depth.zw;
+        depth = blend_depth(quad.depth.x, rest.x, rest.y, weight);
     }
     imageStore(warped_colour, pixel, shown);
     imageStore(warped_depth_m, pixel, vec4(depth));
