@@ -47,6 +47,11 @@ class Journal:
         )
 
     @property
+    def has_lines(self) -> bool:
+        """Whether any line was ever finished."""
+        return bool(self.events or self.damaged)
+
+    @property
     def withdrawn(self) -> bool:
         """Whether the participant withdrew and only the stone is left."""
         return any(isinstance(event, Withdrawal) for event in self.events)

@@ -1,0 +1,164 @@
+"""When gaze counts as held: window, violation, blink, loss, silence.
+
+All rules come from the protocol's gaze section and work on samples stamped by one clock:
+
+- *Inside*: the angle between the lines of sight to gaze and dot is at most `window_deg`.
+- *Violation*: outside without interruption for `violation_s` and `violation_samples` samples.
+- *Blink*: lost data for up to `blink_s` is pardoned, and so is gaze outside for
+  `blink_margin_s` after it (the lid drags the pupil's estimate along).
+- *Loss*: lost data for longer than that, no sample at all for longer than `silence_s`, or more
+  than `loss_max_share` of the watched time lost in all (blinks included).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from protocols.journal import GazeQuality
+from protocols.session_schema import Gaze
+from study_app.gaze.geometry import Viewing, angle_between_deg
+from study_app.gaze.source import GazeSample
+from study_app.trial import Watch
+
+_EPSILON_S = 1e-9
+"""Stamps are sums of floats; a rule's own length must not fail by rounding."""
+
+
+def persistence_s(rules: Gaze, rate_hz: float) -> float:
+    """Return how long gaze is outside, from its first sample there, until a violation is sure.
+
+    At least `violation_samples` samples and `violation_s`, in whole sample intervals.
+    """
+    intervals = max(rules.violation_samples - 1, math.ceil(rules.violation_s * rate_hz - 1e-9))
+    return intervals / rate_hz
+
+
+class FixationMonitor:
+    """Turns samples into a verdict per frame.
+
+    Parameters
+    ----------
+    rules : Gaze
+        The protocol's gaze section.
+    viewing : Viewing
+        Geometry of the display.
+    dot_deg : tuple of float
+        Azimuth and elevation of the fixation dot.
+    rate_hz : float
+        Nominal rate of the source; gaps of more than 1.5 intervals count as lost time.
+    """
+
+    def __init__(
+        self, rules: Gaze, viewing: Viewing, dot_deg: tuple[float, float], rate_hz: float
+    ) -> None:
+        self._rules = rules
+        self._viewing = viewing
+        self._dot = viewing.sight(*viewing.to_px(*dot_deg))
+        self._interval_s = 1.0 / rate_hz
+        self._last_s = -math.inf  # stamp of the newest sample
+        self._inside = False
+        self._outside_since_s: float | None = None
+        self._outside_samples = 0
+        self._lost_since_s: float | None = None
+        self._pardoned_until_s = -math.inf
+        self._begin(0.0, math.inf)
+        self._watching = False
+
+    def _begin(self, now_s: float, planned_s: float) -> None:
+        self._watching = True
+        self._began_s, self._planned_s = now_s, planned_s
+        self._violation = self._loss = self._counted = False
+        self._outside_since_s, self._outside_samples = None, 0
+        self._lost_s = 0.0
+        self._samples = self._blinks = self._violations = 0
+        self._angles = 0
+        self._angle_sum_deg = self._angle_max_deg = 0.0
+
+    def watch(self, now_s: float, planned_s: float) -> None:
+        """Start to watch: interval 1 begins, and `planned_s` is how long to watch."""
+        self._begin(now_s, planned_s)
+
+    def rest(self) -> None:
+        """Stop watching: nothing counts until `watch`."""
+        self._watching = False
+
+    def feed(self, samples: Iterable[GazeSample]) -> None:
+        """Take new samples, oldest first."""
+        for sample in samples:
+            self._take(sample)
+
+    def verdict(self, now_s: float) -> Watch:
+        """Return what gaze says at `now_s`."""
+        silent = now_s - self._last_s > self._rules.silence_s
+        if self._watching:
+            if silent:
+                self._loss = True
+            if self._lost_s > self._rules.loss_max_share * self._planned_s:
+                self._loss = True
+            if self._violation:
+                return Watch.VIOLATION
+            if self._loss:
+                return Watch.LOSS
+        return Watch.HELD if self._inside and not silent else Watch.AWAY
+
+    def quality(self, now_s: float) -> GazeQuality:
+        """Summarise the time watched up to `now_s`."""
+        lost_s = self._lost_s
+        silent_s = now_s - max(self._last_s, self._began_s)
+        if silent_s > 1.5 * self._interval_s:
+            lost_s += silent_s - self._interval_s
+        watched_s = max(now_s - self._began_s, 1e-9)
+        return GazeQuality(
+            samples=self._samples,
+            lost_share=min(1.0, lost_s / watched_s),
+            blinks=self._blinks,
+            violations=self._violations,
+            mean_deg=self._angle_sum_deg / self._angles if self._angles else None,
+            max_deg=self._angle_max_deg if self._angles else None,
+        )
+
+    def _take(self, sample: GazeSample) -> None:
+        since_s = sample.t_s - max(self._last_s, self._began_s)
+        if math.isfinite(self._last_s):
+            if sample.t_s - self._last_s > self._rules.silence_s:
+                self._loss = True
+            if since_s > 1.5 * self._interval_s:
+                self._lost_s += since_s - self._interval_s
+        self._last_s = sample.t_s
+        self._samples += 1
+        if not sample.valid:
+            self._take_lost(sample.t_s)
+            return
+        if self._lost_since_s is not None:
+            if sample.t_s - self._lost_since_s <= self._rules.blink_s + _EPSILON_S:
+                self._blinks += 1
+            self._lost_since_s = None
+            self._pardoned_until_s = sample.t_s + self._rules.blink_margin_s
+        angle = angle_between_deg(self._viewing.sight(sample.x_px, sample.y_px), self._dot)
+        self._angles += 1
+        self._angle_sum_deg += angle
+        self._angle_max_deg = max(self._angle_max_deg, angle)
+        self._inside = angle <= self._rules.window_deg
+        if self._inside or sample.t_s <= self._pardoned_until_s:
+            self._outside_since_s, self._outside_samples, self._counted = None, 0, False
+            return
+        if self._outside_since_s is None:
+            self._outside_since_s = sample.t_s
+        self._outside_samples += 1
+        if (
+            self._outside_samples >= self._rules.violation_samples
+            and sample.t_s - self._outside_since_s >= self._rules.violation_s - _EPSILON_S
+        ):
+            self._violation = True
+            self._violations += not self._counted
+            self._counted = True
+
+    def _take_lost(self, t_s: float) -> None:
+        self._inside = False
+        self._outside_since_s, self._outside_samples, self._counted = None, 0, False
+        self._lost_s += self._interval_s
+        if self._lost_since_s is None:
+            self._lost_since_s = t_s
+        elif t_s - self._lost_since_s > self._rules.blink_s + _EPSILON_S:
+            self._loss = True

@@ -1,0 +1,70 @@
+"""Pixels on a flat screen and degrees of visual angle, exact off the centre too.
+
+A direction is given by azimuth (right) and elevation (down): the angles of its projections on
+the horizontal and the vertical plane, so that each is a function of one pixel coordinate. The
+angle between two directions is measured between the lines of sight themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from protocols.display import Display
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """The geometry of one display before the eye; pixel (0, 0) is its upper left corner."""
+
+    width_px: int
+    height_px: int
+    pitch_x_mm: float
+    pitch_y_mm: float
+    distance_mm: float
+
+    @classmethod
+    def of(cls, display: Display) -> Viewing:
+        """Return the geometry of a display."""
+        return cls(
+            display.width_px,
+            display.height_px,
+            display.pitch_x_mm,
+            display.pitch_y_mm,
+            display.distance_mm,
+        )
+
+    def sight(self, x_px: float, y_px: float) -> tuple[float, float, float]:
+        """Return the vector from the eye to a point of the screen, in millimetres."""
+        return (
+            (x_px - self.width_px / 2) * self.pitch_x_mm,
+            (y_px - self.height_px / 2) * self.pitch_y_mm,
+            self.distance_mm,
+        )
+
+    def to_deg(self, x_px: float, y_px: float) -> tuple[float, float]:
+        """Return (azimuth, elevation) of a point: 0, 0 at the centre, right and down positive."""
+        x_mm, y_mm, z_mm = self.sight(x_px, y_px)
+        return math.degrees(math.atan(x_mm / z_mm)), math.degrees(math.atan(y_mm / z_mm))
+
+    def to_px(self, x_deg: float, y_deg: float) -> tuple[float, float]:
+        """Return the point of the screen at (azimuth, elevation); exact inverse of `to_deg`."""
+        return (
+            self.width_px / 2 + self.distance_mm * math.tan(math.radians(x_deg)) / self.pitch_x_mm,
+            self.height_px / 2 + self.distance_mm * math.tan(math.radians(y_deg)) / self.pitch_y_mm,
+        )
+
+    def angle_deg(self, a_px: tuple[float, float], b_px: tuple[float, float]) -> float:
+        """Return the visual angle between two points of the screen."""
+        return angle_between_deg(self.sight(*a_px), self.sight(*b_px))
+
+
+def angle_between_deg(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    """Return the angle between two vectors; accurate for small angles as well."""
+    cross = (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return math.degrees(math.atan2(math.sqrt(sum(c * c for c in cross)), dot))

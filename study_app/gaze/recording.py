@@ -1,0 +1,140 @@
+"""Recorded gaze: EyeLink ASC files and CSV, as this program and others write them."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.errors import StudyError
+from protocols.load import read_bytes
+
+_SCREEN = re.compile(
+    r"^MSG\s+\S+\s+(?:DISPLAY_COORDS|GAZE_COORDS)\s*=?\s*"
+    r"(-?[\d.]+)\s+(-?[\d.]+)\s+(-?[\d.]+)\s+(-?[\d.]+)"
+)
+_RATE = re.compile(r"^SAMPLES\s.*\bRATE\s+([\d.]+)")
+_BLINK = re.compile(r"^EBLINK\s+[LR]\s+(\d+)\s+(\d+)")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One eye's samples, with the stamps the tracker gave."""
+
+    path: Path
+    raw_t: NDArray[np.float64]
+    """The tracker's stamps, in its own unit."""
+    t_s: NDArray[np.float64]
+    """Seconds since the first sample."""
+    x_px: NDArray[np.float64]
+    """nan where lost."""
+    y_px: NDArray[np.float64]
+    rate_hz: float
+    screen_px: tuple[int, int] | None
+    """Width and height that the coordinates belong to, where the file says so."""
+    blinks_s: tuple[tuple[float, float], ...]
+    """(start, end) of the blinks the tracker itself found, seconds since the first sample."""
+
+
+def load_recording(path: Path) -> Recording:
+    """Read ``.asc`` or ``.csv``, also compressed (``.gz``).
+
+    A CSV needs columns ``t_s`` (or ``t_ms``), ``x_px`` and ``y_px``; an empty field or `nan`
+    is a lost eye. An ASC file with both eyes gives the left one.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read, names its columns otherwise, or has no samples.
+    """
+    data = read_bytes(path, "the gaze recording")
+    if path.suffix == ".gz":
+        try:
+            data = gzip.decompress(data)
+        except (OSError, EOFError):
+            raise StudyError(f"{path}: must be a whole gzip file; copy it again") from None
+    text = data.decode("utf-8", errors="replace")
+    name = path.name.removesuffix(".gz")
+    if name.endswith(".asc"):
+        return _read_asc(path, text)
+    if name.endswith(".csv"):
+        return _read_csv(path, text)
+    raise StudyError(f"{path}: must be an EyeLink .asc or a .csv file (or .gz of one)")
+
+
+def _read_asc(path: Path, text: str) -> Recording:
+    rows: list[tuple[float, float, float]] = []
+    blinks: list[tuple[float, float]] = []
+    rate_hz, screen = 0.0, None
+    recording = False
+    for line in text.splitlines():
+        if line[:1].isdigit():
+            if recording:
+                rows.append(_asc_sample(line))
+        elif line.startswith("START"):
+            recording = True
+        elif line.startswith("END"):
+            recording = False
+        elif match := _RATE.match(line):
+            rate_hz = float(match[1])
+        elif match := _BLINK.match(line):
+            blinks.append((float(match[1]), float(match[2])))
+        elif match := _SCREEN.match(line):
+            left, top, right, bottom = map(float, match.groups())
+            screen = (round(right - left) + 1, round(bottom - top) + 1)
+    if not rows:
+        raise StudyError(f"{path}: must hold samples between START and END (found none)")
+    stamps, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    t_s = (stamps - stamps[0]) / 1e3
+    blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
+    return Recording(path, stamps, t_s, x, y, rate_hz or _median_rate(path, t_s), screen, blinks_s)
+
+
+def _asc_sample(line: str) -> tuple[float, float, float]:
+    fields = line.split()
+
+    def number(index: int) -> float:
+        try:
+            return float(fields[index])
+        except (ValueError, IndexError):  # "." is a lost eye
+            return math.nan
+
+    return number(0), number(1), number(2)
+
+
+def _read_csv(path: Path, text: str) -> Recording:
+    reader = csv.DictReader(io.StringIO(text))
+    names = reader.fieldnames or []
+    unit = next((unit for unit in ("t_s", "t_ms") if unit in names), None)
+    missing = [name for name in ("x_px", "y_px") if name not in names]
+    if unit is None or missing:
+        raise StudyError(
+            f"{path}: must have columns t_s (or t_ms), x_px and y_px (got {', '.join(names)})"
+        )
+    rows = []
+    for number, row in enumerate(reader, start=2):
+        try:
+            rows.append([float(row[name] or "nan") for name in (unit, "x_px", "y_px")])
+        except (TypeError, ValueError):
+            raise StudyError(f"{path}: line {number}: must hold numbers (got {row})") from None
+    if len(rows) < 2:
+        raise StudyError(f"{path}: must hold at least two samples (got {len(rows)})")
+    stamps, x, y = np.array(rows, dtype=np.float64).T
+    t_s = (stamps - stamps[0]) * (1.0 if unit == "t_s" else 1e-3)
+    if not np.isfinite(t_s).all() or (np.diff(t_s) < 0).any():
+        raise StudyError(f"{path}: stamps must rise and be finite")
+    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, ())
+
+
+def _median_rate(path: Path, t_s: NDArray[np.float64]) -> float:
+    step_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+    if step_s <= 0:
+        raise StudyError(f"{path}: must hold samples at different times")
+    return 1.0 / step_s

@@ -1,0 +1,63 @@
+"""A gaze source that plays a recording back on the session's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from study_app.gaze.recording import Recording
+from study_app.gaze.source import GazeSample, SourceInfo
+
+
+class ReplaySource:
+    """Emits a recording's samples as their time comes, once.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `load_recording`.
+    clock : callable
+        The session's monotonic clock, in seconds.
+    """
+
+    def __init__(self, recording: Recording, clock: Callable[[], float]) -> None:
+        self._recording = recording
+        self._clock = clock
+        self._start_s = clock()
+        self._next = 0
+        self.marks: list[tuple[float, str]] = []
+
+    def open(self) -> None:
+        """Start the recording now."""
+        self._start_s, self._next = self._clock(), 0
+
+    def info(self) -> SourceInfo:
+        """Name the file."""
+        return SourceInfo("replay", self._recording.path.name, self._recording.rate_hz)
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples whose time has come."""
+        tape = self._recording
+        until = int(np.searchsorted(tape.t_s, self._clock() - self._start_s, side="right"))
+        start, self._next = self._next, max(until, self._next)
+        return [
+            GazeSample(
+                self._start_s + float(tape.t_s[i]),
+                float(tape.raw_t[i]),
+                float(tape.x_px[i]),
+                float(tape.y_px[i]),
+            )
+            for i in range(start, self._next)
+        ]
+
+    def mark(self, text: str) -> None:
+        """Keep the marker."""
+        self.marks.append((self._clock(), text))
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> None:
+        """A recording cannot be calibrated."""
+        del points_px
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -1,0 +1,188 @@
+"""A seeded eye and tracker: fixation jitter, drift, saccades, blinks, loss, tracker death.
+
+Every sample is a function of (seed, sample number), so that the gaze of an attempt is the same
+however often it is polled, and the same again after a crash.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study_app.gaze.geometry import Viewing
+from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
+
+_CHUNK = 256  # samples drawn at once
+_HORIZON_S = 600.0  # events are drawn this far ahead
+
+
+@dataclass(frozen=True)
+class GazeEvent:
+    """Something that happens to eye or tracker, seconds after `SimulatedGaze.restart`."""
+
+    kind: Literal["away", "blink", "loss", "death"]
+    """`away`: gaze rests elsewhere; `blink`: lost, with the lid's drag just before and after;
+    `loss`: lost; `death`: no samples any more."""
+    at_s: float
+    duration_s: float = math.inf
+    offset_deg: tuple[float, float] = (6.0, 0.0)
+    """`away`: from the dot."""
+
+
+@dataclass(frozen=True)
+class GazeBehaviour:
+    """How an eye fixates and how often something happens."""
+
+    jitter_deg: float = 0.05
+    """Standard deviation of each sample, per axis."""
+    drift_deg: float = 0.2
+    """Amplitude of slow drift, per axis."""
+    away_per_s: float = 0.0
+    away_duration_s: tuple[float, float] = (0.1, 0.6)
+    blink_per_s: float = 0.0
+    blink_duration_s: tuple[float, float] = (0.05, 0.14)
+    loss_per_s: float = 0.0
+    loss_duration_s: tuple[float, float] = (0.2, 0.5)
+
+
+STEADY = GazeBehaviour()
+HUMAN = GazeBehaviour(away_per_s=0.01, blink_per_s=0.2, loss_per_s=0.002)
+"""About one attempt in fifteen is void: some glances away, some long blinks."""
+
+
+class SimulatedGaze:
+    """An eye that looks at the dot, on the session's clock.
+
+    Parameters
+    ----------
+    clock : callable
+        The session's monotonic clock, in seconds.
+    viewing : Viewing
+        Geometry of the display.
+    dot_deg : tuple of float
+        Where the eye means to look: azimuth, elevation.
+    rate_hz : float
+        Sampling rate.
+    behaviour : GazeBehaviour
+        Used by `restart` to draw events.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        viewing: Viewing,
+        dot_deg: tuple[float, float],
+        *,
+        rate_hz: float = 250.0,
+        behaviour: GazeBehaviour = STEADY,
+    ) -> None:
+        self._clock, self._viewing, self._dot = clock, viewing, dot_deg
+        self._rate_hz, self._behaviour = rate_hz, behaviour
+        self._events: tuple[GazeEvent, ...] = ()
+        self._chunk: tuple[int, NDArray[np.float64]] | None = None
+        self.restart(0)
+
+    def restart(self, seed: int, events: Sequence[GazeEvent] | None = None) -> None:
+        """Begin a new stretch of gaze now; `events` replaces what the behaviour would draw."""
+        rng = np.random.default_rng(seed)
+        self._seed, self._start_s, self._next = seed, self._clock(), 0
+        self._chunk = None
+        self._waves = rng.uniform(0, 2 * math.pi, (2, 3)), rng.uniform(0.1, 0.6, (2, 3))
+        self._events = tuple(self._drawn_events(rng) if events is None else events)
+
+    def open(self) -> None:
+        """Nothing to connect to."""
+
+    def info(self) -> SourceInfo:
+        """Say that no person sits there."""
+        return SourceInfo("simulated", "seeded eye and tracker", self._rate_hz)
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples whose time has come."""
+        until = math.floor((self._clock() - self._start_s) * self._rate_hz + 1e-9) + 1
+        start, self._next = self._next, max(until, self._next)
+        samples = (self._sample(number) for number in range(start, self._next))
+        return [sample for sample in samples if sample is not None]
+
+    def mark(self, text: str) -> None:
+        """Markers have nowhere to go."""
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """Return what this eye's jitter amounts to."""
+        behaviour = self._behaviour
+        accuracy = math.hypot(behaviour.drift_deg, behaviour.drift_deg) / 2
+        return CalibrationResult(accuracy, 2 * behaviour.jitter_deg, len(points_px))
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _sample(self, number: int) -> GazeSample | None:
+        after_s = number / self._rate_hz
+        x_deg, y_deg = self._fixation_deg(number, after_s)
+        for event in self._events:
+            before_s = after_s - event.at_s
+            inside = 0.0 <= before_s < event.duration_s
+            if event.kind == "death" and before_s >= 0.0:
+                return None
+            if event.kind == "away" and inside:
+                x_deg += event.offset_deg[0]
+                y_deg += event.offset_deg[1]
+            elif event.kind == "blink" and -0.012 <= before_s < event.duration_s + 0.03:
+                if inside:
+                    return self._stamped(number, math.nan, math.nan)
+                y_deg += 4.0  # the lid drags the pupil's estimate down
+            elif event.kind == "loss" and inside:
+                return self._stamped(number, math.nan, math.nan)
+        return self._stamped(number, *self._viewing.to_px(x_deg, y_deg))
+
+    def _stamped(self, number: int, x_px: float, y_px: float) -> GazeSample:
+        return GazeSample(self._start_s + number / self._rate_hz, float(number), x_px, y_px)
+
+    def _fixation_deg(self, number: int, after_s: float) -> tuple[float, float]:
+        index, offset = divmod(number, _CHUNK)
+        if self._chunk is None or self._chunk[0] != index:
+            rng = np.random.default_rng((self._seed, index))
+            self._chunk = index, rng.normal(0.0, self._behaviour.jitter_deg, (_CHUNK, 2))
+        jitter = self._chunk[1][offset]
+        phases, rates_hz = self._waves
+        amplitude = self._behaviour.drift_deg / 3
+        drift = [
+            amplitude
+            * sum(
+                math.sin(2 * math.pi * rate * after_s + phase)
+                for phase, rate in zip(phases[axis], rates_hz[axis], strict=True)
+            )
+            for axis in (0, 1)
+        ]
+        return (
+            self._dot[0] + drift[0] + float(jitter[0]),
+            self._dot[1] + drift[1] + float(jitter[1]),
+        )
+
+    def _drawn_events(self, rng: np.random.Generator) -> list[GazeEvent]:
+        behaviour = self._behaviour
+        kinds: tuple[tuple[Literal["away", "blink", "loss"], float, tuple[float, float]], ...] = (
+            ("away", behaviour.away_per_s, behaviour.away_duration_s),
+            ("blink", behaviour.blink_per_s, behaviour.blink_duration_s),
+            ("loss", behaviour.loss_per_s, behaviour.loss_duration_s),
+        )
+        events = []
+        for kind, per_s, durations_s in kinds:
+            at_s = 0.0
+            while per_s > 0 and (at_s := at_s + float(rng.exponential(1 / per_s))) < _HORIZON_S:
+                angle = float(rng.uniform(0, 2 * math.pi))
+                reach = float(rng.uniform(3.0, 8.0))
+                events.append(
+                    GazeEvent(
+                        kind,
+                        at_s,
+                        float(rng.uniform(*durations_s)),
+                        (reach * math.cos(angle), reach * math.sin(angle)),
+                    )
+                )
+        return events

@@ -1,0 +1,67 @@
+"""The interface of every gaze source. An adapter for a tracker is one small file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+
+class GazeSample(NamedTuple):
+    """One sample."""
+
+    t_s: float
+    """On the session's monotonic clock."""
+    raw_t: float
+    """The tracker's own stamp, as it gave it."""
+    x_px: float
+    """From the left edge of the display; nan where the eye was lost."""
+    y_px: float
+    """From the upper edge."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether the eye was seen."""
+        return not (math.isnan(self.x_px) or math.isnan(self.y_px))
+
+
+@dataclass(frozen=True)
+class SourceInfo:
+    """What a source says about itself."""
+
+    source: str
+    description: str
+    rate_hz: float
+    """Nominal sampling rate."""
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """How good a validation was."""
+
+    accuracy_deg: float
+    precision_deg: float
+    points: int
+
+
+class GazeSource(Protocol):
+    """A tracker, or what stands for one."""
+
+    def open(self) -> None:
+        """Connect; `StudyError` if there is nothing to connect to."""
+
+    def info(self) -> SourceInfo:
+        """Describe the open source."""
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples since the last call, oldest first. Never waits."""
+
+    def mark(self, text: str) -> None:
+        """Write a marker into the tracker's own recording, where it has one."""
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """Run the tracker's own calibration; None where it has none."""
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""

@@ -1,0 +1,224 @@
+"""Writes a journal: append, flush, sync; never rewrite, never write over anything.
+
+The journal is opened for appending by one program at a time. An event is on the disk when
+`append` returns. A last line that a killed program left unfinished is put aside into a file of
+its own when the session is resumed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypedDict
+
+from protocols.errors import StudyError
+from protocols.hashing import sha256_bytes
+from protocols.journal import AnyEvent, SideFile, event_line
+from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
+
+
+class Stamps(TypedDict):
+    """What every event says."""
+
+    n: int
+    t_s: float
+    at: str
+
+
+class DiskError(StudyError):
+    """The disk refused a write. Everything before it is whole."""
+
+
+class Recorder:
+    """The journal of one sitting, open for appending.
+
+    Use `create` or `resume`; close it, or use it as a context manager.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        descriptor: int,
+        events: list[AnyEvent],
+        clock: Callable[[], float],
+        wall_clock: Callable[[], str],
+    ) -> None:
+        self.folder = folder
+        self.path = folder / JOURNAL_NAME
+        self.events: list[AnyEvent] = events
+        self.torn_file: str | None = None
+        self._descriptor = descriptor
+        self._clock, self._wall_clock = clock, wall_clock
+        self._start_s = clock()
+        self._length = os.fstat(descriptor).st_size
+
+    @classmethod
+    def create(
+        cls, folder: Path, clock: Callable[[], float], wall_clock: Callable[[], str]
+    ) -> Recorder:
+        """Begin the journal of a new sitting.
+
+        Raises
+        ------
+        StudyError
+            If the folder has one already, or cannot be written.
+        """
+        path = folder / JOURNAL_NAME
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND, 0o644)
+        except FileExistsError:
+            raise StudyError(
+                f"{path}: a journal is never written over; take another participant code, or"
+                " 'metamerlab session resume'"
+            ) from None
+        except OSError as error:
+            raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
+        _lock(descriptor, path)
+        _sync_folder(folder)
+        return cls(folder, descriptor, [], clock, wall_clock)
+
+    @classmethod
+    def resume(
+        cls, folder: Path, clock: Callable[[], float], wall_clock: Callable[[], str]
+    ) -> Recorder:
+        """Open a journal to go on with it; an unfinished last line is put aside.
+
+        Raises
+        ------
+        StudyError
+            If there is none, it is damaged, or another program has it open.
+        """
+        path = folder / JOURNAL_NAME
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_APPEND)
+        except FileNotFoundError:
+            raise StudyError(f"{path}: must exist to be resumed (there is no journal)") from None
+        except OSError as error:
+            raise StudyError(f"{path}: must be writable ({error.strerror})") from None
+        try:
+            _lock(descriptor, path)
+            journal = read_journal(path)
+        except StudyError:
+            os.close(descriptor)
+            raise
+        recorder = cls(folder, descriptor, list(journal.events), clock, wall_clock)
+        recorder._mend(journal)
+        return recorder
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the journal; safe to call twice."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def stamps(self) -> Stamps:
+        """Return what the next event says about its place and time."""
+        return {
+            "n": len(self.events),
+            "t_s": round(self._clock() - self._start_s, 6),
+            "at": self._wall_clock(),
+        }
+
+    def session_time(self, clock_s: float) -> float:
+        """Return a stamp of the stage's clock as seconds since the journal was opened."""
+        return round(clock_s - self._start_s, 6)
+
+    def append(self, event: AnyEvent) -> None:
+        """Write an event; it is on the disk when this returns.
+
+        Raises
+        ------
+        DiskError
+            If the disk refuses. The journal then ends with the event before.
+        """
+        line = event_line(event)
+        try:
+            self._write(line)
+            os.fsync(self._descriptor)
+        except OSError as error:
+            os.ftruncate(self._descriptor, self._length)
+            raise DiskError(
+                f"{self.path}: the disk refused a write ({error.strerror}); everything up to"
+                f" event {len(self.events) - 1} is saved. Make room and 'metamerlab session"
+                " resume'"
+            ) from None
+        self._length += len(line)
+        self.events.append(event)
+
+    def side_file(self, stem: str, suffix: str, data: bytes) -> SideFile:
+        """Write a file beside the journal, whole and synced, under a name not yet taken.
+
+        A killed attempt may have left a file of the same name; both are kept.
+
+        Raises
+        ------
+        DiskError
+            If the disk refuses; no part of the file is left.
+        """
+        try:
+            for extra in ("", *(f"-{number}" for number in range(2, 1000))):
+                path = self.folder / f"{stem}{extra}{suffix}"
+                path.parent.mkdir(exist_ok=True)
+                try:
+                    file = path.open("xb")
+                    break
+                except FileExistsError:
+                    continue
+            try:
+                with file:
+                    file.write(data)
+                    file.flush()
+                    os.fsync(file.fileno())
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
+        except OSError as error:
+            raise DiskError(
+                f"{self.folder}: the disk refused a write ({error.strerror}); everything up to"
+                f" event {len(self.events) - 1} is saved. Make room and 'metamerlab session"
+                " resume'"
+            ) from None
+        relative = path.relative_to(self.folder).as_posix()
+        return SideFile(file=relative, sha256=sha256_bytes(data))
+
+    def _mend(self, journal: Journal) -> None:
+        """Put an unfinished last line aside, or finish a whole one that lacks its line feed."""
+        if journal.ends_open:
+            self._write(b"\n")
+            os.fsync(self._descriptor)
+            self._length += 1
+        elif journal.torn:
+            self.torn_file = self.side_file("torn-line", ".txt", journal.torn).file
+            self._length -= len(journal.torn)
+            os.ftruncate(self._descriptor, self._length)
+            os.fsync(self._descriptor)
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
+        while left:
+            left = left[os.write(self._descriptor, left) :]
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise StudyError(f"{path}: another program has this session open; close it first") from None
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

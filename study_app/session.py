@@ -1,0 +1,164 @@
+"""What comes next in a sitting: a pure function of protocol, plan and journal so far.
+
+Nothing else is remembered, so a sitting that was killed goes on where it stopped: the trial that
+was interrupted comes again, and all others keep the order they would have had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from protocols.chance import Chance
+from protocols.journal import (
+    Answer,
+    AnyEvent,
+    Attempt,
+    BlockEnd,
+    BlockStart,
+    Break,
+    Consent,
+    VoidReason,
+)
+from protocols.plan import Plan, PlannedTrial
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Question
+
+NOT_THE_PARTICIPANTS: frozenset[VoidReason] = frozenset({"paused", "quit", "focus-lost"})
+"""Voids that do not count towards `max_attempts`: nothing was wrong with the attempt itself."""
+
+
+@dataclass(frozen=True)
+class AskConsent:
+    """Show the consent page."""
+
+
+@dataclass(frozen=True)
+class StartBlock:
+    """Announce a block; block 0 is practice."""
+
+    block: int
+    trials: int
+    first: bool
+    """Nothing was shown yet: instructions come before."""
+
+
+@dataclass(frozen=True)
+class RunTrial:
+    """Run one attempt."""
+
+    trial: PlannedTrial
+    attempt: int
+    position: int
+
+
+@dataclass(frozen=True)
+class EndBlock:
+    """All trials of the block are decided or given up."""
+
+    block: int
+
+
+@dataclass(frozen=True)
+class TakeBreak:
+    """Rest before the next block."""
+
+    after_block: int
+
+
+@dataclass(frozen=True)
+class AskQuestion:
+    """Ask one of the closing questions."""
+
+    question: Question
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The sitting is over."""
+
+    consented: bool
+
+
+Step: TypeAlias = AskConsent | StartBlock | RunTrial | EndBlock | TakeBreak | AskQuestion | Finish
+
+
+def next_step(
+    protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], language: str
+) -> Step:
+    """Return what the sitting does next."""
+    consent = next((event for event in events if isinstance(event, Consent)), None)
+    if protocol.privacy.consent_required:
+        if consent is None:
+            return AskConsent()
+        if not consent.agreed:
+            return Finish(consented=False)
+    attempts = [event for event in events if isinstance(event, Attempt)]
+    started = {event.block for event in events if isinstance(event, BlockStart)}
+    ended = {event.block for event in events if isinstance(event, BlockEnd)}
+    rested = {event.after_block for event in events if isinstance(event, Break)}
+    for block in plan.blocks:
+        if block in ended:
+            if block > 0 and block != plan.blocks[-1] and block not in rested:
+                return TakeBreak(block)
+            continue
+        if block not in started:
+            return StartBlock(block, len(plan.block(block)), first=not started)
+        queue = remaining(plan, block, attempts, protocol.design.max_attempts)
+        if not queue:
+            return EndBlock(block)
+        tries = sum(attempt.trial == queue[0].id for attempt in attempts)
+        return RunTrial(queue[0], attempt=tries + 1, position=len(attempts))
+    answered = {event.question for event in events if isinstance(event, Answer)}
+    for question in protocol.text.languages[language].questions:
+        if question.name not in answered:
+            return AskQuestion(question)
+    return Finish(consented=True)
+
+
+def remaining(
+    plan: Plan, block: int, attempts: Sequence[Attempt], max_attempts: int
+) -> list[PlannedTrial]:
+    """Return the trials of a block that are still to come, in order.
+
+    A void trial comes again at a seeded place later in its block, not at once where another
+    trial is left, and not next to its own clip pair. After `max_attempts` it is given up.
+    """
+    queue = list(plan.block(block))
+    counted: dict[str, int] = {}
+    for attempt in attempts:
+        if attempt.block != block:
+            continue
+        trial = next(entry for entry in queue if entry.id == attempt.trial)
+        queue.remove(trial)
+        if attempt.void_reason is None:
+            continue
+        if attempt.void_reason not in NOT_THE_PARTICIPANTS:
+            counted[trial.id] = counted.get(trial.id, 0) + 1
+        if counted.get(trial.id, 0) < max_attempts:
+            queue.insert(_place(plan, queue, trial, attempt.attempt), trial)
+    return queue
+
+
+def given_up(plan: Plan, attempts: Sequence[Attempt], max_attempts: int) -> list[str]:
+    """Return the trials that failed `max_attempts` times."""
+    failed: dict[str, int] = {}
+    for attempt in attempts:
+        if attempt.void_reason and attempt.void_reason not in NOT_THE_PARTICIPANTS:
+            failed[attempt.trial] = failed.get(attempt.trial, 0) + 1
+    return [trial.id for trial in plan.trials if failed.get(trial.id, 0) >= max_attempts]
+
+
+def _place(plan: Plan, queue: Sequence[PlannedTrial], trial: PlannedTrial, attempt: int) -> int:
+    """Return where in the queue a void trial comes again."""
+    chance = Chance(plan.seed, plan.participant, plan.slot, "requeue", trial.id, attempt)
+    places = range(1, len(queue) + 1)
+    free = [
+        place
+        for place in places
+        if queue[place - 1].pair != trial.pair
+        and (place == len(queue) or queue[place].pair != trial.pair)
+    ]
+    candidates = free or list(places) or [0]
+    return candidates[chance.below(len(candidates))]

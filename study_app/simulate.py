@@ -1,0 +1,159 @@
+"""Artificial observers through the real session, state machine and recorder.
+
+Only the stage and the eye are virtual. Every journal says that it is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from protocols.display import Display
+from protocols.feasibility import virtual_manifest
+from protocols.journal import Attempt
+from protocols.manifest import Manifest
+from protocols.plan import Plan, PlannedTrial
+from protocols.schema import StudyProtocol
+from study_app.conduct import Outcome, Setting, begin, conduct, resume
+from study_app.gaze.geometry import Viewing
+from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
+from study_app.observer import ArtificialObserver, ObserverModel, rng_of
+from study_app.recorder import Recorder
+from study_app.trial import Timeline
+from study_app.virtual import Fault, VirtualClock, VirtualStage
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Everything a simulated study depends on."""
+
+    protocol: StudyProtocol
+    display: Display
+    seed: int = 0
+    model: ObserverModel = field(default_factory=ObserverModel)
+    gaze: GazeBehaviour = HUMAN
+    gaze_rate_hz: float = 250.0
+    missed_per_flip: float = 0.0
+    """Probability that a flip misses its refresh."""
+    manifest: Manifest | None = None
+    """Clips that were built; left out: clips without pixels."""
+
+    def setting(self, root: Path, clock: VirtualClock) -> Setting:
+        """Return the setting of a sitting below `root`."""
+        return Setting(
+            protocol=self.protocol,
+            display=self.display,
+            manifest=self.manifest or virtual_manifest(self.protocol, self.display),
+            root=root,
+            wall_clock=clock.wall,
+            simulated=True,
+            timing_evidence="virtual",
+        )
+
+
+def participant_code(number: int) -> str:
+    """Return the code of a simulated participant: S001, S002, ..."""
+    return f"S{number + 1:03d}"
+
+
+def simulate_study(
+    simulation: Simulation,
+    root: Path,
+    participants: int,
+    *,
+    on_attempt: Callable[[str, Attempt], None] = lambda _p, _a: None,
+) -> dict[str, Outcome]:
+    """Run the sittings of several observers; one that stopped is gone on with.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The study and its observers.
+    root : Path
+        Folder of sittings: ``root/STUDY/S001/journal.jsonl`` and so on.
+    participants : int
+        How many observers.
+    on_attempt : callable
+        Told each participant and attempt, for a progress bar.
+
+    Returns
+    -------
+    dict
+        Outcome by participant, of those whose sitting was not complete before.
+
+    Raises
+    ------
+    StudyError
+        If the display cannot do the protocol, or a folder holds something else.
+    """
+    outcomes = {}
+    for code in map(participant_code, range(participants)):
+        outcomes[code] = simulate_sitting(
+            simulation, root, code, on_attempt=partial(on_attempt, code)
+        )
+    return outcomes
+
+
+def simulate_sitting(
+    simulation: Simulation,
+    root: Path,
+    participant: str,
+    *,
+    language: str | None = None,
+    on_attempt: Callable[[Attempt], None] = lambda _: None,
+) -> Outcome:
+    """Run, or go on with, one observer's sitting.
+
+    Raises
+    ------
+    StudyError
+        As `begin` and `resume` say.
+    """
+    protocol = simulation.protocol
+    clock = VirtualClock()
+    setting = simulation.setting(root, clock)
+    stage, gaze = _stage(simulation, participant, clock)
+    folder = root / protocol.study.name / participant
+    recorder: Recorder
+    plan: Plan
+    if folder.exists():
+        recorder, plan = resume(setting, participant, stage, gaze)
+    else:
+        language = language or protocol.text.default_language
+        recorder, plan = begin(setting, participant, language, stage, gaze)
+    with recorder:
+        return conduct(setting, plan, recorder, stage, gaze, on_attempt=on_attempt)
+
+
+def _stage(
+    simulation: Simulation, participant: str, clock: VirtualClock
+) -> tuple[VirtualStage, SimulatedGaze | None]:
+    """Return the virtual display and, where the protocol watches gaze, the eye."""
+    protocol, display = simulation.protocol, simulation.display
+    observer = ArtificialObserver(simulation.model, protocol.response, simulation.seed, participant)
+    gaze = None
+    if protocol.gaze.mode != "none":
+        dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
+        gaze = SimulatedGaze(
+            clock,
+            Viewing.of(display),
+            dot,
+            rate_hz=simulation.gaze_rate_hz,
+            behaviour=simulation.gaze,
+        )
+    timeline = Timeline.of(protocol, display)
+    flips = 4 * (timeline.fixate + 2 * timeline.interval + timeline.gap)
+
+    def on_prepare(trial: PlannedTrial, attempt: int) -> Mapping[int, Fault]:
+        rng = rng_of(simulation.seed, "attempt", participant, trial.id, attempt)
+        if gaze is not None:
+            gaze.restart(int(rng.integers(2**63)))
+        if not simulation.missed_per_flip:
+            return {}
+        missed = rng.uniform(size=flips) < simulation.missed_per_flip
+        return {int(flip): Fault("missed", 1.0) for flip in missed.nonzero()[0] if flip}
+
+    stage = VirtualStage(clock, display.refresh_hz, observer, on_prepare=on_prepare)
+    return stage, gaze

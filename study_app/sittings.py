@@ -1,0 +1,149 @@
+"""The folder of all sittings: ``ROOT/STUDY/PARTICIPANT/journal.jsonl``.
+
+Gives each new participant the next free counterbalancing slot, and refuses a code that was used.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from protocols.errors import StudyError
+from protocols.journal import ParticipantCode, SessionEnd
+from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
+from protocols.schema import StudyProtocol
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """One participant's folder as it stands."""
+
+    folder: Path
+    journal: Journal
+
+    @property
+    def participant(self) -> str:
+        """The participant's code."""
+        return self.folder.name
+
+    @property
+    def study(self) -> str:
+        """The study's name."""
+        return self.folder.parent.name
+
+    @property
+    def state(self) -> str:
+        """`completed`, `withdrawn`, `refused`, `stopped` (can be resumed), `damaged`, or
+        `stillborn`: killed before its first line was whole."""
+        if not self.journal.has_lines:
+            return "stillborn"
+        if self.journal.damaged:
+            return "damaged"
+        if self.journal.withdrawn:
+            return "withdrawn"
+        last = self.journal.events[-1]
+        if isinstance(last, SessionEnd) and last.reason == "completed":
+            return "completed"
+        if isinstance(last, SessionEnd) and last.reason == "consent-refused":
+            return "refused"
+        return "stopped"
+
+    @property
+    def main_done(self) -> int:
+        """Main trials decided."""
+        return sum(
+            attempt.outcome == "completed" and not attempt.practice and not attempt.catch
+            for attempt in self.journal.attempts
+        )
+
+
+def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
+    """Return every sitting below `root`, damaged ones included.
+
+    Raises
+    ------
+    StudyError
+        If `root` is no folder.
+    """
+    if not root.is_dir():
+        raise StudyError(f"{root}: must be a folder of sessions (there is no such folder)")
+    pattern = f"{study or '*'}/*/{JOURNAL_NAME}"
+    return [
+        Sitting(path.parent, read_journal(path, lenient=True))
+        for path in sorted(root.glob(pattern))
+    ]
+
+
+def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
+    """Return where a participant's journal belongs.
+
+    Raises
+    ------
+    StudyError
+        If the code is not one, or does not match the protocol's pattern.
+    """
+    try:
+        TypeAdapter(ParticipantCode).validate_python(participant)
+    except ValidationError:
+        raise StudyError(
+            "participant: a code must be letters, digits, single dashes and underscores, at most"
+            f" 32 (got {participant!r}); use a pseudonym, never a name"
+        ) from None
+    if not re.fullmatch(protocol.privacy.code_pattern, participant):
+        raise StudyError(
+            f"participant: a code must match {protocol.privacy.code_pattern} (got"
+            f" {participant!r}); the protocol's privacy section says so"
+        )
+    return root / protocol.study.name / participant
+
+
+def is_stillborn(folder: Path) -> bool:
+    """Return whether a sitting was killed before its first line was whole: nothing was recorded."""
+    path = folder / JOURNAL_NAME
+    return path.exists() and not read_journal(path, lenient=True).has_lines
+
+
+def next_slot(root: Path, study: str) -> int:
+    """Return the smallest counterbalancing slot that no sitting of the study holds.
+
+    The slots of participants who withdrew, or did not consent, are free again. Call it inside
+    `claimed`, so that two programs cannot take the same one.
+
+    Raises
+    ------
+    StudyError
+        If a journal's first line is damaged, so that its slot is not known.
+    """
+    taken = set()
+    for sitting in find_sittings(root, study):
+        if sitting.state not in {"withdrawn", "refused", "stillborn"}:
+            taken.add(sitting.journal.start.slot)
+    return next(slot for slot in range(len(taken) + 1) if slot not in taken)
+
+
+@contextmanager
+def claimed(root: Path) -> Iterator[None]:
+    """Hold the folder of sittings for the moment in which a slot is given away.
+
+    Raises
+    ------
+    StudyError
+        If the folder cannot be written.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(root / ".lock", os.O_CREAT | os.O_RDWR, 0o644)
+    except OSError as error:
+        raise StudyError(f"{root}: must be a writable folder ({error.strerror})") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

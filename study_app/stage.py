@@ -1,0 +1,93 @@
+"""What a session needs of the outside: a display that flips, keys, and pages of text.
+
+The presenter's window is one stage; the virtual display of simulated sessions is another. The
+session, the trial machine and the recorder are the same over both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from protocols.journal import VoidReason
+from protocols.plan import PlannedTrial
+from study_app.trial import Phase
+
+
+class KeyPress(NamedTuple):
+    """One key that went down."""
+
+    key: str
+    """Named as in `protocols.session_schema.KeyName`."""
+    t_s: float
+    """On the stage's clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What one flip shows."""
+
+    phase: Phase
+    clip: int | None = None
+    """0 or 1: the clip of interval 1 or 2; None: no clip."""
+    frame: int | None = None
+    """Which frame of it."""
+    notice: VoidReason | None = None
+    """During the inter-trial interval: why the attempt was void."""
+    warned: bool = False
+    """During the inter-trial interval: gaze had left the dot (mode `warn`)."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of text that waits for a key."""
+
+    name: str
+    """`consent`, `instructions`, `practice`, `start`, `break`, `paused`, `quit`, `question`,
+    `thanks`."""
+    text: str
+    keys: tuple[str, ...]
+    """Keys that end it; empty: it is shown without waiting."""
+    least_s: float = 0.0
+    """Keys before that are ignored."""
+    choices: tuple[str, ...] = ()
+    """A question's answers; empty: free text is typed."""
+
+
+class PageResult(NamedTuple):
+    """How a page ended."""
+
+    key: str
+    answer: str
+    """What a question's page collected."""
+    duration_s: float
+
+
+class Stage(Protocol):
+    """The display with its clock and its keys."""
+
+    @property
+    def refresh_hz(self) -> float:
+        """The rate against which flips are judged."""
+
+    def now(self) -> float:
+        """Return the monotonic clock, in seconds."""
+
+    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
+        """Make the trial's clips ready to be shown; may take as long as it needs.
+
+        Raises `StudyError` if a clip is missing or is not what was hashed.
+        """
+
+    def show(self, picture: Picture) -> float:
+        """Draw, flip, and return the flip's stamp. No disk, no decoding."""
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys that went down since the last call. Never waits."""
+
+    def focus_lost(self) -> bool:
+        """Return whether another window has the keyboard."""
+
+    def page(self, page: Page) -> PageResult:
+        """Show a page until one of its keys goes down."""

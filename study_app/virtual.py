@@ -1,0 +1,155 @@
+"""A display and a clock that exist only in numbers, with timing faults on request.
+
+The virtual display refreshes on an exact grid. Sessions on it run as fast as the machine can
+count, and every fault that was planted is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Literal, Protocol
+
+from protocols.plan import PlannedTrial
+from study_app.stage import KeyPress, Page, PageResult, Picture
+from study_app.trial import Phase
+
+EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
+"""Wall clock of simulated sessions when their virtual clock reads 0."""
+
+
+class VirtualClock:
+    """A monotonic clock that moves when it is told to."""
+
+    def __init__(self, start_s: float = 0.0) -> None:
+        self._now_s = start_s
+
+    def __call__(self) -> float:
+        """Return the time, in seconds."""
+        return self._now_s
+
+    def move_to(self, t_s: float) -> None:
+        """Move forwards to `t_s`; a time in the past changes nothing."""
+        self._now_s = max(self._now_s, t_s)
+
+    def wall(self) -> str:
+        """Return the virtual wall clock, UTC."""
+        moment = EPOCH + timedelta(seconds=self._now_s)
+        return moment.strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong with one flip."""
+
+    kind: Literal["late", "missed", "doubled"]
+    amount: float = 1.0
+    """`late`: share of a refresh period; `missed`: refreshes."""
+
+
+class Observer(Protocol):
+    """Who sits before the virtual display."""
+
+    def answer(self, trial: PlannedTrial, attempt: int) -> tuple[str, float]:
+        """Return the key that will be pressed, and how long after the onset of the question."""
+
+    def turn_page(self, page: Page) -> PageResult:
+        """Return how a page ends."""
+
+
+class VirtualStage:
+    """A stage without a screen.
+
+    Parameters
+    ----------
+    clock : VirtualClock
+        Moved by every flip and page.
+    refresh_hz : float
+        The true refresh rate.
+    observer : Observer
+        Answers and turns pages.
+    nominal_hz : float, optional
+        What the display claims; default: the truth.
+    on_prepare : callable, optional
+        Called with (trial, attempt) before each attempt, for instance to restart a simulated
+        gaze; returns the faults of the attempt by number of flip.
+    """
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        refresh_hz: float,
+        observer: Observer,
+        *,
+        nominal_hz: float | None = None,
+        on_prepare: Callable[[PlannedTrial, int], Mapping[int, Fault]] = lambda _t, _a: {},
+    ) -> None:
+        self._clock, self._true_hz = clock, refresh_hz
+        self._nominal_hz = nominal_hz or refresh_hz
+        self._observer, self._on_prepare = observer, on_prepare
+        self._trial: tuple[PlannedTrial, int] | None = None
+        self._faults: Mapping[int, Fault] = {}
+        self._flips = 0
+        self._pending: list[KeyPress] = []
+        self._asked = False
+        self.pictures: list[tuple[float, Picture]] | None = None
+        """Set to a list to have every flip's stamp and picture kept."""
+
+    @property
+    def refresh_hz(self) -> float:
+        """What the display claims."""
+        return self._nominal_hz
+
+    def now(self) -> float:
+        """Return the virtual clock."""
+        return self._clock()
+
+    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
+        """Nothing to load; a new attempt begins."""
+        self._trial, self._flips, self._asked = (trial, attempt), 0, False
+        self._pending.clear()
+        self._faults = self._on_prepare(trial, attempt)
+
+    def press(self, key: str, t_s: float) -> None:
+        """Let a key go down at a time of the clock."""
+        self._pending.append(KeyPress(key, t_s))
+
+    def show(self, picture: Picture) -> float:
+        """Wait for the next refresh of the grid, or do what the planted fault says."""
+        fault = self._faults.get(self._flips)
+        self._flips += 1
+        line = math.floor(self._clock() * self._true_hz + 1e-6) + 1
+        stamp_s = line / self._true_hz
+        if fault is not None and fault.kind in ("missed", "late"):
+            stamp_s = (line + fault.amount) / self._true_hz
+        elif fault is not None:  # doubled: the swap did not wait
+            stamp_s = self._clock() + 0.02 / self._true_hz
+        self._clock.move_to(stamp_s)
+        if picture.phase is Phase.RESPOND and not self._asked and self._trial is not None:
+            self._asked = True
+            key, after_s = self._observer.answer(*self._trial)
+            self.press(key, stamp_s + after_s)
+        if self.pictures is not None:
+            self.pictures.append((stamp_s, picture))
+        return stamp_s
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys whose time has come."""
+        if not self._pending:
+            return ()
+        now_s = self._clock()
+        due = [press for press in self._pending if press.t_s <= now_s]
+        self._pending = [press for press in self._pending if press.t_s > now_s]
+        return due
+
+    def focus_lost(self) -> bool:
+        """Nothing else wants the keyboard."""
+        return False
+
+    def page(self, page: Page) -> PageResult:
+        """Let the observer turn the page."""
+        result = self._observer.turn_page(page)
+        self._clock.move_to(self._clock() + result.duration_s)
+        return result
