@@ -214,6 +214,16 @@ def test_a_newer_python_beside_an_old_one_is_found(machine):
     assert machine.setup().returncode == 0
 
 
+def test_another_python_that_is_named_replaces_the_environment(machine):
+    machine.setup()
+    machine.log()
+    machine.fake("python3.13", FAKE_PYTHON.replace("Python 3.12.1", "Python 3.13.0"))
+
+    assert machine.setup(PYTHON="python3.13").returncode == 0
+    assert machine.log()[0] == "venv"
+    assert machine.setup(PYTHON="python3.13").stderr == ""
+
+
 @pytest.mark.parametrize("named", ["nowhere/python", "old"])
 def test_a_named_python_is_taken_or_refused_but_never_replaced(machine, named):
     machine.fake("old", '#!/bin/bash\n[[ $1 == -V ]] && echo "Python 3.9.2"\nexit 1\n')
