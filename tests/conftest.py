@@ -93,52 +93,74 @@ def gl_context(shared_gl_context: moderngl.Context) -> Iterator[moderngl.Context
     """
     shared_gl_context.__enter__()  # another test may have made its own context current
     shared_gl_context.clear_errors()
-    before = _live_gl_objects()
+    watch = GLWatch()
     yield shared_gl_context
     shared_gl_context.__enter__()
     error = shared_gl_context.error
-    left = _live_gl_objects() - before
+    left = watch.gained()
     assert not left, f"GL objects left alive: {', '.join(sorted(left))}"
     assert error == "GL_NO_ERROR", f"GL error left unread: {error}"
 
 
 @pytest.fixture
-def live_gl_objects(gl_context: moderngl.Context) -> Callable[[], set[str]]:  # noqa: ARG001
-    """Give the function that tells which objects the context holds, e.g. ``texture 3``."""
-    return _live_gl_objects
+def gl_watch(gl_context: moderngl.Context) -> type[GLWatch]:  # noqa: ARG001
+    """Give the class whose instances tell which GL objects came into being since."""
+    return GLWatch
 
 
-GL_DELETE_STATUS = 0x8B80
-MOST_GL_NAMES = 512  # drivers hand out the lowest free name
+class GLWatch:
+    """Which objects the current context has gained since the watch began, e.g. ``texture 3``.
 
-
-def _live_gl_objects() -> set[str]:
-    """Ask the driver which objects the current context holds, e.g. ``texture 3``.
-
-    Python objects would not do: moderngl frees nothing when they are collected. Query
-    objects are left out, since moderngl has no call to free them. A program that was
-    released but is still bound counts as gone.
+    It asks the driver: moderngl frees nothing when Python collects its objects, so
+    counting those would miss what leaks. Query objects are left out, since moderngl has no
+    call to free them. A program that was released but is still bound counts as gone.
     """
-    egl = ctypes.CDLL("libEGL.so.1")
-    egl.eglGetProcAddress.restype = ctypes.c_void_p
 
-    def function(name: str, *arguments: type, returns: type | None) -> Callable[..., int]:
-        return ctypes.CFUNCTYPE(returns, *arguments)(egl.eglGetProcAddress(name.encode()))
+    KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Sampler", "VertexArray")
+    AT_ONCE = 512  # more than a test ever holds
+    DELETE_STATUS = 0x8B80
 
-    get_program = function(
-        "glGetProgramiv",
-        *(ctypes.c_uint, ctypes.c_uint, ctypes.POINTER(ctypes.c_int)),
-        returns=None,
-    )
+    def __init__(self) -> None:
+        self._egl = ctypes.CDLL("libEGL.so.1")
+        self._egl.eglGetProcAddress.restype = ctypes.c_void_p
+        self._first = self._next_names()
+        self._before = self._alive()
 
-    def released(program: int) -> bool:
+    def gained(self) -> set[str]:
+        """Return kind and GL name of every new object that is still alive."""
+        return self._alive() - self._before
+
+    def _alive(self) -> set[str]:
+        # Drivers give out either the lowest free name or one never used before: in both
+        # cases nothing new lies below the name that was next when the watch began.
+        nexts, alive = self._next_names(), set()
+        for kind, first in self._first.items():
+            exists = self._call(f"glIs{kind}", ctypes.c_ubyte, ctypes.c_uint)
+            names = range(first, max(nexts[kind], first + self.AT_ONCE))
+            alive |= {f"{kind.lower()} {name}" for name in names if exists(name)}
+        return {name for name in alive if not self._is_released_program(name)}
+
+    def _next_names(self) -> dict[str, int]:
+        nexts, name = {}, ctypes.c_uint()
+        for kind in self.KINDS:
+            self._call(f"glGen{kind}s", None, ctypes.c_int, ctypes.c_void_p)(1, ctypes.byref(name))
+            nexts[kind] = name.value
+            delete = self._call(f"glDelete{kind}s", None, ctypes.c_int, ctypes.c_void_p)
+            delete(1, ctypes.byref(name))
+        nexts["Program"] = self._call("glCreateProgram", ctypes.c_uint)()
+        self._call("glDeleteProgram", None, ctypes.c_uint)(nexts["Program"])
+        return nexts
+
+    def _is_released_program(self, name: str) -> bool:
+        kind, number = name.split()
+        if kind != "program":
+            return False
         status = ctypes.c_int()
-        get_program(program, GL_DELETE_STATUS, ctypes.byref(status))
+        get = self._call("glGetProgramiv", None, ctypes.c_uint, ctypes.c_uint, ctypes.c_void_p)
+        get(int(number), self.DELETE_STATUS, ctypes.byref(status))
         return bool(status.value)
 
-    alive = set()
-    kinds = ("Texture", "Program", "Buffer", "Framebuffer", "Renderbuffer", "Sampler")
-    for kind in (*kinds, "VertexArray"):
-        exists = function(f"glIs{kind}", ctypes.c_uint, returns=ctypes.c_ubyte)
-        alive |= {f"{kind.lower()} {name}" for name in range(1, MOST_GL_NAMES) if exists(name)}
-    return {name for name in alive if not (name.startswith("program") and released(int(name[8:])))}
+    def _call(
+        self, name: str, returns: type[ctypes._SimpleCData[int]] | None, *arguments: type
+    ) -> Callable[..., int]:
+        return ctypes.CFUNCTYPE(returns, *arguments)(self._egl.eglGetProcAddress(name.encode()))

@@ -86,3 +86,30 @@ def test_every_test_starts_from_the_same_random_numbers(run_pytest):
     drawn = [line.split()[-1] for line in output.splitlines() if "drew" in line]
     assert len(drawn) == 2
     assert len(set(drawn)) == 1
+
+
+LEAKS = """
+def test_tidy(gl_context):
+    gl_context.texture((2, 2), 4).release()
+
+def test_texture(gl_context):
+    for _ in range(600):  # names run on, and the watch with them
+        gl_context.texture((2, 2), 4).release()
+    gl_context.texture((2, 2), 4)
+
+def test_tidy_after_another_left_something(gl_context):
+    gl_context.buffer(reserve=4).release()
+
+def test_error(gl_context):
+    gl_context.texture((1, 1 + gl_context.info["GL_MAX_TEXTURE_SIZE"]), 1).release()
+"""
+
+
+@pytest.mark.usefixtures("gl_context")  # skips without OpenGL
+def test_a_test_that_leaves_gl_objects_or_errors_behind_is_an_error(run_pytest):
+    status, output = run_pytest(LEAKS)
+
+    assert status == 1
+    assert "4 passed, 2 errors" in output
+    assert "AssertionError: GL objects left alive: texture" in output
+    assert "AssertionError: GL error left unread: GL_INVALID_VALUE" in output

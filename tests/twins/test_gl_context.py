@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import shutil
 import subprocess
 import sys
 
@@ -242,27 +243,73 @@ def test_a_driver_that_is_not_there_is_refused_with_the_cure(monkeypatch):
         create_context()
 
 
+# --- A window
+
+ADOPT = """
+import glfw
+from pipeline.gl.context import adopt_context, create_context, describe, release_context
+
+glfw.init()
+release_context(create_context())
+for api in (glfw.NATIVE_CONTEXT_API, glfw.EGL_CONTEXT_API):
+    glfw.default_window_hints()
+    for hint, value in (
+        (glfw.VISIBLE, False),
+        (glfw.CONTEXT_CREATION_API, api),
+        (glfw.CONTEXT_VERSION_MAJOR, 4),
+        (glfw.CONTEXT_VERSION_MINOR, 3),
+        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+    ):
+        glfw.window_hint(hint, value)
+    window = glfw.create_window(64, 64, "", None, None)
+    glfw.make_context_current(window)
+    adopt_context().release()
+    again = adopt_context()  # the window's context is still there
+    again.texture((2, 2), 4)
+    print("adopted", describe(again).version_code >= 430, again.error)
+    glfw.destroy_window(window)
+"""
+
+
+def test_a_windows_context_is_adopted_by_glx_and_by_egl_after_an_off_screen_one():
+    if shutil.which("xvfb-run") is None:
+        if os.environ.get("REQUIRE_GL") == "1":
+            pytest.fail("xvfb-run is needed (apt-get install xvfb xauth)")
+        pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
+
+    done = subprocess.run(
+        ["xvfb-run", "-a", sys.executable, "-c", ADOPT],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+    assert done.stdout.splitlines() == 2 * ["adopted True GL_NO_ERROR"], done.stderr
+
+
 # --- The fixture that every test of the GPU stands on
 
 
-def test_objects_left_alive_are_seen_although_python_has_forgotten_them(live_gl_objects):
+def test_objects_left_alive_are_seen_although_python_has_forgotten_them(gl_watch):
     ctx = create_context()  # goes at the end, with all that is left in it
-    assert not live_gl_objects()
+    watch = gl_watch()
     things = [
         ctx.texture((2, 2), 1),
         ctx.buffer(reserve=4),
         ctx.compute_shader("#version 430\nlayout(local_size_x=1) in; void main() {}"),
     ]
     things[-1].run()  # a bound program is freed only when the next one is bound
-    assert {name.split()[0] for name in live_gl_objects()} == {"texture", "buffer", "program"}
+    assert {name.split()[0] for name in watch.gained()} == {"texture", "buffer", "program"}
 
     for thing in things:
         thing.release()
-    assert not live_gl_objects()
+    assert not watch.gained()
 
     forgotten = ctx.texture((2, 2), 1)
     name = f"texture {forgotten.glo}"
     del forgotten
     gc.collect()
-    assert live_gl_objects() == {name}
+    assert watch.gained() == {name}
+    assert not gl_watch().gained()  # what was there before is not new
     release_context(ctx)

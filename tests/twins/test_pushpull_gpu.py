@@ -181,14 +181,14 @@ def test_dispatches_are_two_for_each_level(gl_context):
     assert dispatches == 6
 
 
-def test_a_call_allocates_nothing(gl_context, live_gl_objects, rng):
+def test_a_call_allocates_nothing(gl_context, gl_watch, rng):
     fill_pass = PushPullPass(gl_context, (16, 16))
     texture = texture_from(gl_context, random_image(rng, (16, 16), 0.5), "rgba32f")
-    before = live_gl_objects()
+    watch = gl_watch()
 
     fill_pass(texture, texture)
-    after = live_gl_objects()
+    gained = watch.gained()
     texture.release()
     fill_pass.release()
 
-    assert after == before
+    assert not gained
