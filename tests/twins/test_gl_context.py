@@ -222,7 +222,7 @@ def test_mesa_told_to_be_old_is_refused_by_name(shared_gl_context, version):
     code = "from pipeline.gl.context import create_context; create_context()"
 
     done = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-P", "-c", code],
         env=os.environ | {"MESA_GL_VERSION_OVERRIDE": version},
         capture_output=True,
         text=True,
@@ -278,7 +278,7 @@ def test_a_windows_context_is_adopted_by_glx_and_by_egl_after_an_off_screen_one(
         pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
 
     done = subprocess.run(
-        ["xvfb-run", "-a", sys.executable, "-c", ADOPT],
+        ["xvfb-run", "-a", sys.executable, "-P", "-c", ADOPT],
         capture_output=True,
         text=True,
         timeout=120,
