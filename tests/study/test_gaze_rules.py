@@ -1,0 +1,283 @@
+"""Fixation, violation, blink, loss and silence, from planted events and real recordings."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocols.errors import StudyError
+from protocols.load import load_display
+from protocols.session_schema import Gaze
+from study_app.gaze.fixation import FixationMonitor, persistence_s
+from study_app.gaze.geometry import Viewing
+from study_app.gaze.recording import load_recording
+from study_app.gaze.replay import ReplaySource
+from study_app.gaze.simulated import HUMAN, GazeBehaviour, GazeEvent, SimulatedGaze
+from study_app.gaze.source import GazeSample
+from study_app.trial import Watch
+from study_app.virtual import VirtualClock
+
+RULES = Gaze(mode="enforce")
+VIEWING = Viewing.of(load_display("fhd27-60hz"))
+RATES_HZ = [60.0, 250.0, 500.0, 1000.0]
+LATE_S = 1e-6  # rounding of stamps
+
+
+class Watching:
+    """A simulated eye under the rules, looked at once per frame of a 60 Hz display."""
+
+    def __init__(self, rate_hz, events=(), seed=0, frame_hz=60.0, behaviour=None):
+        self.clock = VirtualClock()
+        self.gaze = SimulatedGaze(
+            self.clock, VIEWING, (0.0, 0.0), rate_hz=rate_hz,
+            behaviour=behaviour or GazeBehaviour(),
+        )  # fmt: skip
+        self.gaze.restart(seed, None if behaviour else events)
+        self.monitor = FixationMonitor(RULES, VIEWING, (0.0, 0.0), rate_hz)
+        self.frame_s = 1 / frame_hz
+
+    def until(self, end_s, planned_s=7.0):
+        """Return (time, verdict) of every frame from 0.5 s on, when watching begins."""
+        verdicts, watching = [], False
+        for frame in range(math.ceil(end_s / self.frame_s)):
+            self.clock.move_to(frame * self.frame_s)
+            self.monitor.feed(self.gaze.poll())
+            if not watching and self.clock() >= 0.5:
+                self.monitor.watch(self.clock(), planned_s)
+                watching = True
+            if watching:
+                verdicts.append((self.clock(), self.monitor.verdict(self.clock())))
+        return verdicts
+
+
+def first(verdicts, verdict):
+    return next((t_s for t_s, seen in verdicts if seen is verdict), None)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("seed", range(12))
+def test_a_look_away_is_decided_within_a_frame_and_a_sample_after_the_rule(rate_hz, seed):
+    at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
+    watching = Watching(rate_hz, [GazeEvent("away", at_s)], seed)
+    decided_s = first(watching.until(4.0), Watch.VIOLATION)
+
+    rule_s = persistence_s(RULES, rate_hz)
+    assert decided_s is not None
+    assert at_s + rule_s <= decided_s + LATE_S
+    assert decided_s <= at_s + rule_s + 1 / 60 + 1 / rate_hz + LATE_S
+
+
+def test_the_rule_s_own_length_counts_whole_samples():
+    """20 ms and two samples: 2 intervals at 60 Hz (33 ms), 5 at 250 Hz (20 ms)."""
+    assert persistence_s(RULES, 60.0) == pytest.approx(2 / 60)
+    assert persistence_s(RULES, 250.0) == pytest.approx(0.020)
+    assert persistence_s(RULES, 1000.0) == pytest.approx(0.020)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("seed", range(6))
+def test_blinks_up_to_the_limit_never_void(rate_hz, seed):
+    """A blink of 30 to 150 ms every second, with the lid's drag before and after."""
+    chance = np.random.default_rng(seed)
+    blinks = [GazeEvent("blink", 0.8 + k, chance.uniform(0.03, 0.149)) for k in range(7)]
+    watching = Watching(rate_hz, blinks, seed)
+
+    verdicts = {seen for _, seen in watching.until(8.0)}
+    quality = watching.monitor.quality(watching.clock())
+
+    assert verdicts <= {Watch.HELD, Watch.AWAY}
+    assert quality.violations == 0
+    # The shortest may fall between two samples of a slow tracker.
+    assert 7 - (rate_hz < 100) * 3 <= quality.blinks <= 7
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("seed", range(6))
+def test_a_loss_longer_than_a_blink_is_decided_within_a_frame_and_a_sample(rate_hz, seed):
+    at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
+    watching = Watching(rate_hz, [GazeEvent("loss", at_s, 1.0)], seed)
+    decided_s = first(watching.until(4.0), Watch.LOSS)
+
+    # Losing is sure with the first lost sample more than blink_s after the first.
+    rule_s = (math.floor(RULES.blink_s * rate_hz + 1e-9) + 1) / rate_hz
+    assert decided_s is not None
+    assert at_s + RULES.blink_s < decided_s + LATE_S
+    assert decided_s <= at_s + rule_s + 1 / 60 + 1 / rate_hz + LATE_S
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("seed", range(6))
+def test_a_dead_tracker_is_loss_and_never_fixation(rate_hz, seed):
+    at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
+    verdicts = Watching(rate_hz, [GazeEvent("death", at_s)], seed).until(4.0)
+    decided_s = first(verdicts, Watch.LOSS)
+
+    assert decided_s is not None
+    # Silence counts from the last sample, which is up to one sample older than the death.
+    assert at_s + RULES.silence_s - 1 / rate_hz <= decided_s + LATE_S
+    assert decided_s <= at_s + RULES.silence_s + 1 / 60 + LATE_S
+    assert all(seen is Watch.LOSS for t_s, seen in verdicts if t_s >= decided_s)
+
+
+def test_a_dead_tracker_does_not_hold_the_gate():
+    watching = Watching(250.0, [GazeEvent("death", 0.2)])
+    watching.clock.move_to(0.29)
+    watching.monitor.feed(watching.gaze.poll())
+    assert watching.monitor.verdict(0.29) is Watch.HELD
+    assert watching.monitor.verdict(0.31) is Watch.AWAY
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_short_losses_add_up_to_loss(rate_hz):
+    """100 ms lost in every 200 ms: each is a blink, together they pass 20 % of 7 s at 2.8 s."""
+    losses = [GazeEvent("loss", 0.5 + 0.2 * k, 0.1) for k in range(40)]
+    decided_s = first(Watching(rate_hz, losses).until(8.0), Watch.LOSS)
+
+    # 14 losses are needed; each may catch one sample more than its 100 ms.
+    assert decided_s == pytest.approx(0.5 + 2.8, abs=0.15 + 14 / rate_hz)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_a_steady_eye_is_never_void(rate_hz):
+    watching = Watching(rate_hz, seed=3)
+
+    assert {seen for _, seen in watching.until(8.0)} == {Watch.HELD}
+    quality = watching.monitor.quality(watching.clock())
+    assert quality.lost_share == 0.0
+    assert quality.mean_deg is not None
+    assert quality.mean_deg < 0.4
+
+
+def test_jumps_of_one_sample_are_noise_not_violation():
+    monitor = FixationMonitor(RULES, VIEWING, (0.0, 0.0), 1000.0)
+    monitor.watch(0.0, 7.0)
+    for k in range(1000):
+        x_px = 1400.0 if k % 10 == 0 else 960.0
+        monitor.feed([GazeSample(k / 1000, k, x_px, 540.0)])
+        assert monitor.verdict(k / 1000) in (Watch.HELD, Watch.AWAY)
+
+
+def test_the_window_is_an_angle_off_the_centre_too():
+    """A dot 15 deg to the right: 1.4 deg away is inside, 1.6 deg is outside, on each side."""
+    monitor = FixationMonitor(RULES, VIEWING, (15.0, 0.0), 250.0)
+    for offset, inside in ((-1.4, True), (1.4, True), (-1.6, False), (1.6, False)):
+        monitor.feed([GazeSample(0.0, 0.0, *VIEWING.to_px(15.0 + offset, 0.0))])
+        assert (monitor.verdict(0.0) is Watch.HELD) == inside
+
+
+def test_gaze_of_a_seed_is_the_same_however_often_it_is_polled():
+    def samples(steps):
+        watching = Watching(250.0, seed=5, behaviour=HUMAN)
+        taken = []
+        for t_s in np.linspace(0, 6, steps):
+            watching.clock.move_to(float(t_s))
+            taken += watching.gaze.poll()
+        return [tuple(sample) for sample in taken]
+
+    often, seldom = samples(500), samples(7)
+
+    np.testing.assert_array_equal(np.array(often), np.array(seldom))
+    assert len(often) == 6 * 250 + 1
+
+
+RECORDINGS = [
+    ("eyelink_mono250.asc.gz", 250, (1024, 768), 0),
+    ("eyelink_mono500.asc.gz", 500, (1024, 768), 0),
+    ("eyelink_mono1000.asc.gz", 1000, (1024, 768), 0),
+    ("eyelink_bino500.asc.gz", 500, (1024, 768), 0),
+    ("eyelink_monoRemote500.asc.gz", 500, (1024, 768), 3),
+    ("eyeris_memory_1000hz.asc.gz", 1000, (1920, 1080), 1),
+]
+
+
+@pytest.mark.parametrize(("name", "rate_hz", "screen", "blinks"), RECORDINGS)
+def test_a_real_eyelink_recording_is_read_whole(shared_data, name, rate_hz, screen, blinks):
+    recording = load_recording(shared_data / "gaze" / name)
+
+    assert recording.rate_hz == rate_hz
+    assert recording.screen_px == screen
+    assert len(recording.blinks_s) == blinks
+    assert (np.diff(recording.t_s) >= 0).all()
+    if name.startswith("eyelink_monoRemote"):
+        assert len(recording.t_s) == 41_582  # as counted when the file was taken over
+    seen = np.isfinite(recording.x_px)
+    assert seen.mean() > 0.9
+    for start_s, end_s in recording.blinks_s:
+        middle = (recording.t_s > start_s) & (recording.t_s < end_s)
+        assert not np.isfinite(recording.x_px[middle]).any()
+
+
+@pytest.mark.parametrize("name", ["eyelink_monoRemote500.asc.gz", "eyeris_memory_1000hz.asc.gz"])
+def test_real_blinks_are_pardoned(shared_data, name):
+    """Watched around each blink, with the dot where gaze rests, no real blink voids."""
+    recording = load_recording(shared_data / "gaze" / name)
+    width, height = recording.screen_px
+    viewing = Viewing(width, height, 400 / width, 300 / height, 600.0)
+    for start_s, end_s in recording.blinks_s:
+        before = (recording.t_s > start_s - 0.3) & (recording.t_s < start_s - 0.05)
+        dot = viewing.to_deg(
+            float(np.nanmedian(recording.x_px[before])), float(np.nanmedian(recording.y_px[before]))
+        )
+        clock = VirtualClock()
+        source = ReplaySource(recording, clock)
+        source.open()
+        monitor = FixationMonitor(
+            RULES.model_copy(update={"window_deg": 3.0}), viewing, dot, recording.rate_hz
+        )
+        clock.move_to(start_s - 0.1)
+        monitor.feed(source.poll()[-1:])
+        monitor.watch(clock(), 7.0)
+        seen = set()
+        while clock() < end_s + 0.04:
+            clock.move_to(clock() + 1 / 60)
+            monitor.feed(source.poll())
+            seen.add(monitor.verdict(clock()))
+        assert Watch.LOSS not in seen
+        assert monitor.quality(clock()).blinks >= 1
+
+
+def test_replay_gives_every_sample_once_with_raw_stamps(shared_data):
+    recording = load_recording(shared_data / "gaze" / "eyelink_mono250.asc.gz")
+    clock = VirtualClock(100.0)
+    source = ReplaySource(recording, clock)
+    source.open()
+    samples = list(source.poll())
+    while clock() < 100.0 + recording.t_s[-1]:
+        clock.move_to(clock() + 1 / 60)
+        samples += source.poll()
+
+    assert [sample.raw_t for sample in samples] == list(recording.raw_t)
+    assert samples[0].t_s == 100.0
+    assert not source.poll()
+
+
+def test_gaze_written_by_a_session_is_read_back(tmp_path):
+    path = tmp_path / "gaze.csv"
+    path.write_text("t_s,raw_t,x_px,y_px\n1.000,0,960.00,540.00\n1.004,1,,\n1.008,2,961.0,541.0\n")
+    recording = load_recording(path)
+
+    assert recording.rate_hz == pytest.approx(250)
+    assert np.isnan(recording.x_px[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", b"time,x,y\n1,2,3\n", "must have columns t_s .or t_ms., x_px and y_px"),
+        ("a.csv", b"t_s,x_px,y_px\n1,a,3\n", "line 2: must hold numbers"),
+        ("a.csv", b"t_s,x_px,y_px\n", "at least two samples .got 0."),
+        ("a.csv", b"t_s,x_px,y_px\n2,1,1\n1,1,1\n", "stamps must rise"),
+        ("a.asc", b"MSG 1 DISPLAY_COORDS 0 0 1023 767\n", "samples between START and END"),
+        ("a.asc.gz", b"no gzip", "must be a whole gzip file"),
+        ("a.edf", b"", "must be an EyeLink .asc or a .csv"),
+    ],
+)
+def test_a_recording_that_is_none_is_told(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(StudyError, match=message):
+        load_recording(tmp_path / name)
+    with pytest.raises(StudyError, match="no such file"):
+        load_recording(Path(tmp_path / "none.csv"))
