@@ -106,6 +106,13 @@ class Camera:
         pose[:3, 3] += pose[:3, :3] @ offset
         return replace(self, world_from_camera=pose)
 
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Intrinsics K, shape (3, 3): pixels from points of depth 1."""
+        return np.array(
+            [[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]]
+        )
+
     def pixel_centres(self) -> NDArray[np.float64]:
         """Positions (x, y) of all pixel centres, shape (H, W, 2), pixels."""
         x, y = np.meshgrid(np.arange(self.width_px) + 0.5, np.arange(self.height_px) + 0.5)
@@ -193,3 +200,21 @@ def flow_between(
         target_depth = np.where(behind, 0.0, depth_ratio) * depth_m.astype(np.float64)
     target_depth = np.where(behind, 0.0, target_depth)
     return flow.astype(np.float32), target_depth.astype(np.float32)
+
+
+def reprojection(source: Camera, target: Camera) -> NDArray[np.float64]:
+    """The matrix that takes target pixels with depth back to the source: P T P^-1.
+
+    Kuffner dos Anjos et al. 2022, section 3.4.1.
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4)
+        Takes (x, y, 1, 1 / depth_m) of the target to homogeneous (x, y, w, .) of the
+        source; a depth of inf is 0 in the last place.
+    """
+    source_from_target = np.linalg.inv(source.world_from_camera) @ target.world_from_camera
+    matrix = np.eye(4)
+    matrix[:3, :3] = source.matrix @ source_from_target[:3, :3] @ np.linalg.inv(target.matrix)
+    matrix[:3, 3] = source.matrix @ source_from_target[:3, 3]
+    return matrix

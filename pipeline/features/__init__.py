@@ -1,0 +1,1 @@
+"""The steerable pyramid: what an image holds, by scale and orientation."""

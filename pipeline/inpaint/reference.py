@@ -1,0 +1,209 @@
+"""Depth-guided pull and push, and the band statistics they carry into holes.
+
+Kuffner dos Anjos et al. 2022, section 3.3 and Alg. 1, with the mends of docs/method.md:
+colour is normalised by its weights, `mix` takes its operands in order, "farthest" is the
+largest depth, and push is guided by depth as well as pull.
+
+Depth here is `guide = 1 - z_near / z`: 0 at the nearest point, 1 at infinity, linear in
+parallax, so that one threshold means the same number of pixels everywhere.
+
+Validity above 0 is confidence. 0: nothing is known. `ONLY_NEARER`: something is known,
+but all of it lies in front of the guide; it serves where the whole image has nothing else.
+
+Twin: pull.glsl, push.glsl and the passes of gpu.py. Change both or neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.features.reference import grow, parents
+from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
+
+ONLY_NEARER = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One level of a guided pyramid."""
+
+    values: NDArray[np.float64]  # (H, W, n)
+    validity: NDArray[np.float64]  # (H, W)
+    guide: NDArray[np.float64]  # (H, W)
+
+
+def guide_from_depth(depth_m: NDArray[np.floating], z_near_m: float) -> NDArray[np.float64]:
+    """Map depth to [0, 1): 0 at `z_near_m` (and nearer), 1 at infinity."""
+    return np.asarray(np.maximum(0.0, 1.0 - z_near_m / depth_m.astype(np.float64)))
+
+
+def pull(fine: Level, threshold: float) -> Level:
+    """Average each 2x2's known children that are no nearer than its farthest one.
+
+    Alg. 1, PULL. Values and validity of all orientations and channels go together.
+    """
+    values, validity, guide = (
+        children(array) for array in (fine.values, fine.validity, fine.guide)
+    )
+    deepest = guide.max(axis=2)
+    behind = deepest[:, :, None] - guide <= threshold
+    weight = np.where(behind & (validity > 0), validity, 0.0)
+    total = weight.sum(axis=2)
+    anything = (validity != 0).astype(np.float64)
+    mean = _mean(values, np.where(total[:, :, None] > 0, weight, anything))
+    confidence = np.where(total > 0, total / 4, np.where(anything.any(axis=2), ONLY_NEARER, 0.0))
+    return Level(mean, confidence, deepest)
+
+
+def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
+    """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
+
+    Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
+    all (classic push-pull), 1 blends by confidence. A coarse neighbour nearer than the
+    pixel itself by more than the threshold takes no part in the interpolation.
+    """
+    below = interpolate(coarse, fine.guide, threshold)
+    confidence = np.where(fine.validity > 0, np.abs(fine.validity) ** gamma, 0.0)[..., None]
+    values = confidence * fine.values + (1 - confidence) * below
+    return Level(values, fine.validity, fine.guide)
+
+
+def interpolate(coarse: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
+    """Bilinear interpolation of `coarse.values` at twice its size, guided by depth."""
+    (near_y, far_y), (near_x, far_x) = (
+        parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
+    )
+    taps = ((near_y, near_x, 9.0), (far_y, near_x, 3.0), (near_y, far_x, 3.0), (far_y, far_x, 1.0))
+    total = np.zeros(guide.shape)
+    result = np.zeros((*guide.shape, coarse.values.shape[2]))
+    for rows, columns, share in taps:
+        weight = np.where(guide - coarse.guide[rows][:, columns] <= threshold, share, 0.0)
+        total += weight
+        result += weight[..., None] * coarse.values[rows][:, columns]
+    return np.asarray(result / total[..., None])  # the parent always takes part
+
+
+def pull_push(level: Level, gamma: float, threshold: float) -> list[Level]:
+    """Pull to 1x1, at least once, and push back; the completed levels, finest first."""
+    levels = [level, pull(level, threshold)]
+    while levels[-1].validity.shape != (1, 1):
+        levels.append(pull(levels[-1], threshold))
+    for index in reversed(range(len(levels) - 1)):
+        levels[index] = push(levels[index], levels[index + 1], gamma, threshold)
+    return levels
+
+
+def near_a_hole(hole: NDArray[np.bool_], resolution: int, rings: int) -> NDArray[np.bool_]:
+    """Tell which pixels lie in a cell of `resolution` within `rings` cells of a hole."""
+    edge = CELL << resolution
+    height, width = hole.shape
+    rows, columns = -(-height // edge), -(-width // edge)
+    padded = np.pad(hole, ((0, rows * edge - height), (0, columns * edge - width)))
+    cells = np.logical_or.reduce(padded.reshape(rows, edge, columns, edge), axis=(1, 3))
+    near = grow(cells, rings).repeat(edge, axis=0).repeat(edge, axis=1)
+    return near[:height, :width]
+
+
+def guided_base(
+    colour: NDArray[np.floating],
+    flow_px: NDArray[np.floating],
+    hole: NDArray[np.bool_],
+    guide: NDArray[np.float64],
+    *,
+    levels: int,
+    gamma: float,
+    threshold: float,
+) -> list[Level]:
+    """Fill colour and motion from the background; the levels, finest first.
+
+    Values are colour (3) and flow (2). Pixels far from every hole take no part: unknown,
+    and nearest, so that no maximum sees them.
+    """
+    near = near_a_hole(hole, source_resolution(levels), SOURCE_RINGS)
+    values = np.concatenate([colour, flow_px], axis=-1).astype(np.float64)
+    known = (near & ~hole).astype(np.float64)
+    return pull_push(Level(values, known, np.where(near, guide, 0.0)), gamma, threshold)
+
+
+def band_statistics(
+    bands: NDArray[np.float64],
+    spoiled: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+    guide: NDArray[np.float64],
+    *,
+    cross: bool,
+    skip_depth_edges: bool,
+    gamma: float,
+    threshold: float,
+) -> Level:
+    """Carry one level's band moments into its holes; the result has half its size.
+
+    Inside a hole moments vary slowly, so nothing finer than the first pull is kept.
+
+    Parameters
+    ----------
+    bands : (H, W, bands, channels)
+        Coefficients of Y', Cb, Cr.
+    spoiled : (H, W) of bool
+        Coefficients that reach a hole (features.reference.spoiled_levels).
+    near : (H, W) of bool
+        Coefficients that take part at all.
+    cross : bool
+        As in `moments`.
+    skip_depth_edges : bool
+        Leave out coefficients whose kernel straddles a jump of depth: they measure the
+        silhouette, not the texture.
+    """
+    valid = near & ~spoiled
+    if skip_depth_edges:
+        valid &= ~straddles(guide, threshold)
+    level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
+    return pull_push(level, gamma, threshold)[1]
+
+
+def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
+    """Tell where a 3x3 neighbourhood holds a jump of depth from its centre."""
+    padded = np.pad(guide, 1, mode="edge")
+    height, width = guide.shape
+    shifts = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    return np.asarray(np.abs(np.stack(shifts) - guide).max(axis=0) > threshold)
+
+
+def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
+    """Stack (H, W, bands, 3) and its second moments into (H, W, bands * 6).
+
+    Second moments are squares, E[X_c^2]; with `cross`, products with the first channel,
+    E[X_0 X_c], so that colour can follow luma.
+    """
+    second = bands * bands[..., :1] if cross else bands**2
+    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
+
+
+def means_and_variances(
+    values: NDArray[np.float64], *, cross: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Undo `moments`: means and (co)variances, each (H, W, bands, 3).
+
+    ``Var[X] = E[X^2] - E[X]^2``: the paper (3.3.1) prints the sign reversed.
+    """
+    pairs = values.reshape(*values.shape[:2], -1, 6)
+    mean, second = pairs[..., :3], pairs[..., 3:]
+    return mean, second - (mean * mean[..., :1] if cross else mean**2)
+
+
+def children(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(H, W, ...) to (ceil(H / 2), ceil(W / 2), 4, ...); odd borders repeat."""
+    height, width = array.shape[:2]
+    rows = np.minimum(2 * np.arange((height + 1) // 2)[:, None] + np.arange(2), height - 1)
+    columns = np.minimum(2 * np.arange((width + 1) // 2)[:, None] + np.arange(2), width - 1)
+    return np.stack(
+        [array[rows[:, i]][:, columns[:, j]] for i in range(2) for j in range(2)], axis=2
+    )
+
+
+def _mean(values: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    total = weight.sum(axis=2)
+    summed = (weight[..., None] * values).sum(axis=2)
+    known = total[..., None] > 0
+    return np.asarray(np.divide(summed, total[..., None], out=np.zeros_like(summed), where=known))

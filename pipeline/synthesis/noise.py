@@ -1,0 +1,80 @@
+"""Tileable noise, split by the pyramid and brought back to full size, band by band.
+
+Kuffner dos Anjos et al. 2022, 3.4: white noise passes the same filters as the image.
+"Scaled to {-1, 1}" must mean unit variance per band for a deviation to mean anything; and
+a coefficient map is not an image: each band passes its filter again and is brought up to
+full size (Walton et al. 2021, 3.4). Both are done here, once per seed. What is left to do
+per frame is to weigh the bands, for deviations vary slowly against the kernels.
+
+All bands come from the same white noise, so that equal weights give white noise back:
+weighing is a graphic equaliser.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.features.reference import Kernels, analyse, band, double, fitted_kernels
+
+TILE = 256  # edge of the tile, pixels; a power of two
+LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseBands:
+    """One seed's noise.
+
+    `tiles`: (levels, channels, TILE, TILE, 3 bands), float16; `lag_correlation`:
+    (levels, 3 bands, 4 lags of `LAGS`), the mean over channels.
+    """
+
+    tiles: NDArray[np.float16]
+    lag_correlation: NDArray[np.float32]
+
+
+def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
+    """Make the noise of one seed; the same on every platform.
+
+    Every band of a tile is scaled so that its coefficients have unit variance.
+    """
+    # Philox's raw bits are specified; a library's normal deviates might change.
+    uniform = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
+    white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
+    periodic = np.pad(
+        white.reshape(TILE, TILE, channels), ((TILE // 2,) * 2,) * 2 + ((0, 0),), mode="wrap"
+    )
+    kernels = fitted_kernels()
+    pyramid = analyse(periodic, levels, kernels)
+    tiles = np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
+    rounded = tiles.astype(np.float16)
+    return NoiseBands(rounded, lag_correlation(rounded))
+
+
+def lag_correlation(tiles: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Correlation of neighbouring texels, (levels, 3 bands, len(LAGS)), over whole tiles."""
+    exact = tiles.astype(np.float64)
+    power = (exact**2).mean(axis=(1, 2, 3))
+    lagged = [
+        (exact * np.roll(exact, (-rows, -columns), axis=(2, 3))).mean(axis=(1, 2, 3))
+        for rows, columns in LAGS
+    ]
+    return np.stack([lag / power for lag in lagged], axis=-1).astype(np.float32)
+
+
+def _level(
+    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels
+) -> NDArray[np.float64]:
+    """One level's bands at full size: (channels, TILE, TILE, 3)."""
+    images = []
+    for index, kernel in enumerate(kernels.bands()):
+        coefficients = bands[level][:, :, index]
+        margin = coefficients.shape[0] // 4
+        inner = coefficients[margin:-margin, margin:-margin]
+        image = band(coefficients / np.sqrt((inner**2).mean(axis=(0, 1))), kernel[::-1, ::-1])
+        for finer in reversed(range(level)):
+            size = (2 * TILE) >> finer
+            image = double(image, (size, size), kernels)
+        half = TILE // 2
+        images.append(image[half : half + TILE, half : half + TILE])
+    return np.stack(images, axis=-1).transpose(2, 0, 1, 3)

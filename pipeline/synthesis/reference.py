@@ -1,0 +1,255 @@
+"""Metameric inpainting from end to end, as the paper has it, in numpy.
+
+Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
+its own way and what was measured.
+
+Twin: gpu.py with amplitudes.comp.glsl and composite.comp.glsl. Change both or neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.inpaint.reference import (
+    Level,
+    band_statistics,
+    children,
+    guide_from_depth,
+    guided_base,
+    interpolate,
+    means_and_variances,
+    near_a_hole,
+)
+from pipeline.inpaint.region import STATISTICS_RINGS
+from pipeline.synthesis.noise import LAGS, TILE, NoiseBands, noise_bands
+from pipeline.synthesis.settings import MetamericSettings
+
+SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
+
+
+@dataclass(frozen=True, eq=False)
+class Fill:
+    """A metameric fill and what led to it."""
+
+    colour: NDArray[np.float64]  # (H, W, 3), the result, encoded, in [0, 1]
+    base: NDArray[np.float64]  # (H, W, 3), before the noise
+    anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
+    statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
+    amplitudes: tuple[Level, ...]  # per level, at half its size: (H, W, 9), band by channel
+
+
+def metameric_fill(
+    warped: WarpedFrame,
+    settings: MetamericSettings,
+    *,
+    seed: int,
+    z_near_m: float,
+    source_from_target: NDArray[np.float64] | None = None,
+) -> Fill:
+    """Fill the holes of `warped` with a metamer of its background.
+
+    Parameters
+    ----------
+    seed : int
+        Of the noise.
+    z_near_m : float
+        The clip's nearest depth, greater than 0.
+    source_from_target : ndarray, shape (4, 4), optional
+        For ``anchor="camera"``: takes (x, y, 1, 1 / depth_m) of the target to
+        homogeneous (x, y) of the source; see `camera.reprojection`.
+
+    Raises
+    ------
+    InputError
+        If every pixel is a hole.
+    """
+    check_some_known(warped.hole)
+    guide = guide_from_depth(warped.depth_m, z_near_m)
+    base_levels = guided_base(
+        warped.colour,
+        warped.flow_px,
+        warped.hole,
+        guide,
+        levels=settings.levels,
+        gamma=settings.base_gamma,
+        threshold=settings.depth_threshold,
+    )
+    hole = warped.hole[..., None]
+    base = np.where(hole, base_levels[0].values[..., :3], warped.colour)
+    statistics, amplitudes = inpainted_amplitudes(
+        base, warped.hole, [level.guide for level in base_levels], settings
+    )
+    anchor_px = _anchors(warped, base_levels, settings, source_from_target)
+    noise = shaped_noise(
+        amplitudes,
+        guide,
+        anchor_px,
+        noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
+        settings.depth_threshold,
+    )
+    filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
+    colour = np.where(hole, filled, warped.colour)
+    return Fill(colour, base, anchor_px, tuple(statistics), tuple(amplitudes))
+
+
+def inpainted_amplitudes(
+    base: NDArray[np.float64],
+    hole: NDArray[np.bool_],
+    guides: list[NDArray[np.float64]],
+    settings: MetamericSettings,
+) -> tuple[list[Level], list[Level]]:
+    """Measure the bands around the holes and say how much noise each hole pixel lacks."""
+    cross = settings.channels == "correlated"
+    pyramid = analyse(ycbcr_from_rgb(base), settings.levels)
+    spoiled = spoiled_levels(hole, settings.levels)
+    statistics, amplitudes = [], []
+    for level in range(settings.levels):
+        near = near_a_hole(hole, level + 1, STATISTICS_RINGS)[:: 1 << level, :: 1 << level]
+        inpainted = band_statistics(
+            pyramid.bands[level],
+            spoiled[level],
+            near,
+            guides[min(level, len(guides) - 1)],  # past 1x1 nothing changes
+            cross=cross,
+            skip_depth_edges=settings.skip_depth_edges,
+            gamma=settings.gamma,
+            threshold=settings.depth_threshold,
+        )
+        lacking = noise_amplitudes(inpainted.values, pyramid.bands[level], cross=cross)
+        statistics.append(inpainted)
+        amplitudes.append(Level(lacking, inpainted.validity, inpainted.guide))
+    return statistics, amplitudes
+
+
+def noise_amplitudes(
+    values: NDArray[np.float64], base_bands: NDArray[np.float64], *, cross: bool
+) -> NDArray[np.float64]:
+    """Deviation of the noise to add: what the statistics ask for and the base lacks.
+
+    The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
+    coefficients that one set of statistics covers:
+    ``sqrt(max(0, var - mean((base - mu)^2)))``.
+
+    With `cross`, chroma takes the luma noise times the slope ``cov(Y, C) / var(Y)``.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 9)
+        Amplitude of band b in channel c at index 3 * b + c.
+    """
+    mean, variance = means_and_variances(values, cross=cross)
+    around = children(base_bands) - mean[:, :, None]
+    present = (around**2).mean(axis=2)
+    if cross:
+        luma = np.sqrt(np.maximum(0.0, variance[..., :1] - present[..., :1]))
+        measurable = variance[..., :1] > SMALLEST_VARIANCE
+        slope = np.divide(
+            variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
+        )
+        amplitude = luma * slope
+    else:
+        amplitude = np.sqrt(np.maximum(0.0, variance - present))
+    return np.asarray(amplitude.reshape(*values.shape[:2], -1))
+
+
+def shaped_noise(
+    amplitudes: list[Level],
+    guide: NDArray[np.float64],
+    anchor_px: NDArray[np.float64],
+    noise: NoiseBands,
+    threshold: float,
+) -> NDArray[np.float64]:
+    """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr."""
+    total = np.zeros((*guide.shape, 3))
+    for level, coarse in enumerate(amplitudes):
+        amplitude = sample(coarse, guide, level + 1, threshold).reshape(*guide.shape, 3, 3)
+        texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
+        total += (amplitude * texel).sum(axis=2)
+    return total
+
+
+def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Read one level's noise between texels without losing variance: (H, W, 3, channels).
+
+    Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its
+    root keeps the texture from pulsing as it glides (3.4.1).
+    """
+    place = anchor_px - 0.5
+    corner = np.floor(place)
+    fraction = place - corner
+    column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
+    x, y = fraction[..., 0], fraction[..., 1]
+    tiles = noise.tiles[level].astype(np.float64)
+    taps = [
+        ((0, 0), (1 - x) * (1 - y)),
+        ((0, 1), x * (1 - y)),
+        ((1, 0), (1 - x) * y),
+        ((1, 1), x * y),
+    ]
+    mixed = sum(
+        weight[..., None] * tiles[:, (row + down) % TILE, (column + right) % TILE]
+        for (down, right), weight in taps
+    )
+    (_, a), (_, b), (_, c), (_, d) = taps
+    pairs = {(0, 1): a * b + c * d, (1, 0): a * c + b * d, (1, 1): a * d, (1, -1): b * c}
+    variance = (a * a + b * b + c * c + d * d)[..., None] + 2 * sum(
+        pairs[lag][..., None] * noise.lag_correlation[level, :, index].astype(np.float64)
+        for index, lag in enumerate(LAGS)
+    )
+    return np.moveaxis(np.asarray(mixed) / np.sqrt(variance), 0, -1)
+
+
+def sample(
+    coarse: Level, guide: NDArray[np.float64], resolution: int, threshold: float
+) -> NDArray[np.float64]:
+    """Interpolate a level of `resolution` at all full-size pixels, guided by depth."""
+    (y0, y1, fy), (x0, x1, fx) = (
+        _taps(length, coarse.guide.shape[axis], resolution)
+        for axis, length in enumerate(guide.shape)
+    )
+    total = np.zeros(guide.shape)
+    result = np.zeros((*guide.shape, coarse.values.shape[2]))
+    for rows, along_y in ((y0, 1 - fy), (y1, fy)):
+        for columns, along_x in ((x0, 1 - fx), (x1, fx)):
+            allowed = guide - coarse.guide[rows][:, columns] <= threshold
+            weight = np.where(allowed, along_y[:, None] * along_x, 0.0)
+            total += weight
+            result += weight[..., None] * coarse.values[rows][:, columns]
+    # A pixel's own coarse texel is never nearer than itself where both take part.
+    return np.divide(result, total[..., None], out=result, where=total[..., None] > 0)
+
+
+def _taps(
+    length: int, coarse_length: int, resolution: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    place = (np.arange(length) + 0.5) / (1 << resolution) - 0.5
+    first = np.floor(place).astype(np.intp)
+    last = coarse_length - 1
+    return np.clip(first, 0, last), np.clip(first + 1, 0, last), place - first
+
+
+def _anchors(
+    warped: WarpedFrame,
+    base_levels: list[Level],
+    settings: MetamericSettings,
+    source_from_target: NDArray[np.float64] | None,
+) -> NDArray[np.float64]:
+    height, width = warped.size
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    here = np.stack([x, y], axis=-1)
+    if settings.anchor == "screen":
+        return here
+    if settings.anchor == "flow":
+        motion = interpolate(base_levels[1], base_levels[0].guide, settings.depth_threshold)[
+            ..., 3:
+        ]
+        return here - motion
+    if source_from_target is None:
+        raise ValueError('anchor "camera" needs source_from_target')
+    inverse = 1.0 / warped.depth_m.astype(np.float64)
+    point = np.stack([x, y, np.ones_like(x), inverse], axis=-1) @ source_from_target.T
+    return point[..., :2] / point[..., 2:3]
