@@ -70,6 +70,37 @@ def read_pixels(path: Path) -> Pixels:
     return Pixels(data, tuple(spec.channelnames), attributes)
 
 
+def three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
+    """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
+
+    Raises
+    ------
+    InputError
+        If there are other channels, or an alpha channel that is not 1 everywhere.
+    """
+    data, names = pixels.data, pixels.channels
+    if names[-1:] == ("A",):
+        opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
+        if not (data[..., -1] == opaque).all():
+            raise InputError(
+                f"{path}: must be opaque (its alpha channel is not 1 everywhere);"
+                " put it on a background first"
+            )
+        data, names = data[..., :-1], names[:-1]
+    if len(names) == 1 and names[0] in ("Y", "L"):
+        return np.repeat(data, 3, axis=-1)
+    if set(names) != {"R", "G", "B"}:
+        raise InputError(
+            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)})"
+        )
+    return data[..., [names.index(name) for name in "RGB"]]
+
+
+def from_integers(data: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float32]:
+    """Return stored integers as [0, 1], the largest one that fits as 1."""
+    return (data.astype(np.float64) / np.iinfo(data.dtype).max).astype(np.float32)
+
+
 def write_pixels(
     path: Path,
     data: NDArray[Any],
@@ -112,6 +143,7 @@ def write_pixels(
             raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
         spec = oiio.ImageSpec(width, height, count, _oiio_type(data.dtype))
         spec.channelnames = tuple(channels)
+        spec.attribute("oiio:UnassociatedAlpha", 1)
         if types:
             spec.channelformats = tuple(types)
         if path.suffix.lower() == ".exr":

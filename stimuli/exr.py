@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
-from pipeline.image_file import Pixels, read_pixels, write_pixels
+from pipeline.image_file import Pixels, from_integers, read_pixels, three_channels, write_pixels
 
 EMPTY_DEPTH_M = 1e10
 """Depth from which on a pixel shows nothing: Blender writes 1e10 where other programs write inf."""
@@ -124,7 +124,7 @@ def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = N
         kind = "half" if _chosen_bits(path, bits, (16, 32)) == 16 else "float"
         attributes = {_TRANSFER: Transfer.LINEAR.value, "compression": "zip"}
         write_pixels(
-            path, decode_srgb(colour), ("R", "G", "B"), types=(kind,) * 3, attributes=attributes
+            path, _linear(colour), ("R", "G", "B"), types=(kind,) * 3, attributes=attributes
         )
         return
     dtype = np.uint8 if _chosen_bits(path, bits, (8, 16)) == 8 else np.uint16
@@ -176,7 +176,7 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
     OSError
         If the file cannot be written; nothing is left behind then.
     """
-    planes = [decode_srgb(frame.source.colour), frame.source.depth_m[..., None], frame.flow_px]
+    planes = [_linear(frame.source.colour), frame.source.depth_m[..., None], frame.flow_px]
     names = ["R", "G", "B", "Z", "flow.x", "flow.y"]
     if frame.target_depth_m is not None:
         planes.append(frame.target_depth_m[..., None])
@@ -239,10 +239,9 @@ def _colour(
             [_channel(path, pixels, name) for name in (names.red, names.green, names.blue)], axis=-1
         )
     else:
-        data = _three_channels(path, pixels)
+        data = three_channels(path, pixels)
     if pixels.data.dtype.kind == "u":
-        largest = np.iinfo(pixels.data.dtype).max
-        return (data.astype(np.float64) / largest).astype(np.float32)
+        return from_integers(data)
     if transfer is None:
         transfer = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
     data = data.astype(np.float32)
@@ -262,27 +261,9 @@ def _colour(
         )
     data = data.clip(0, 1)
     if transfer is Transfer.LINEAR:
-        data = encode_srgb(data).clip(0, 1).astype(np.float32)
+        # In float64, so that white is exactly 1.
+        data = encode_srgb(data.astype(np.float64)).astype(np.float32)
     return data
-
-
-def _three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
-    data, names = pixels.data, pixels.channels
-    if names[-1:] == ("A",):
-        opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
-        if not (data[..., -1] == opaque).all():
-            raise InputError(
-                f"{path}: must be opaque (its alpha channel is not 1 everywhere);"
-                " put it on a background first"
-            )
-        data, names = data[..., :-1], names[:-1]
-    if len(names) == 1 and names[0] in ("Y", "L"):
-        return np.repeat(data, 3, axis=-1)
-    if set(names) != {"R", "G", "B"}:
-        raise InputError(
-            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)})"
-        )
-    return data[..., [names.index(name) for name in "RGB"]]
 
 
 def _depth(path: Path, pixels: Pixels, names: Iterable[str]) -> NDArray[np.float32]:
@@ -299,6 +280,10 @@ def _channel(path: Path, pixels: Pixels, names: Iterable[str]) -> NDArray[Any]:
     raise InputError(
         f"{path}: must have a channel {' or '.join(names)} (has {', '.join(pixels.channels)})"
     )
+
+
+def _linear(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+    return decode_srgb(colour.astype(np.float64)).astype(np.float32)
 
 
 def _chosen_bits(path: Path, bits: int | None, offered: tuple[int, int]) -> int:
