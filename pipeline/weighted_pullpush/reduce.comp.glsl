@@ -14,16 +14,18 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, imageSize(coarse)))) return;
 
-    // The last row or column of an odd level has no second child.
-    bvec2 whole = lessThan(2 * pixel + 1, textureSize(fine, 0));
-    vec4 a = texelFetch(fine, 2 * pixel, 0);
-    vec4 b = whole.x ? texelFetch(fine, 2 * pixel + ivec2(1, 0), 0) : vec4(0.0);
-    vec4 c = whole.y ? texelFetch(fine, 2 * pixel + ivec2(0, 1), 0) : vec4(0.0);
-    vec4 d = all(whole) ? texelFetch(fine, 2 * pixel + 1, 0) : vec4(0.0);
+    // The last row or column of an odd level repeats.
+    ivec2 near = 2 * pixel;
+    ivec2 far = min(near + 1, textureSize(fine, 0) - 1);
+    vec4 a = texelFetch(fine, near, 0);
+    vec4 b = texelFetch(fine, ivec2(far.x, near.y), 0);
+    vec4 c = texelFetch(fine, ivec2(near.x, far.y), 0);
+    vec4 d = texelFetch(fine, far, 0);
 
     vec4 weight = vec4(a.a, b.a, c.a, d.a);
-    weight *= weight;
-    float total = weight.x + weight.y + weight.z + weight.w;
-    vec4 sum = weight.x * a + weight.y * b + weight.z * c + weight.w * d;
-    imageStore(coarse, pixel, total > 0.0 ? sum / total : vec4(0.0));
+    vec4 square = weight * weight;
+    float total = square.x + square.y + square.z + square.w;
+    vec3 colour = square.x * a.rgb + square.y * b.rgb + square.z * c.rgb + square.w * d.rgb;
+    float mean = 0.25 * (weight.x + weight.y + weight.z + weight.w);
+    imageStore(coarse, pixel, total > 0.0 ? vec4(colour / total, mean) : vec4(0.0));
 }

@@ -3,7 +3,9 @@
 Source: "20090110 - Hole Filling", a note on reprojection rendering. One weight steers it
 all, ``1 / quality^2`` (small quality values mean good pixels), and it counts squared: when
 four pixels are averaged into one, and when a level is blended with the next coarser one.
-Sparse data of "super" quality outweighs its surroundings, and so spreads over them.
+Sparse data of "super" quality outweighs its surroundings, and so spreads over them; the
+weight itself is averaged plainly, so that it thins out and the spreading ends
+(docs/decisions/0044).
 
 Twin: gpu.py with reduce.comp.glsl and expand.comp.glsl. Change both or neither.
 """
@@ -26,17 +28,16 @@ def reduce(fine: NDArray[np.floating]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of shape (ceil(H / 2), ceil(W / 2), 4)
-        ``sum w^2 (c, w) / sum w^2``: the weight is averaged like a colour, so it does not
-        shrink where only some of the four are known. Unknown pixels are all zero. The last
-        row or column of an odd level has fewer children.
+        Colour ``sum w^2 c / sum w^2`` and the mean weight. Unknown pixels are all zero. The
+        last row or column of an odd level repeats, so that its weight does not shrink.
     """
     height, width, _ = fine.shape
-    padded = np.pad(fine.astype(np.float64), ((0, height % 2), (0, width % 2), (0, 0)))
+    padded = np.pad(fine.astype(np.float64), ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     taps = padded.reshape((height + 1) // 2, 2, (width + 1) // 2, 2, 4)
     square = taps[..., 3:] ** 2
     total = square.sum(axis=(1, 3))
-    weighted = (square * taps).sum(axis=(1, 3))
-    return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
+    colour = (square * taps[..., :3]).sum(axis=(1, 3)) / np.where(total > 0, total, 1.0)
+    return np.concatenate([colour, taps[..., 3:].mean(axis=(1, 3))], axis=-1)
 
 
 def expand(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np.float64]:

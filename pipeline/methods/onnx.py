@@ -1,0 +1,160 @@
+"""`onnx:FILE`: any inpainting network exported to ONNX, run by ONNX Runtime on the CPU.
+
+The network takes the image and the mask, either as two inputs of 3 and 1 channels or as one
+input of 4, float32 and channels first: (1, C, H, W). The mask is 1 in holes, where the image
+is 0. Its first output is the completed image, (1, 3, H, W), in the same range.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.methods.method import composite
+
+_RANGES = {"0..1": (0.0, 1.0), "-1..1": (-1.0, 1.0)}
+_CURE = "export it as described in the documentation of the method onnx:FILE"
+
+
+class OnnxNetwork:
+    """A network from `path`.
+
+    Parameters
+    ----------
+    path : Path
+    value_range : {"0..1", "-1..1"}
+        How the network wants colours, and gives them back.
+    multiple_px : int
+        Height and width are padded to a multiple of this, by repeating the border, and cut
+        back afterwards; most networks with strides need it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If ONNX Runtime is not installed, the file is no model, or its inputs and outputs
+        are not as described above.
+    """
+
+    def __init__(self, path: Path, *, value_range: str = "0..1", multiple_px: int = 8) -> None:
+        if value_range not in _RANGES:
+            raise InputError(
+                f"value_range must be one of {', '.join(_RANGES)} (got {value_range!r})"
+            )
+        if not 1 <= multiple_px <= 1024:
+            raise InputError(f"multiple_px must lie in 1..1024 (got {multiple_px})")
+        self.path = path
+        self.value_range = value_range
+        self.multiple_px = multiple_px
+        self._session = _open(path)
+        self._inputs = _understand(path, self._session)
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
+        """Fill the holes with what the network shows there."""
+        check_some_known(warped.hole)
+        low, high = _RANGES[self.value_range]
+        height, width = warped.size
+        below, right = -height % self.multiple_px, -width % self.multiple_px
+        self._inputs.check_size(self.path, height + below, width + right)
+        image = np.where(warped.hole[..., None], 0, low + (high - low) * warped.colour)
+        planes = np.concatenate([image, warped.hole[..., None]], axis=-1).astype(np.float32)
+        padded = np.pad(planes, ((0, below), (0, right), (0, 0)), mode="edge")
+        feed = self._inputs.feed(padded.transpose(2, 0, 1)[None])
+        try:
+            output = np.asarray(self._session.run(None, feed)[0])
+        except Exception as error:  # its own classes are not public
+            raise InputError(
+                f"{self.path}: the network must run on {width + right} x {height + below} px"
+                f" (ONNX Runtime says: {_one_line(error)}); try another multiple_px"
+            ) from error
+        wanted = (1, 3, height + below, width + right)
+        if output.shape != wanted:
+            raise InputError(
+                f"{self.path}: the output must have shape {wanted} (has {output.shape}); {_CURE}"
+            )
+        colour = (output[0].transpose(1, 2, 0)[:height, :width] - low) / (high - low)
+        return composite(warped, colour)
+
+    def release(self) -> None:
+        """Hold nothing on the GPU."""
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Which of the planes R, G, B, mask goes into which input."""
+
+    planes: dict[str, slice]
+    height: int | None  # None: any
+    width: int | None
+
+    def check_size(self, path: Path, height: int, width: int) -> None:
+        if (self.height or height, self.width or width) != (height, width):
+            raise InputError(
+                f"{path}: the network takes images of {self.width or 'any'} x"
+                f" {self.height or 'any'} px only (the padded frame has {width} x {height});"
+                " export it with variable height and width"
+            )
+
+    def feed(self, planes: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+        return {
+            name: np.ascontiguousarray(planes[:, chosen]) for name, chosen in self.planes.items()
+        }
+
+
+def _open(path: Path) -> Any:
+    if not path.exists():
+        raise FileNotFoundError(2, "No such file", str(path))
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise InputError(
+            "methods of the kind onnx:FILE need ONNX Runtime (it is not installed);"
+            " install it with: pip install 'metamerlab[onnx]'"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # what is wrong comes as an exception
+    # One order of summation on any number of cores: same input, same bytes.
+    options.use_deterministic_compute = True
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its own classes are not public
+        raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
+
+
+def _understand(path: Path, session: Any) -> _Inputs:
+    inputs = session.get_inputs()
+    shapes = {item.name: tuple(item.shape) for item in inputs}
+    described = ", ".join(f"{item.name} {item.type} {list(item.shape)}" for item in inputs)
+    channels = {name: shape[1] if len(shape) == 4 else None for name, shape in shapes.items()}
+    by_count = {count: name for name, count in channels.items() if isinstance(count, int)}
+    if len(channels) == 1 and set(by_count) == {4}:
+        planes = {by_count[4]: slice(0, 4)}
+    elif len(channels) == 2 and set(by_count) == {1, 3}:
+        planes = {by_count[3]: slice(0, 3), by_count[1]: slice(3, 4)}
+    else:
+        planes = {}
+    if not planes or any(item.type != "tensor(float)" for item in inputs):
+        raise InputError(
+            f"{path}: the network must take float32 image and mask, as inputs (1, 3, H, W) and"
+            f" (1, 1, H, W) or as one (1, 4, H, W) (it takes {described}); {_CURE}"
+        )
+    first_output = tuple(session.get_outputs()[0].shape)
+    if len(first_output) != 4 or (isinstance(first_output[1], int) and first_output[1] != 3):
+        raise InputError(
+            f"{path}: the network's first output must be an image (1, 3, H, W)"
+            f" (it is {list(first_output)}); {_CURE}"
+        )
+    height, width = (
+        next((shape[axis] for shape in shapes.values() if isinstance(shape[axis], int)), None)
+        for axis in (2, 3)
+    )
+    return _Inputs(planes, height, width)
+
+
+def _one_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -1,0 +1,254 @@
+"""Every fill method keeps the one contract; the registry tells mistakes apart."""
+
+import numpy as np
+import pytest
+
+from pipeline.errors import GLUnavailableError, InputError
+from pipeline.frame import WarpedFrame
+from pipeline.image_file import write_pixels
+from pipeline.methods.method import composite
+from pipeline.methods.registry import (
+    METHODS,
+    create_method,
+    method_names,
+    method_parameters,
+)
+
+NAMED = [entry.name for entry in METHODS if not entry.takes_path]
+
+
+def warped_frame(rng, height=40, width=56, hole=None, colour=None) -> WarpedFrame:
+    """A noisy background at 4 m, seen beside a foreground at 2 m that moved 8 px more."""
+    if colour is None:
+        colour = rng.random((height, width, 3), dtype=np.float32)
+    depth_m = np.full((height, width), 4.0, np.float32)
+    depth_m[:, : width // 4] = 2.0
+    flow_px = np.zeros((height, width, 2), np.float32)
+    flow_px[..., 0] = np.where(depth_m == 2.0, -10.0, -2.0)
+    if hole is None:
+        hole = np.zeros((height, width), bool)
+        hole[:, width // 4 : width // 4 + min(8, width // 2)] = True
+    return WarpedFrame(colour, depth_m, hole, flow_px)
+
+
+@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("size", [(40, 56), (33, 47)])
+def test_every_method_keeps_known_pixels_bit_for_bit_and_fills_within_range(
+    gl_context, rng, name, size
+):
+    frame = warped_frame(rng, *size)
+    method = create_method(name, gl_context)
+    try:
+        filled = method.fill(frame, seed=1)
+    finally:
+        method.release()
+
+    known = ~frame.hole
+    np.testing.assert_array_equal(
+        filled[known].view(np.uint32), frame.colour[known].view(np.uint32)
+    )
+    assert filled.dtype == np.float32
+    assert filled.min() >= 0
+    assert filled.max() <= 1
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_ignores_what_the_colour_array_holds_inside_holes(gl_context, rng, name):
+    frame = warped_frame(rng)
+    other = frame.colour.copy()
+    other[frame.hole] = rng.random((int(frame.hole.sum()), 3), dtype=np.float32)
+    method = create_method(name, gl_context)
+    try:
+        first = method.fill(frame, seed=1)
+        second = method.fill(warped_frame(rng, hole=frame.hole, colour=other), seed=1)
+    finally:
+        method.release()
+
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_keeps_a_constant_image_constant(gl_context, rng, name):
+    """OpenCV works on bytes, and its Telea drifts by up to three steps on a constant."""
+    atol = 3.5 / 255 if name in ("telea", "navier-stokes") else 1e-6
+    colour = np.full((40, 56, 3), (0.2, 0.4, 0.8), np.float32)
+    method = create_method(name, gl_context)
+    try:
+        filled = method.fill(warped_frame(rng, colour=colour), seed=1)
+    finally:
+        method.release()
+
+    np.testing.assert_allclose(filled, colour, atol=atol)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_is_a_pure_function_of_frame_and_seed(gl_context, rng, name):
+    """A frame gives the same fill alone, again, and after a frame of another size."""
+    frame, other = warped_frame(rng), warped_frame(rng, 21, 30)
+    method = create_method(name, gl_context)
+    fresh = create_method(name, gl_context)
+    try:
+        alone = fresh.fill(frame, seed=3)
+        method.fill(other, seed=5)
+        later = [method.fill(frame, seed=3) for _ in range(2)]
+    finally:
+        method.release()
+        fresh.release()
+
+    np.testing.assert_array_equal(later[0], alone)
+    np.testing.assert_array_equal(later[1], alone)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_returns_a_frame_without_holes_as_it_is(gl_context, rng, name):
+    frame = warped_frame(rng, hole=np.zeros((40, 56), bool))
+    method = create_method(name, gl_context)
+    try:
+        np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
+    finally:
+        method.release()
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_refuses_a_frame_that_is_all_hole(gl_context, rng, name):
+    method = create_method(name, gl_context)
+    try:
+        with pytest.raises(InputError, match="at least one known pixel"):
+            method.fill(warped_frame(rng, hole=np.ones((40, 56), bool)), seed=1)
+    finally:
+        method.release()
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_method_takes_a_frame_of_one_pixel(gl_context, rng, name):
+    frame = warped_frame(rng, 1, 1, hole=np.zeros((1, 1), bool))
+    method = create_method(name, gl_context)
+    try:
+        np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
+    finally:
+        method.release()
+
+
+def test_composite_refuses_a_fill_that_is_not_finite_or_of_another_size(rng):
+    frame = warped_frame(rng)
+    broken = frame.colour.copy()
+    broken[frame.hole] = np.nan
+
+    with pytest.raises(InputError, match="must be finite in every hole"):
+        composite(frame, broken)
+    with pytest.raises(InputError, match="must have shape"):
+        composite(frame, broken[1:])
+
+
+def test_composite_does_not_mind_what_lies_outside_the_holes(rng):
+    frame = warped_frame(rng)
+    fill = np.where(frame.hole[..., None], np.float32(2.0), np.float32(np.nan))
+
+    result = composite(frame, np.broadcast_to(fill, frame.colour.shape))
+
+    assert (result[frame.hole] == 1).all()
+    np.testing.assert_array_equal(result[~frame.hole], frame.colour[~frame.hole])
+
+
+# --- the registry ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("tela", "did you mean 'telea'"),
+        ("Navier_Stokes", "did you mean 'navier-stokes'"),
+        ("background-extention", "did you mean 'background-extension'"),
+        ("xyz", "must be one of .*telea"),
+        ("onnx:", "must name a path"),
+    ],
+)
+def test_an_unknown_method_suggests_the_nearest(name, hint):
+    with pytest.raises(InputError, match=hint):
+        create_method(name)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"radius": 3.0}, "'radius'; did you mean 'radius_px'"),
+        ({"xyz": 3.0}, r"parameters of telea are: radius_px \(got 'xyz'\)"),
+        ({"radius_px": "wide"}, "radius_px must be int or float"),
+        ({"radius_px": True}, "radius_px must be int or float"),
+        ({"radius_px": 0.0}, "radius_px must lie in"),
+        ({"radius_px": float("nan")}, "radius_px must lie in"),
+    ],
+)
+def test_wrong_parameters_are_refused(parameters, said):
+    with pytest.raises(InputError, match=said):
+        create_method("telea", None, parameters)
+
+
+def test_a_method_on_the_gpu_refuses_to_be_made_without_one():
+    with pytest.raises(GLUnavailableError, match="needs an OpenGL context"):
+        create_method("weighted-pull-push")
+
+
+def test_every_method_has_its_own_name_and_summary():
+    assert len(set(method_names())) == len(METHODS)
+    assert all(entry.summary for entry in METHODS)
+    assert method_parameters("telea") == {"radius_px": 3.0}
+
+
+def test_the_radius_reaches_opencv(rng):
+    frame = warped_frame(rng)
+    narrow, wide = (create_method("telea", None, {"radius_px": r}).fill(frame, 0) for r in (1, 9))
+
+    assert (narrow[frame.hole] != wide[frame.hole]).any()
+
+
+# --- frames made elsewhere ---------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, rng):
+    for number in range(3):
+        data = rng.integers(0, 255, (40, 56, 3), dtype=np.uint8)
+        write_pixels(tmp_path / f"{number:06d}.png", data, "RGB")
+    return tmp_path
+
+
+def at_index(frame: WarpedFrame, index: int) -> WarpedFrame:
+    return WarpedFrame(frame.colour, frame.depth_m, frame.hole, frame.flow_px, index)
+
+
+def test_frames_made_elsewhere_fill_the_holes_by_frame_index(folder, rng):
+    from pipeline.image_file import read_pixels
+
+    frame = at_index(warped_frame(rng), 2)
+    filled = create_method(f"frames:{folder}").fill(frame, 0)
+
+    stored = read_pixels(folder / "000002.png").data[frame.hole]
+    np.testing.assert_array_equal(np.rint(filled[frame.hole] * 255), stored)
+    np.testing.assert_array_equal(filled[~frame.hole], frame.colour[~frame.hole])
+
+
+def test_frames_of_wrong_number_or_size_are_refused(folder, rng):
+    method = create_method(f"frames:{folder}")
+
+    with pytest.raises(InputError, match=r"must hold frame 000003 \(has 3 frames\)"):
+        method.fill(at_index(warped_frame(rng), 3), 0)
+    with pytest.raises(InputError, match=r"000000\.png: must be 50 x 40 px .*is 56 x 40"):
+        method.fill(warped_frame(rng, 40, 50), 0)
+
+
+def test_a_folder_with_a_gap_a_double_or_nothing_is_refused(folder):
+    (folder / "000001.png").rename(folder / "000007.png")
+    with pytest.raises(InputError, match=r"5 missing, the first is 000001"):
+        create_method(f"frames:{folder}")
+
+    (folder / "000007.png").rename(folder / "02.png")
+    with pytest.raises(InputError, match=r"frame 2 is in 000002\.png and in 02\.png"):
+        create_method(f"frames:{folder}")
+
+    for file in folder.iterdir():
+        file.unlink()
+    with pytest.raises(InputError, match="has none"):
+        create_method(f"frames:{folder}")
+    with pytest.raises(FileNotFoundError):
+        create_method(f"frames:{folder}/nowhere")

@@ -1,0 +1,153 @@
+"""A small network, built here, fills holes through ONNX Runtime."""
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
+from pipeline.methods.registry import create_method
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+from onnx import TensorProto, helper  # noqa: E402
+
+FLOAT = TensorProto.FLOAT
+
+
+def save(path, nodes, inputs, outputs, constants=()):
+    values = [
+        [helper.make_tensor_value_info(name, kind, shape) for name, kind, shape in group]
+        for group in (inputs, outputs)
+    ]
+    graph = helper.make_graph(nodes, "net", *values, initializer=list(constants))
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, path)
+
+
+IMAGE = ("image", FLOAT, [1, 3, "H", "W"])
+MASK = ("mask", FLOAT, [1, 1, "H", "W"])
+OUT = ("out", FLOAT, [1, 3, "H", "W"])
+
+
+@pytest.fixture
+def network(tmp_path):
+    """Adds half the mask to the image: the fill is 0 + 0.5 in the network's range."""
+    half = helper.make_tensor("half", FLOAT, [1], [0.5])
+    nodes = [
+        helper.make_node("Mul", ["mask", "half"], ["shift"]),
+        helper.make_node("Add", ["image", "shift"], ["out"]),
+    ]
+    save(tmp_path / "net.onnx", nodes, [IMAGE, MASK], [OUT], [half])
+    return tmp_path / "net.onnx"
+
+
+@pytest.fixture
+def frame(rng) -> WarpedFrame:
+    hole = np.zeros((13, 22), bool)
+    hole[4:9, 5:11] = True
+    return WarpedFrame(
+        rng.random((13, 22, 3), dtype=np.float32),
+        np.ones((13, 22), np.float32),
+        hole,
+        np.zeros((13, 22, 2), np.float32),
+    )
+
+
+@pytest.mark.parametrize(("value_range", "shown"), [("0..1", 0.5), ("-1..1", 0.75)])
+def test_a_network_fills_the_holes_and_nothing_else(network, frame, value_range, shown):
+    """By hand: 0.5 in [-1, 1] is 0.75 in [0, 1]. Sizes are not multiples of 8."""
+    method = create_method(f"onnx:{network}", None, {"value_range": value_range})
+    filled = method.fill(frame, 0)
+
+    np.testing.assert_allclose(filled[frame.hole], shown, atol=1e-6)
+    np.testing.assert_array_equal(filled[~frame.hole], frame.colour[~frame.hole])
+    np.testing.assert_array_equal(method.fill(frame, 0), filled)
+
+
+def test_a_network_that_passes_colours_through_gets_them_in_order(tmp_path, frame):
+    """One input of 4 channels; the output is G, B, and the mask: zero, zero and one in holes."""
+    index = helper.make_tensor("index", TensorProto.INT64, [3], [1, 2, 3])
+    node = helper.make_node("Gather", ["planes", "index"], ["out"], axis=1)
+    planes = ("planes", FLOAT, [1, 4, "H", "W"])
+    save(tmp_path / "net.onnx", [node], [planes], [OUT], [index])
+
+    filled = create_method(f"onnx:{tmp_path / 'net.onnx'}").fill(frame, 0)
+
+    np.testing.assert_array_equal(
+        filled[frame.hole], np.broadcast_to([0, 0, 1], (int(frame.hole.sum()), 3))
+    )
+
+
+def identity(path, inputs, out=OUT, node=None) -> str:
+    save(path, [node or helper.make_node("Identity", [inputs[0][0]], ["out"])], inputs, [out])
+    return f"onnx:{path}"
+
+
+def test_networks_of_another_shape_are_refused(tmp_path):
+    grey = ("image", FLOAT, [1, 1, "H", "W"])
+    grey_out = ("out", FLOAT, [1, 1, "H", "W"])
+    cases = {
+        "grey": (
+            [grey, MASK],
+            ("out", FLOAT, [1, 1, "H", "W"]),
+            "must take float32 image and mask",
+        ),
+        "one": ([IMAGE], OUT, "must take float32 image and mask"),
+        "double": (
+            [("image", TensorProto.DOUBLE, [1, 3, "H", "W"]), MASK],
+            ("out", TensorProto.DOUBLE, [1, 3, "H", "W"]),
+            "must take float32 image and mask",
+        ),
+        "mask out": ([MASK, IMAGE], grey_out, "first output must be"),
+    }
+    for name, (inputs, out, said) in cases.items():
+        with pytest.raises(InputError, match=said):
+            create_method(identity(tmp_path / f"{name}.onnx", inputs, out))
+
+
+def test_a_network_of_fixed_size_says_so(tmp_path, frame):
+    name = identity(
+        tmp_path / "net.onnx",
+        [("image", FLOAT, [1, 3, 16, 16]), ("mask", FLOAT, [1, 1, 16, 16])],
+        ("out", FLOAT, [1, 3, 16, 16]),
+    )
+
+    with pytest.raises(InputError, match=r"takes images of 16 x 16 px only .* has 24 x 16"):
+        create_method(name).fill(frame, 0)
+
+
+def test_an_output_of_another_size_is_refused(tmp_path, frame):
+    node = helper.make_node("AveragePool", ["image"], ["out"], kernel_shape=[2, 2], strides=[2, 2])
+    name = identity(tmp_path / "net.onnx", [IMAGE, MASK], node=node)
+
+    with pytest.raises(InputError, match="output must have shape"):
+        create_method(name).fill(frame, 0)
+
+
+def test_a_network_that_answers_nan_is_refused(tmp_path, frame):
+    node = helper.make_node("Div", ["mask0", "mask0"], ["ratio"])
+    zero = helper.make_tensor("zero", FLOAT, [1], [0.0])
+    nodes = [
+        helper.make_node("Mul", ["image", "zero"], ["mask0"]),
+        node,
+        helper.make_node("Identity", ["ratio"], ["out"]),
+    ]
+    save(tmp_path / "net.onnx", nodes, [IMAGE, MASK], [OUT], [zero])
+
+    with pytest.raises(InputError, match="finite in every hole"):
+        create_method(f"onnx:{tmp_path / 'net.onnx'}").fill(frame, 0)
+
+
+def test_what_is_no_model_is_refused(tmp_path):
+    (tmp_path / "bad.onnx").write_bytes(b"not a model")
+
+    with pytest.raises(InputError, match=r"bad\.onnx: must be an ONNX model"):
+        create_method(f"onnx:{tmp_path / 'bad.onnx'}")
+    with pytest.raises(FileNotFoundError):
+        create_method(f"onnx:{tmp_path / 'nowhere.onnx'}")
+
+
+@pytest.mark.parametrize("parameters", [{"value_range": "0..255"}, {"multiple_px": 0}])
+def test_parameters_out_of_range_are_refused(network, parameters):
+    with pytest.raises(InputError, match=next(iter(parameters))):
+        create_method(f"onnx:{network}", None, parameters)
