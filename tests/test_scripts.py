@@ -72,7 +72,7 @@ class Machine:
     def setup(self, **env: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [self.bin / "bash", self.home / "script/setup"],
-            env={"PATH": str(self.bin), "MACHINE": str(self.root), **env},
+            env={"PATH": str(self.bin), "MACHINE": str(self.root), "TMPDIR": str(self.root), **env},
             capture_output=True,
             text=True,
             timeout=60,
@@ -133,7 +133,7 @@ def test_an_interrupted_set_up_is_made_again(machine, accident):
 def test_a_failing_pip_is_shown(machine):
     (machine.root / "fail-pip").touch()
 
-    assert "no network" in machine.setup(TMPDIR=str(machine.root)).stderr
+    assert "no network" in machine.setup().stderr
 
 
 def test_a_moved_repository_is_set_up_again(machine):
