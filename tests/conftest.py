@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import GLUnavailableError
+from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -55,6 +56,17 @@ def proof_count(full: bool) -> Callable[[int], int]:
 def rng() -> np.random.Generator:
     """Return a generator that starts at the same seed in every test."""
     return np.random.default_rng(20_260_101)
+
+
+@pytest.fixture(scope="session")
+def disc_over_plane() -> SourceFrame:
+    """Return [MI] Fig. 5's scene, 96x128: a red disc at 2 m over a grey noise plane at 5 m."""
+    height, width = 96, 128
+    y, x = np.mgrid[:height, :width] + 0.5
+    grey = np.random.default_rng(5).uniform(0.2, 0.8, (height, width, 1))
+    disc = (x - 52) ** 2 + (y - 48) ** 2 < 26**2
+    colour = np.where(disc[..., None], (0.8, 0.1, 0.1), grey)
+    return SourceFrame(colour.astype(np.float32), np.where(disc, 2, 5).astype(np.float32))
 
 
 @pytest.fixture(scope="session")

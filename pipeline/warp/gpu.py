@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import describe
 from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture, read_back, texture_from
+from pipeline.gl.texture import create_texture, format_of, read_back, texture_from
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
@@ -140,8 +140,8 @@ class WarpPass:
 
         Parameters
         ----------
-        colour : texture of the source's size
-            Encoded R'G'B' in [0, 1], any format with three channels or more.
+        colour : texture of the source's size, rgba32f
+            Encoded R'G'B' in [0, 1]; alpha is not read.
         depth_m : texture of the source's size, r32f
             Depth of each source pixel in the target's view; <= 0 is behind it.
         flow_px : texture of the source's size, rg32f
@@ -187,18 +187,19 @@ class WarpPass:
         warped: WarpTextures,
     ) -> None:
         shown = (self.window.width_px, self.window.height_px)
-        for name, texture, size in (
-            ("colour", colour, self.source_size),
-            ("depth_m", depth_m, self.source_size),
-            ("flow_px", flow_px, self.source_size),
-            ("warped.colour", warped.colour, shown),
-            ("warped.depth_m", warped.depth_m, shown),
-            ("warped.flow_px", warped.flow_px, shown),
+        for name, texture, size, format_name in (
+            ("colour", colour, self.source_size, "rgba32f"),
+            ("depth_m", depth_m, self.source_size, "r32f"),
+            ("flow_px", flow_px, self.source_size, "rg32f"),
+            ("warped.colour", warped.colour, shown, "rgba32f"),
+            ("warped.depth_m", warped.depth_m, shown, "r32f"),
+            ("warped.flow_px", warped.flow_px, shown, "rg32f"),
         ):
-            if texture.size != size:
+            found = format_of(texture).name
+            if texture.size != size or found != format_name:
                 raise InputError(
-                    f"{name} must be {size[0]}x{size[1]} as this pass was built"
-                    f" (got {texture.width}x{texture.height})"
+                    f"{name} must be {format_name} of {size[0]}x{size[1]} for this pass"
+                    f" (got {found} of {texture.width}x{texture.height})"
                 )
 
     def release(self) -> None:

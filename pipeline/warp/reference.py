@@ -75,7 +75,7 @@ def warp(
     elif settings.variant == "remove":
         drawn &= ~stretched
     hits = coverage(mesh, drawn, window)
-    shown = nearest(hits, partitioned_depth(mesh, stretched, hits))
+    shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     return resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
 
 
@@ -244,9 +244,12 @@ def partitioned_depth(mesh: Mesh, stretched: Bools, hits: Hits) -> Floats:
     return partitioned
 
 
-def nearest(hits: Hits, depth: Floats) -> Hits:
-    """Keep, at each pixel, the hit of least depth; the first quad among equals."""
-    order = np.lexsort((hits.quad, depth, hits.pixel))
+def nearest(hits: Hits, depth: Floats, stretched: Bools) -> Hits:
+    """Keep, at each pixel, the hit of least depth.
+
+    At infinity, where the halves of eq. 1 meet, the surface; then the first quad among equals.
+    """
+    order = np.lexsort((hits.quad, stretched[hits.quad], depth, hits.pixel))
     _, first = np.unique(hits.pixel[order], return_index=True)
     kept = order[first]
     return Hits(hits.quad[kept], hits.pixel[kept], hits.weight[kept])

@@ -1,0 +1,469 @@
+"""The warp's definition against values worked by hand, and against what must always hold."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pipeline.camera import Camera, flow_between
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame
+from pipeline.warp.reference import coverage, inside, moved_mesh, torn_quads, warp
+from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window
+
+Flow = NDArray[np.float32]
+FLOAT32 = 2.0**-24  # roundoff: the reference computes in double and returns float32
+
+
+def grey(values: object, depth_m: object) -> SourceFrame:
+    """Make a grey frame."""
+    plane = np.asarray(values, np.float32)
+    depth = np.broadcast_to(np.asarray(depth_m, np.float32), plane.shape).copy()
+    return SourceFrame(np.repeat(plane[..., None], 3, axis=2), depth)
+
+
+def noise(rng: np.random.Generator, height: int, width: int, depth_m: float = 3.0) -> SourceFrame:
+    """Make a frame of random colours at one depth."""
+    return SourceFrame(
+        rng.random((height, width, 3), np.float32), np.full((height, width), depth_m, np.float32)
+    )
+
+
+def still(frame: SourceFrame) -> Flow:
+    """Give no motion."""
+    return np.zeros((*frame.size, 2), np.float32)
+
+
+def parallax(frame: SourceFrame, x: float, y: float = 0.0) -> Flow:
+    """Give the motion under a move of the camera parallel to its image: (x, y) px at 1 m."""
+    inverse = 1 / frame.depth_m.astype(np.float64)
+    return np.stack([x * inverse, y * inverse], axis=-1).astype(np.float32)
+
+
+def similarity(height: int, width: int, zoom: float, turn_rad: float) -> Flow:
+    """Give the motion of a zoom and a turn about the image's centre."""
+    y, x = np.mgrid[:height, :width] + 0.5 - np.array([height, width])[:, None, None] / 2
+    cosine, sine = zoom * np.cos(turn_rad), zoom * np.sin(turn_rad)
+    moved = np.stack([cosine * x - sine * y - x, sine * x + cosine * y - y], axis=-1)
+    return moved.astype(np.float32)
+
+
+# ---- rest and translation
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 6), (6, 1), (2, 2), (13, 17)])
+def test_no_motion_returns_the_frame_bit_by_bit(rng, size):
+    frame = noise(rng, *size)
+    frame.depth_m[...] = rng.uniform(1, 1.001, size)
+
+    warped = warp(frame, still(frame))
+
+    assert not warped.hole.any()
+    np.testing.assert_array_equal(warped.colour, frame.colour)
+    np.testing.assert_array_equal(warped.depth_m, frame.depth_m)
+    np.testing.assert_array_equal(warped.flow_px, 0)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(3, 0), (-4, 0), (0, 5), (2, -3)])
+def test_whole_pixel_translation_moves_every_bit(rng, dx, dy):
+    frame = noise(rng, 12, 15)
+    flow = np.broadcast_to(np.float32((dx, dy)), (12, 15, 2)).copy()
+
+    warped = warp(frame, flow)
+
+    source = np.pad(frame.colour, ((8, 8), (8, 8), (0, 0)), constant_values=-1)
+    expected = source[8 - dy : 20 - dy, 8 - dx : 23 - dx]
+    hole = (expected < 0).any(axis=-1)
+    np.testing.assert_array_equal(warped.hole, hole)
+    np.testing.assert_array_equal(warped.colour[~hole], expected[~hole])
+    np.testing.assert_array_equal(warped.depth_m, 3)  # also in border holes
+    np.testing.assert_array_equal(warped.flow_px, flow)
+
+
+def test_half_a_pixel_is_the_mean_of_two_neighbours():
+    """By hand. The border pixel's footprint covers the column it half leaves."""
+    frame = grey([[0.2, 0.4, 0.8, 0.8]], 2)
+
+    warped = warp(frame, np.full((1, 4, 2), (0.5, 0), np.float32))
+
+    np.testing.assert_array_equal(warped.hole, [[False, False, False, False]])
+    np.testing.assert_allclose(warped.colour[0, :, 0], [0.2, 0.3, 0.6, 0.8], rtol=FLOAT32)
+
+
+def test_depth_is_interpolated_along_the_surface():
+    """By hand: halfway between 1 m and 3 m on the image lies 1.5 m, since 1/z is linear."""
+    frame = grey([[0.0, 1.0]], [[1, 3]])
+
+    warped = warp(frame, np.full((1, 2, 2), (0.5, 0), np.float32))
+
+    assert warped.depth_m[0, 1] == pytest.approx(1.5, rel=FLOAT32)
+    assert warped.colour[0, 1, 0] == pytest.approx(0.5, rel=FLOAT32)
+
+
+# ---- Fig. 5
+
+
+def test_holes_behind_a_disc_have_exactly_the_background_depth(disc_over_plane):
+    warped = warp(disc_over_plane, parallax(disc_over_plane, 60, 15))
+
+    disc = warped.colour[..., 0] > 1.5 * warped.colour[..., 1]
+    assert warped.hole[:, 20:].sum() > 500
+    np.testing.assert_array_equal(warped.depth_m[warped.hole], 5)
+    np.testing.assert_array_equal(warped.flow_px[warped.hole], [(12, 3)] * warped.hole.sum())
+    np.testing.assert_array_equal(warped.depth_m[disc], 2)
+    np.testing.assert_array_equal(warped.depth_m[~disc], 5)
+
+
+def test_no_pixel_mixes_foreground_and_background(disc_over_plane):
+    """Both move by whole pixels here, so every known pixel is one that the source had."""
+    warped = warp(disc_over_plane, parallax(disc_over_plane, 60, 20))
+
+    known = warped.colour[~warped.hole]
+    source = disc_over_plane.colour.reshape(-1, 3)
+    assert np.isin(known.view("V12"), np.ascontiguousarray(source).view("V12")).all()
+
+
+def test_smear_draws_the_trail_that_the_method_avoids(disc_over_plane):
+    flow = parallax(disc_over_plane, 60, 15)
+
+    full = warp(disc_over_plane, flow)
+    smear = warp(disc_over_plane, flow, settings=WarpSettings("smear"))
+
+    trail = full.hole & ~smear.hole
+    assert trail.sum() > 500
+    between = (smear.depth_m[trail] > 2.01) & (smear.depth_m[trail] < 4.99)
+    assert between.mean() > 0.9
+
+
+def test_remove_leaves_the_same_holes_without_depth(disc_over_plane):
+    flow = parallax(disc_over_plane, 60, 15)
+
+    full = warp(disc_over_plane, flow)
+    remove = warp(disc_over_plane, flow, settings=WarpSettings("remove"))
+
+    np.testing.assert_array_equal(remove.hole, full.hole)
+    np.testing.assert_array_equal(remove.colour, full.colour)
+    assert np.isinf(remove.depth_m[remove.hole]).all()
+
+
+# ---- who wins
+
+
+def test_nearest_surface_wins():
+    """By hand: the near half moves right over the far half."""
+    frame = grey([[0.9] * 10 + [0.1] * 10], [[1] * 10 + [4] * 10])
+
+    warped = warp(frame, parallax(frame, 4))
+
+    # A surface reaches from its first pixel's centre to its last one's, this one left out.
+    np.testing.assert_array_equal(warped.depth_m[0], [1] * 13 + [4] * 7)
+    np.testing.assert_allclose(warped.colour[0, 4:13, 0], 0.9, rtol=2 * FLOAT32)
+
+
+@pytest.mark.parametrize("left_m", [5, 8])
+def test_farthest_stretched_quad_wins(left_m):
+    """By hand. Two blocks leave to the right, and both torn quads lie over x = 8 to 16."""
+    depth = [[left_m] * 4 + [1] * 4 + [6] * 4 + [2] * 4]
+    frame = grey(np.full((1, 16), 0.5), depth)
+    flow = np.zeros((1, 16, 2), np.float32)
+    flow[0, :, 0] = [0] * 4 + [14] * 4 + [-4] * 4 + [10] * 4
+
+    warped = warp(frame, flow)
+
+    np.testing.assert_array_equal(warped.hole[0].nonzero()[0], [3, *range(7, 16)])
+    np.testing.assert_array_equal(warped.depth_m[0, 4:7], 6)
+    np.testing.assert_array_equal(warped.depth_m[0, 8:], max(left_m, 6))
+    np.testing.assert_array_equal(warped.flow_px[0, 8:, 0], 0 if left_m > 6 else -4)
+
+
+def test_target_depth_decides_who_is_in_front(rng):
+    frame = noise(rng, 1, 20, depth_m=2)
+    flow = np.zeros((1, 20, 2), np.float32)
+    flow[0, :10, 0] = 6
+    target = np.float32([[5] * 10 + [3] * 10])
+
+    left_behind = warp(frame, flow, target_depth_m=target)
+    left_before = warp(frame, flow, target_depth_m=8 - target)
+
+    np.testing.assert_array_equal(left_behind.depth_m[0, 11:], 3)
+    np.testing.assert_array_equal(left_behind.colour[0, 11:], frame.colour[0, 11:])
+    np.testing.assert_array_equal(left_before.depth_m[0, 6:15], 3)
+    np.testing.assert_array_equal(left_before.colour[0, 6:15], frame.colour[0, :9])
+
+
+def test_sky_stays_behind_everything_and_fills_its_holes():
+    depth = np.full((24, 32), np.inf, np.float32)
+    depth[8:16, 8:16] = 2
+    frame = grey(np.where(np.isinf(depth), 0.2, 0.7), depth)
+
+    warped = warp(frame, parallax(frame, 20))
+
+    assert warped.hole.sum() > 30
+    assert np.isinf(warped.depth_m[warped.hole]).all()
+    np.testing.assert_array_equal(warped.flow_px[warped.hole], 0)
+    np.testing.assert_array_equal(warped.depth_m[8:15, 18:25], 2)
+
+
+def test_sky_hides_a_torn_quad_that_is_as_far():
+    """Both of eq. 1's halves end at infinity: the surface comes first."""
+    depth = np.full((1, 12), np.inf, np.float32)
+    depth[0, 4:6] = 1
+    frame = grey(np.full((1, 12), 0.5), depth)
+    flow = np.zeros((1, 12, 2), np.float32)
+    flow[0, 4:6, 0] = 20
+
+    warped = warp(frame, flow)
+
+    np.testing.assert_array_equal(warped.hole[0].nonzero()[0], [3, 4, 5])
+
+
+# ---- what is torn
+
+
+def torn(flow: Flow, stretch_px: float = 4, surface_px: int = 8) -> NDArray[np.bool_]:
+    """Give the torn quads between pixels, shape (H - 1, W - 1)."""
+    height, width, _ = flow.shape
+    quads = torn_quads(flow, round(stretch_px * SUBPIXELS), surface_px)
+    return quads.reshape(height + 3, width + 3)[2:-2, 2:-2]
+
+
+def horizontal(displacement: object) -> Flow:
+    """Give three rows of the same motion along x."""
+    row = np.asarray(displacement, np.float32)
+    return np.stack([np.tile(row, (3, 1)), np.zeros((3, len(row)), np.float32)], axis=-1)
+
+
+def test_a_step_longer_than_the_threshold_is_torn():
+    column = torn(horizontal([0] * 10 + [3.25] * 10))
+    np.testing.assert_array_equal(np.flatnonzero(column[0]), [9])
+    assert not torn(horizontal([0] * 10 + [3] * 10)).any()  # 4 px long: not longer
+
+
+@pytest.mark.parametrize("ramp_px", [1, 2, 4, 6])
+def test_a_soft_step_is_torn_too(ramp_px):
+    """Depth maps that were resampled or estimated blur their steps over a few pixels."""
+    ramp = np.interp(np.arange(30), [12, 12 + ramp_px], [0, 60])
+    np.testing.assert_array_equal(
+        np.flatnonzero(torn(horizontal(ramp))[0]), np.arange(12, 12 + ramp_px)
+    )
+
+
+def zoomed_plane(step: bool) -> tuple[SourceFrame, Flow, NDArray[np.float32]]:
+    """Approach a slanted plane until it appears 7 to 10 times as large; maybe a step in it."""
+    source = Camera.with_field_of_view(64, 48, 50)
+    x = np.arange(64) + 0.5
+    depth = np.tile(1 / (0.1 + 0.00008 * x), (48, 1))
+    if step:
+        depth[:, 48:] *= 0.97
+    frame = grey(np.full((48, 64), 0.5), depth)
+    target = source.moved(np.array([0, 0, 8.5]))
+    return frame, *flow_between(source, target, frame.depth_m)
+
+
+def test_a_slanted_surface_under_a_strong_zoom_is_not_torn():
+    frame, flow, target_depth = zoomed_plane(step=False)
+    sides = np.abs(np.diff(flow[..., 0], axis=1) + 1)
+    assert sides.min() > 5  # every side is far longer than the threshold
+
+    warped = warp(frame, flow, target_depth_m=target_depth)
+
+    assert not warped.hole.any()
+    by_length_alone = warp(
+        frame, flow, target_depth_m=target_depth, settings=WarpSettings(surface_px=10**6)
+    )
+    assert by_length_alone.hole.mean() > 0.9  # what the rule is for
+
+
+def test_a_step_in_depth_is_torn_under_the_same_zoom():
+    _, flow, _ = zoomed_plane(step=True)
+    np.testing.assert_array_equal(torn(flow), np.arange(63) == np.full((47, 1), 47))
+
+
+def test_a_zoom_of_the_lens_tears_nothing(disc_over_plane):
+    """No parallax, no disocclusion: depth edges under a pure zoom stay closed."""
+    warped = warp(disc_over_plane, similarity(96, 128, 6.0, 0.0))
+    assert not warped.hole.any()
+
+
+# ---- coverage
+
+
+@pytest.mark.parametrize(
+    ("zoom", "turn_deg"), [(1, 0), (1, 30), (0.7, 90), (1.37, -17), (2, 45), (3.3, 180)]
+)
+def test_every_pixel_is_covered_exactly_once(zoom, turn_deg):
+    depth = np.ones((20, 24))
+    flow = similarity(20, 24, zoom, np.radians(turn_deg))
+    window = Window(0, 0, 24, 20)
+    mesh = moved_mesh(depth, flow, window)
+
+    hits = coverage(mesh, ~mesh.ring_0, window)
+
+    count = np.bincount(hits.pixel, minlength=480)
+    assert count.max() == 1
+    assert count.reshape(20, 24)[8:12, 8:16].all()
+    if zoom >= 1 and turn_deg in (0, 180):
+        assert count.all()
+
+
+motions = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+@given(rng=motions, scale=st.sampled_from([0.3, 1.0, 4.0, 30.0]), whole=st.booleans())
+@settings(max_examples=40)
+def test_folds_cancel_and_leave_no_gap(rng, scale, whole):
+    """Whatever the motion: at each pixel one more triangle faces the view than is turned over.
+
+    Whole and half pixels put many corners exactly onto pixel centres.
+    """
+    height, width = rng.integers(1, 9, 2)
+    flow = (scale * rng.standard_normal((height, width, 2))).astype(np.float32)
+    if whole:
+        flow = np.round(2 * flow) / 2
+    window = Window(*rng.integers(-2, 3, 2), *rng.integers(1, 9, 2))
+    mesh = moved_mesh(np.ones((height, width)), flow, window)
+    x, y = np.meshgrid(np.arange(window.width_px), np.arange(window.height_px))
+    centre = np.stack([x, y], axis=-1).reshape(-1, 1, 1, 2) * SUBPIXELS + SUBPIXELS // 2
+
+    surplus = np.zeros(window.width_px * window.height_px, np.int64)
+    for triangle in ((0, 1, 2), (0, 2, 3)):
+        corner = mesh.at[None, :, triangle] - centre
+        for turned, sign in ((corner, 1), (corner[:, :, ::-1], -1)):
+            found, _ = inside(turned.reshape(-1, 3, 2))
+            surplus += sign * found.reshape(len(surplus), -1).sum(axis=1)
+
+    np.testing.assert_array_equal(surplus, 1)
+    hits = coverage(mesh, mesh.drawable, window)
+    assert np.isin(np.arange(len(surplus)), hits.pixel).all()
+
+
+@given(rng=motions, scale=st.sampled_from([0.5, 3.0, 20.0]))
+@settings(max_examples=25)
+def test_every_pixel_gets_a_depth_that_the_source_has_and_colours_in_range(rng, scale):
+    frame = SourceFrame(
+        rng.uniform(0.25, 0.75, (9, 11, 3)).astype(np.float32),
+        rng.uniform(1, 9, (9, 11)).astype(np.float32),
+    )
+    flow = (scale * rng.standard_normal((9, 11, 2))).astype(np.float32)
+
+    warped = warp(frame, flow)
+
+    assert np.isin(warped.depth_m[warped.hole], frame.depth_m).all()
+    assert ((warped.depth_m >= frame.depth_m.min()) & (warped.depth_m <= frame.depth_m.max())).all()
+    known = warped.colour[~warped.hole]
+    assert ((known >= 0.25) & (known <= 0.75)).all()
+
+
+@given(rng=motions)
+@settings(max_examples=15)
+def test_a_constant_frame_stays_constant(rng):
+    frame = grey(np.full((8, 8), 0.3), 2.7)
+    warped = warp(frame, (6 * rng.standard_normal((8, 8, 2))).astype(np.float32))
+    np.testing.assert_allclose(warped.colour[~warped.hole], np.float32(0.3), rtol=2 * FLOAT32)
+    np.testing.assert_allclose(warped.depth_m, np.float32(2.7), rtol=2 * FLOAT32)
+
+
+# ---- beyond the border, behind the camera
+
+
+def test_border_holes_continue_the_border():
+    """By hand: what enters at the left goes on from column 0, row by row."""
+    depth = np.repeat(np.float32([[2], [2], [2], [4], [4], [4]]), 12, axis=1)
+    frame = grey(np.full((6, 12), 0.5), depth)
+
+    warped = warp(frame, parallax(frame, 8))  # 4 px, and 2 px
+
+    np.testing.assert_array_equal(warped.hole.sum(axis=1)[[0, 1, 4, 5]], [4, 4, 2, 2])
+    np.testing.assert_array_equal(warped.depth_m[[0, 1], 0], 2)
+    np.testing.assert_array_equal(warped.depth_m[[4, 5], 0], 4)
+    np.testing.assert_array_equal(warped.flow_px[5, 0], (2, 0))
+
+
+def test_a_margin_keeps_border_holes_out_of_the_window(rng):
+    frame = noise(rng, 40, 48)
+    flow = similarity(40, 48, 1.0, 0.1) + np.float32((2.5, -1.25))
+    window = Window.inside_margin((40, 48), 8)
+
+    shown = warp(frame, flow, window=window)
+
+    assert shown.size == (24, 32)
+    assert not shown.hole.any()
+    whole = warp(frame, flow)
+    for name in ("colour", "depth_m", "hole", "flow_px"):
+        np.testing.assert_array_equal(getattr(shown, name), getattr(whole, name)[8:32, 8:40])
+
+
+def test_what_is_behind_the_camera_is_not_shown_and_its_place_is_continued():
+    """A post that the camera has passed: its place shows the farther of its two sides."""
+    frame = grey(np.full((4, 12), 0.5), 3)
+    target = np.float32([[3, 3, 3, 3, 3, 0, 0, 7, 7, 7, 7, 7]] * 4)
+
+    warped = warp(frame, still(frame), target_depth_m=target)
+
+    np.testing.assert_array_equal(warped.hole[0].nonzero()[0], [4, 5, 6])
+    np.testing.assert_array_equal(warped.depth_m[:, :5], [[3, 3, 3, 3, 7]] * 4)
+    np.testing.assert_array_equal(warped.depth_m[:, 5:], 7)
+
+
+def test_everything_behind_the_camera_is_one_hole_without_depth():
+    frame = grey(np.full((3, 4), 0.5), 3)
+    warped = warp(frame, still(frame), target_depth_m=np.zeros((3, 4), np.float32))
+    assert warped.hole.all()
+    assert np.isinf(warped.depth_m).all()
+
+
+def test_a_frame_that_left_the_view_is_one_hole_with_its_border_depth(rng):
+    frame = noise(rng, 6, 6)
+    warped = warp(frame, np.full((6, 6, 2), 300, np.float32))
+    assert warped.hole.all()
+    np.testing.assert_array_equal(warped.depth_m, 3)
+
+
+# ---- bad input
+
+
+def bad(array: NDArray[np.float32], value: float) -> NDArray[np.float32]:
+    """Put `value` at row 1, column 2."""
+    array[1, 2] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"flow_px": np.zeros((4, 6, 2), np.float32)}, "one height and width .*4x5.*4x6"),
+        ({"flow_px": np.zeros((4, 5, 2))}, "flow_px must be float32"),
+        (
+            {"flow_px": bad(np.zeros((4, 5, 2), np.float32), np.nan)},
+            "flow_px must be finite .*row 1, column 2",
+        ),
+        ({"flow_px": bad(np.zeros((4, 5, 2), np.float32), np.inf)}, "flow_px must be finite"),
+        ({"target_depth_m": np.ones((4, 4), np.float32)}, "one height and width"),
+        ({"target_depth_m": np.ones((4, 5))}, "target_depth_m must be float32"),
+        (
+            {"target_depth_m": bad(np.ones((4, 5), np.float32), np.nan)},
+            "target_depth_m must be a number .*row 1, column 2",
+        ),
+    ],
+)
+def test_bad_arrays_are_named_with_place_and_rule(rng, arguments, message):
+    frame = noise(rng, 4, 5)
+    with pytest.raises(InputError, match=message):
+        warp(frame, **({"flow_px": still(frame)} | arguments))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: WarpSettings("smeer"), "variant must be one of full, smear, remove"),
+        (lambda: WarpSettings(stretch_px=0.5), "stretch_px must be at least 1"),
+        (lambda: WarpSettings(stretch_px=float("nan")), "stretch_px must be at least 1"),
+        (lambda: WarpSettings(surface_px=1), "surface_px must be at least 2"),
+        (lambda: Window(0, 0, 0, 4), "at least 1x1 px .*0x4"),
+        (lambda: Window.inside_margin((10, 20), 5), "at least 1x1 px .*10x0"),
+    ],
+)
+def test_bad_settings_say_what_must_hold(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
