@@ -175,7 +175,7 @@ def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
                 Problem(
                     place,
                     f"clips must fit the screen pixel by pixel (got {got} px of {wanted} px at"
-                    f" {display.distance_mm:g} mm); nearest: {math.floor(most * 100) / 100:g}",
+                    f" {display.distance_mm:g} mm); nearest: {math.floor(most * 100) / 100:g} deg",
                 )
             )
     timing = protocol.trial

@@ -260,7 +260,7 @@ def _phases(
             (i for i in range(index, len(flips)) if flips[i][0] is not phase), len(flips) - 1
         )
         inside = [flips[i][2] for i in range(index + 1, end + 1)]
-        name: PhaseName = phase.value  # type: ignore[assignment]
+        name: PhaseName = phase.value
         records.append(
             PhaseRecord(
                 phase=name,

@@ -21,6 +21,7 @@ from study_app.gaze.geometry import Viewing
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observer import ArtificialObserver, ObserverModel, rng_of
 from study_app.recorder import Recorder
+from study_app.sittings import find_sittings, is_stillborn
 from study_app.trial import Timeline
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -89,7 +90,18 @@ def simulate_study(
         If the display cannot do the protocol, or a folder holds something else.
     """
     outcomes = {}
+    finished = (
+        {
+            sitting.participant
+            for sitting in find_sittings(root, simulation.protocol.study.name)
+            if sitting.state == "completed"
+        }
+        if root.is_dir()
+        else set()
+    )
     for code in map(participant_code, range(participants)):
+        if code in finished:
+            continue
         outcomes[code] = simulate_sitting(
             simulation, root, code, on_attempt=partial(on_attempt, code)
         )
@@ -118,7 +130,7 @@ def simulate_sitting(
     folder = root / protocol.study.name / participant
     recorder: Recorder
     plan: Plan
-    if folder.exists():
+    if folder.exists() and not is_stillborn(folder):
         recorder, plan = resume(setting, participant, stage, gaze)
     else:
         language = language or protocol.text.default_language

@@ -16,9 +16,10 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from protocols.errors import StudyError
-from protocols.journal import ParticipantCode, SessionEnd
+from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
 from protocols.schema import StudyProtocol
+from protocols.units import ParticipantCode
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,19 @@ however often it is polled, and the same again after a crash.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study_app.gaze.geometry import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
 
 _CHUNK = 256  # samples drawn at once
-_HORIZON_S = 600.0  # events are drawn this far ahead
+_HORIZON_S = 120.0  # events are drawn this far ahead: no attempt is longer
+_DRAG_S = (0.012, 0.03)  # how long before and after a blink the lid drags
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class SimulatedGaze:
         self._clock, self._viewing, self._dot = clock, viewing, dot_deg
         self._rate_hz, self._behaviour = rate_hz, behaviour
         self._events: tuple[GazeEvent, ...] = ()
-        self._chunk: tuple[int, NDArray[np.float64]] | None = None
+        self._chunk: tuple[int, list[tuple[float, float]]] | None = None
         self.restart(0)
 
     def restart(self, seed: int, events: Sequence[GazeEvent] | None = None) -> None:
@@ -94,6 +95,8 @@ class SimulatedGaze:
         self._chunk = None
         self._waves = rng.uniform(0, 2 * math.pi, (2, 3)), rng.uniform(0.1, 0.6, (2, 3))
         self._events = tuple(self._drawn_events(rng) if events is None else events)
+        deaths = [event.at_s for event in self._events if event.kind == "death"]
+        self._dead = math.ceil(min(deaths) * self._rate_hz - 1e-9) if deaths else sys.maxsize
 
     def open(self) -> None:
         """Nothing to connect to."""
@@ -106,8 +109,7 @@ class SimulatedGaze:
         """Return the samples whose time has come."""
         until = math.floor((self._clock() - self._start_s) * self._rate_hz + 1e-9) + 1
         start, self._next = self._next, max(until, self._next)
-        samples = (self._sample(number) for number in range(start, self._next))
-        return [sample for sample in samples if sample is not None]
+        return [self._sample(number) for number in range(start, min(self._next, self._dead))]
 
     def mark(self, text: str) -> None:
         """Markers have nowhere to go."""
@@ -121,48 +123,34 @@ class SimulatedGaze:
     def close(self) -> None:
         """Nothing to close."""
 
-    def _sample(self, number: int) -> GazeSample | None:
-        after_s = number / self._rate_hz
-        x_deg, y_deg = self._fixation_deg(number, after_s)
-        for event in self._events:
-            before_s = after_s - event.at_s
-            inside = 0.0 <= before_s < event.duration_s
-            if event.kind == "death" and before_s >= 0.0:
-                return None
-            if event.kind == "away" and inside:
-                x_deg += event.offset_deg[0]
-                y_deg += event.offset_deg[1]
-            elif event.kind == "blink" and -0.012 <= before_s < event.duration_s + 0.03:
-                if inside:
-                    return self._stamped(number, math.nan, math.nan)
-                y_deg += 4.0  # the lid drags the pupil's estimate down
-            elif event.kind == "loss" and inside:
-                return self._stamped(number, math.nan, math.nan)
-        return self._stamped(number, *self._viewing.to_px(x_deg, y_deg))
-
-    def _stamped(self, number: int, x_px: float, y_px: float) -> GazeSample:
-        return GazeSample(self._start_s + number / self._rate_hz, float(number), x_px, y_px)
-
-    def _fixation_deg(self, number: int, after_s: float) -> tuple[float, float]:
+    def _sample(self, number: int) -> GazeSample:
         index, offset = divmod(number, _CHUNK)
         if self._chunk is None or self._chunk[0] != index:
-            rng = np.random.default_rng((self._seed, index))
-            self._chunk = index, rng.normal(0.0, self._behaviour.jitter_deg, (_CHUNK, 2))
-        jitter = self._chunk[1][offset]
+            self._chunk = index, self._chunk_px(index)
+        x_px, y_px = self._chunk[1][offset]
+        return GazeSample(self._start_s + number / self._rate_hz, float(number), x_px, y_px)
+
+    def _chunk_px(self, index: int) -> list[tuple[float, float]]:
+        """Return the gaze of `_CHUNK` samples in pixels: jitter, drift and what happens."""
+        after_s = (index * _CHUNK + np.arange(_CHUNK)) / self._rate_hz
+        rng = np.random.default_rng((self._seed, index))
+        gaze_deg = rng.normal(0.0, self._behaviour.jitter_deg, (_CHUNK, 2)) + self._dot
         phases, rates_hz = self._waves
-        amplitude = self._behaviour.drift_deg / 3
-        drift = [
-            amplitude
-            * sum(
-                math.sin(2 * math.pi * rate * after_s + phase)
-                for phase, rate in zip(phases[axis], rates_hz[axis], strict=True)
-            )
-            for axis in (0, 1)
-        ]
-        return (
-            self._dot[0] + drift[0] + float(jitter[0]),
-            self._dot[1] + drift[1] + float(jitter[1]),
-        )
+        for axis in (0, 1):
+            waves = np.sin(2 * math.pi * np.outer(after_s, rates_hz[axis]) + phases[axis])
+            gaze_deg[:, axis] += self._behaviour.drift_deg / 3 * waves.sum(axis=1)
+        for event in self._events:
+            since_s = after_s - event.at_s
+            inside = (since_s >= 0.0) & (since_s < event.duration_s)
+            if event.kind == "away":
+                gaze_deg[inside] += event.offset_deg
+            elif event.kind == "blink":  # the lid drags the pupil's estimate down
+                dragged = (since_s >= -_DRAG_S[0]) & (since_s < event.duration_s + _DRAG_S[1])
+                gaze_deg[dragged, 1] += 4.0
+                gaze_deg[inside] = math.nan
+            elif event.kind == "loss":
+                gaze_deg[inside] = math.nan
+        return [self._viewing.to_px(*place) for place in gaze_deg.tolist()]
 
     def _drawn_events(self, rng: np.random.Generator) -> list[GazeEvent]:
         behaviour = self._behaviour

@@ -297,7 +297,7 @@ def test_a_clip_larger_than_the_screen_is_refused_with_the_largest_angle():
     (message,) = messages(changed(DEMO, clips={"height_deg": 28.0}), FHD)
 
     assert message.startswith("clips.height_deg: clips must fit the screen pixel by pixel (got")
-    assert message.endswith("nearest: 27")
+    assert message.endswith("nearest: 27 deg")
     assert messages(changed(DEMO, clips={"height_deg": 27.0}), FHD) == []
 
 

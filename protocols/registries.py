@@ -1,0 +1,73 @@
+"""Names in a protocol that other packages define: methods and built-in scenes.
+
+`protocols` imports none of them; whoever knows the registries passes their names in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from protocols.schema import Problem, StudyProtocol
+from protocols.stimuli_schema import BuiltinScene
+from protocols.suggest import did_you_mean
+
+
+def check_methods(
+    protocol: StudyProtocol,
+    known: Iterable[str],
+    parameters_of: Callable[[str], Iterable[str]] | None = None,
+) -> list[Problem]:
+    """Return a problem for every method or parameter that the registry does not know.
+
+    Parameters
+    ----------
+    protocol : StudyProtocol
+        The study.
+    known : iterable of str
+        Registry names; one with a colon (``onnx:FILE``) stands for every path after it.
+        `reference`, the true view, is no method and always known.
+    parameters_of : callable, optional
+        Gives the parameter names of a known method.
+    """
+    names = ["reference", *known]
+    prefixes = tuple(name[: name.index(":") + 1] for name in names if ":" in name)
+    problems = []
+    for index, method in enumerate(protocol.methods):
+        name = method.registry_name
+        place = f"methods[{index}].{'method' if method.method else 'name'}"
+        if name not in names and not name.startswith(prefixes or ("\0",)):
+            problems.append(
+                Problem(
+                    place,
+                    f"must be a known method ({', '.join(names)}) (got {name!r})"
+                    f"{did_you_mean(name, names)}",
+                )
+            )
+            continue
+        if parameters_of is None:
+            continue
+        offered = [] if method.is_reference else list(parameters_of(name))
+        problems += [
+            Problem(
+                f"methods[{index}].parameters.{key}",
+                f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
+                f"{did_you_mean(key, offered)}",
+            )
+            for key in method.parameters
+            if key not in offered
+        ]
+    return problems
+
+
+def check_scenes(protocol: StudyProtocol, known: Iterable[str]) -> list[Problem]:
+    """Return a problem for every built-in scene that is not in `known`."""
+    names = list(known)
+    return [
+        Problem(
+            f"scenes[{index}].builtin",
+            f"must be a built-in scene ({', '.join(names)}) (got {scene.builtin!r})"
+            f"{did_you_mean(scene.builtin, names)}",
+        )
+        for index, scene in enumerate(protocol.scenes)
+        if isinstance(scene, BuiltinScene) and scene.builtin not in names
+    ]

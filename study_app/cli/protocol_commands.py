@@ -1,0 +1,241 @@
+"""`metamerlab protocol`: write, check and plan a study."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import (
+    CLIPS_IN_MEMORY,
+    MIB,
+    check_feasible,
+    clip_memory_bytes,
+    clip_size_px,
+    session_duration_s,
+    virtual_manifest,
+)
+from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import Manifest, read_manifest
+from protocols.plan import Plan, make_plan
+from protocols.preregister import preregistration, to_html, to_markdown
+from protocols.publish import publish, schema_names, schema_text
+from protocols.registries import check_methods, check_scenes
+from protocols.revision import code_revision, package_version
+from protocols.schema import Problem, StudyProtocol
+from study_app.cli.errors import user_errors
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="""Write, check and plan a study.
+
+    A protocol is a TOML file; `demo` and `inpainting-2afc` come with metamerlab.
+
+    Examples:
+
+        metamerlab protocol check demo
+
+        metamerlab protocol show inpainting-2afc
+
+        metamerlab protocol preregister my-study.toml --out preregistration.html
+    """,
+)
+
+ProtocolArgument = Annotated[
+    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+]
+DisplayOption = Annotated[
+    str | None,
+    typer.Option("--display", help="Another display than the protocol's: a name or a .toml file."),
+]
+StimuliOption = Annotated[
+    Path | None, typer.Option("--stimuli", help="Folder of built clips, to check them as well.")
+]
+
+
+@app.command()
+def check(
+    protocol: ProtocolArgument,
+    display: DisplayOption = None,
+    stimuli: StimuliOption = None,
+) -> None:
+    """Check a protocol: every mistake at once, and whether its display can do it.
+
+    Ends with status 2 if anything is wrong.
+
+    Example: metamerlab protocol check my-study.toml --stimuli clips
+    """
+    with user_errors():
+        study, screen = _load(protocol, display)
+        manifest = read_manifest(stimuli) if stimuli else None
+        problems = _registry_problems(study) + check_feasible(study, screen, manifest)
+        if problems:
+            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in problems))
+        plan = _plan(study, screen, manifest)
+        print(
+            f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
+            f" protocol {study.sha256[:12]}."
+        )
+
+
+@app.command()
+def show(
+    protocol: ProtocolArgument,
+    display: DisplayOption = None,
+    slot: Annotated[
+        int | None, typer.Option(min=0, help="List the trials of this counterbalancing slot.")
+    ] = None,
+) -> None:
+    """Show trials, duration, memory, and what each display can do of a protocol.
+
+    Example: metamerlab protocol show inpainting-2afc --slot 0
+    """
+    with user_errors():
+        study, screen = _load(protocol, display)
+        plan = _plan(study, screen, None, slot or 0)
+        console = Console()
+        console.print(_summary(study, screen, plan))
+        console.print(_feasibility_table(study, screen))
+        if slot is not None:
+            console.print(_trial_table(plan))
+
+
+@app.command()
+def schema(
+    name: Annotated[
+        str, typer.Argument(help="study, display, manifest or journal.", metavar="FORMAT")
+    ] = "study",
+    write: Annotated[
+        bool,
+        typer.Option("--write", help="Write the published files of all formats (for developers)."),
+    ] = False,
+) -> None:
+    """Print the JSON Schema of a format, for editors and other programs.
+
+    Example: metamerlab protocol schema journal > journal.schema.json
+    """
+    with user_errors():
+        if write:
+            changed = publish()
+            print("\n".join(map(str, changed)) if changed else "nothing to change")
+            return
+        if name not in schema_names():
+            raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
+        print(schema_text(name), end="")
+
+
+@app.command()
+def preregister(
+    protocol: ProtocolArgument,
+    out: Annotated[
+        Path | None, typer.Option(help="A new .md or .html file; left out: print Markdown.")
+    ] = None,
+    display: DisplayOption = None,
+    stimuli: StimuliOption = None,
+) -> None:
+    """Write a preregistration: design, procedure, analysis, exclusions and hashes.
+
+    Example: metamerlab protocol preregister my-study.toml --out preregistration.md
+    """
+    with user_errors():
+        study, screen = _load(protocol, display)
+        manifest = read_manifest(stimuli) if stimuli else None
+        _plan(study, screen, manifest)
+        revision = f"{package_version()}, revision {code_revision()}"
+        sections = preregistration(study, screen, revision, manifest)
+        title = f"Preregistration: {study.study.title}"
+        if out is None:
+            print(to_markdown(title, sections))
+            return
+        if out.suffix not in (".md", ".html"):
+            raise StudyError(f"--out: must end in .md or .html (got {out})")
+        text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
+        try:
+            with out.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            raise StudyError(
+                f"{out}: is never written over; a preregistration is made once. Choose a new name"
+            ) from None
+        print(out)
+
+
+def _load(protocol: Path, display: str | None) -> tuple[StudyProtocol, Display]:
+    study = load_protocol(protocol)
+    return study, load_display(display or study.display.display, beside=protocol)
+
+
+def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:
+    return make_plan(study, manifest or virtual_manifest(study, screen), f"P{slot}", slot)
+
+
+def _registry_problems(study: StudyProtocol) -> list[Problem]:
+    """Check the names that other packages define; they are imported only here."""
+    registry = import_module("pipeline.methods.registry")
+    problems = check_methods(study, registry.method_names(), registry.method_parameters)
+    try:
+        scenes = import_module("stimuli.scenes.registry")
+    except ModuleNotFoundError:
+        return problems
+    return problems + check_scenes(study, scenes.scene_names())
+
+
+def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
+    table = Table(title=study.study.title, show_header=False, title_justify="left")
+    table.add_column()
+    table.add_column(overflow="fold")
+    clips = study.clip_names()
+    width, height = clip_size_px(study, screen)
+    memory = CLIPS_IN_MEMORY * clip_memory_bytes(study, screen) / MIB
+    practice = sum(trial.practice for trial in plan.trials)
+    catch = sum(trial.catch for trial in plan.trials)
+    minutes = session_duration_s(study, len(plan.trials)) / 60
+    for name, value in (
+        ("study", f"{study.study.name}, version {study.study.version}"),
+        ("protocol hash", study.sha256),
+        ("participants", str(study.study.participants)),
+        ("decisions", f"{plan.main_trials} each, + {practice} practice, + {catch} catch trials"),
+        ("pairings", ", ".join(f"{a} / {b}" for a, b in study.pairings())),
+        ("blocks", str(study.design.blocks)),
+        ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
+        ("clips", f"{len(clips)} of {study.clips.frames} frames, {width} x {height} px"),
+        ("memory", f"{memory:.0f} MiB for two pairs"),
+        ("gaze", study.gaze.mode),
+        ("languages", ", ".join(study.text.languages)),
+    ):
+        table.add_row(name, value)
+    return table
+
+
+def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
+    table = Table(title="Feasible on", title_justify="left")
+    for column in ("display", "rate", "distance", "verdict"):
+        table.add_column(column)
+    screens = {name: load_display(name) for name in shipped("displays")} | {screen.name: screen}
+    for name, entry in sorted(screens.items()):
+        problems = check_feasible(study, entry)
+        mark = " (chosen)" if name == screen.name else ""
+        verdict = "\n".join(map(str, problems)) if problems else "yes"
+        table.add_row(
+            name + mark, f"{entry.refresh_hz:g} Hz", f"{entry.distance_mm / 10:g} cm", verdict
+        )
+    return table
+
+
+def _trial_table(plan: Plan) -> Table:
+    table = Table(title=f"Trials of slot {plan.slot}", title_justify="left")
+    for column in ("block", "trial", "scene", "size", "first", "second", "first is"):
+        table.add_column(column)
+    for trial in plan.trials:
+        table.add_row(
+            str(trial.block), trial.id, trial.scene, trial.size,
+            trial.first, trial.second, trial.first_side,
+        )  # fmt: skip
+    return table

@@ -1,0 +1,236 @@
+"""`metamerlab session`: run a sitting with a participant, or without one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.journal import Attempt, SessionEnd
+from protocols.load import load_display, load_protocol
+from protocols.manifest import read_manifest
+from protocols.plan import make_plan
+from study_app.cli.errors import user_errors
+from study_app.gaze.simulated import HUMAN, STEADY
+from study_app.observer import DEFAULT_UTILITIES, ObserverModel
+from study_app.simulate import Simulation, simulate_study
+from study_app.sittings import Sitting, find_sittings
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="""Run a sitting with a participant, or with artificial observers.
+
+    Examples:
+
+        metamerlab session simulate demo --out sessions --participants 11
+
+        metamerlab session list sessions
+
+        metamerlab session status sessions/demo/S001
+    """,
+)
+
+
+@app.command()
+def simulate(
+    protocol: Annotated[
+        Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of sessions; what is complete there is kept.")],
+    participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
+    utility: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="METHOD=LOGIT, may be given more than once. Two methods 1.1 apart are preferred"
+            " 75 to 25. Default: "
+            + ", ".join(f"{name}={value:g}" for name, value in DEFAULT_UTILITIES.items())
+        ),
+    ] = None,
+    participant_sd: Annotated[
+        float, typer.Option(min=0, help="Logit deviation between participants.")
+    ] = 0.5,
+    scene_sd: Annotated[float, typer.Option(min=0, help="Logit deviation between scenes.")] = 0.5,
+    lapse: Annotated[float, typer.Option(min=0, max=1, help="Share of blind answers.")] = 0.02,
+    order_bias: Annotated[float, typer.Option(help="Logit in favour of the first clip.")] = 0.0,
+    missed_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips of a thousand that miss their refresh.")
+    ] = 0.0,
+    steady_gaze: Annotated[
+        bool, typer.Option(help="An eye that never blinks or looks away.")
+    ] = False,
+    display: Annotated[
+        str | None, typer.Option(help="Another display: a name or a .toml file.")
+    ] = None,
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of built clips; left out: clips without pixels.")
+    ] = None,
+) -> None:
+    """Run artificial observers through the real session, on a virtual display.
+
+    The journals are as a lab's, and marked as simulated.
+
+    Example: metamerlab session simulate demo --out sessions --participants 11
+    """
+    with user_errors():
+        study = load_protocol(protocol)
+        simulation = Simulation(
+            study,
+            load_display(display or study.display.display, beside=protocol),
+            seed=seed,
+            model=ObserverModel(
+                utilities=_utilities(utility, [method.name for method in study.methods]),
+                participant_sd=participant_sd,
+                scene_sd=scene_sd,
+                lapse=lapse,
+                order_bias=order_bias,
+            ),
+            gaze=STEADY if steady_gaze else HUMAN,
+            missed_per_flip=missed_per_1000 / 1000,
+            manifest=read_manifest(stimuli) if stimuli else None,
+        )
+        plan = make_plan(
+            study,
+            simulation.manifest or virtual_manifest(study, simulation.display),
+            "S001",
+            0,
+        )
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+            task = progress.add_task("trials", total=participants * len(plan.trials))
+
+            def on_attempt(code: str, attempt: Attempt) -> None:
+                done = attempt.outcome == "completed"
+                progress.update(task, description=f"{code} trials", advance=float(done))
+
+            outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
+        done = sum(outcome.main_done for outcome in outcomes.values())
+        print(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
+
+
+@app.command("list")
+def list_(
+    sessions: Annotated[Path, typer.Argument(help="Folder of sessions.")],
+    study: Annotated[str | None, typer.Option(help="Only this study.")] = None,
+) -> None:
+    """List all sessions of a folder: participant, slot, state, decisions.
+
+    Example: metamerlab session list sessions --study demo
+    """
+    with user_errors():
+        sittings = find_sittings(sessions, study)
+        if not sittings:
+            raise StudyError(f"{sessions}: must hold sessions (found no journal)")
+        table = Table()
+        for column in ("study", "participant", "slot", "state", "decisions", "void", "data"):
+            table.add_column(column)
+        for sitting in sittings:
+            table.add_row(*_row(sitting))
+        Console().print(table)
+
+
+@app.command()
+def status(
+    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
+) -> None:
+    """Tell how one session stands: blocks, voids, dropped frames, gaze, damage.
+
+    Example: metamerlab session status sessions/demo/S001
+    """
+    with user_errors():
+        sitting = next(
+            (s for s in _sittings_above(session) if s.folder.resolve() == session.resolve()), None
+        )
+        if sitting is None:
+            raise StudyError(
+                f"{session}: must be the folder of one session (found no journal there);"
+                " 'metamerlab session list' names them"
+            )
+        table = Table(show_header=False)
+        for name, value in _details(sitting):
+            table.add_row(name, value)
+        Console().print(table)
+
+
+def _sittings_above(session: Path) -> list[Sitting]:
+    if not session.is_dir():
+        raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
+    absolute = session.resolve()
+    return find_sittings(absolute.parent.parent, absolute.parent.name)
+
+
+def _utilities(given: list[str] | None, methods: list[str]) -> dict[str, float]:
+    utilities = dict(DEFAULT_UTILITIES)
+    for entry in given or []:
+        name, equals, value = entry.partition("=")
+        if name not in methods:
+            raise StudyError(
+                f"--utility: METHOD must be one of {', '.join(methods)} (got {name!r})"
+            )
+        try:
+            utilities[name] = float(value)
+        except ValueError:
+            raise StudyError(
+                f"--utility: must be METHOD=LOGIT with a number (got {entry!r})"
+                if equals
+                else f"--utility: must be METHOD=LOGIT (got {entry!r})"
+            ) from None
+    return utilities
+
+
+def _row(sitting: Sitting) -> tuple[str, ...]:
+    attempts = sitting.journal.attempts
+    voids = sum(attempt.outcome == "void" for attempt in attempts)
+    if sitting.state in {"damaged", "withdrawn", "stillborn"}:
+        slot, planned, data = "", "", ""
+    else:
+        start = sitting.journal.start
+        slot, planned = str(start.slot), f" of {start.trials}"
+        data = "simulated" if start.simulated else "real"
+    return (
+        sitting.study, sitting.participant, slot, sitting.state,
+        f"{sitting.main_done}{planned}", str(voids), data,
+    )  # fmt: skip
+
+
+def _details(sitting: Sitting) -> list[tuple[str, str]]:
+    journal = sitting.journal
+    attempts = journal.attempts
+    details = [("session", f"{sitting.study} / {sitting.participant}"), ("state", sitting.state)]
+    details += [("damaged", f"line {line.line}: {line.reason}") for line in journal.damaged]
+    if journal.torn:
+        details.append(("last line", "torn: the program was killed while writing it"))
+    if sitting.state in {"damaged", "withdrawn", "stillborn"} and not attempts:
+        return details
+    if not journal.damaged:
+        start = journal.start
+        gaze = f"{start.gaze.source}, {start.gaze.rate_hz:g} Hz" if start.gaze else "none"
+        details += [
+            ("data", "SIMULATED" if start.simulated else "real"),
+            ("slot", str(start.slot)),
+            ("begun", start.at),
+            ("display", f"{start.display}, {start.refresh_hz:g} Hz"),
+            ("gaze", f"{start.gaze_mode} ({gaze})"),
+            ("decisions", f"{sitting.main_done} of {start.trials}"),
+        ]
+    voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
+    reasons = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
+    details.append(("attempts", f"{len(attempts)}, void: {reasons or 'none'}"))
+    shown = sum(phase.refreshes for attempt in attempts for phase in attempt.phases)
+    dropped = sum(attempt.dropped for attempt in attempts)
+    details.append(("missed refreshes", f"{dropped} of {shown} shown"))
+    lost = [attempt.gaze.lost_share for attempt in attempts if attempt.gaze]
+    if lost:
+        details.append(("gaze lost", f"{100 * sum(lost) / len(lost):.1f} % of the watched time"))
+    last = journal.events[-1] if journal.events else None
+    if isinstance(last, SessionEnd):
+        details.append(("ended", f"{last.reason}, {last.at}"))
+    return details
