@@ -1,0 +1,109 @@
+"""Order and side bias: is the first interval, or one key, chosen too often?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from analysis.clustered import holm, sign_flip_floor, sign_flip_p, two_way, wilson
+
+
+@dataclass(frozen=True)
+class Bias:
+    """How often one alternative was picked, whatever it showed.
+
+    Attributes
+    ----------
+    alternative : str
+        "first interval" or "left key".
+    share, lower, upper, p : float
+        Clustered by participant and scene, against one half.
+    sign_flip_p : float
+    extreme : tuple of (participant, share, p)
+        Participants whose own share differs from one half (exact binomial, Holm over people).
+    warnings : tuple of str
+    """
+
+    alternative: str
+    trials: int
+    share: float
+    lower: float
+    upper: float
+    p: float
+    sign_flip_p: float
+    by_participant: tuple[tuple[str, float], ...]
+    extreme: tuple[tuple[str, float, float], ...]
+    warnings: tuple[str, ...]
+
+
+def order_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias:
+    """Return how often the first interval was picked (column ``chose_first``)."""
+    picked = decisions["chose_first"].astype(float)
+    return _bias("first interval", decisions, picked, alpha)
+
+
+def side_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias | None:
+    """Return how often the left key was pressed; None where sides were not recorded."""
+    known = decisions[decisions["chosen_side"].isin(("left", "right"))]
+    if known.empty:
+        return None
+    return _bias("left key", known, (known["chosen_side"] == "left").astype(float), alpha)
+
+
+def _bias(alternative: str, rows: pd.DataFrame, picked: pd.Series, alpha: float) -> Bias:
+    people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
+    scenes, scene = np.unique(rows["scene"].astype(str), return_inverse=True)
+    shown = np.zeros((people.size, scenes.size))
+    chosen = np.zeros_like(shown)
+    np.add.at(shown, (person, scene), 1.0)
+    np.add.at(chosen, (person, scene), picked.to_numpy())
+    wins, totals = chosen.sum(axis=1), shown.sum(axis=1)
+    shares = wins / totals
+    own = np.array(
+        [stats.binomtest(int(k), int(n)).pvalue for k, n in zip(wins, totals, strict=True)]
+    )
+    adjusted = holm(own)
+    notes = []
+    flip = sign_flip_p(shares - 0.5)
+    if people.size < 2:
+        share, notes = float(wins.sum() / totals.sum()), ["one participant only"]
+        limits = stats.binomtest(int(wins.sum()), int(totals.sum())).proportion_ci(
+            1 - alpha, method="exact"
+        )
+        lower, upper, p = float(limits.low), float(limits.high), float(own[0])
+    else:
+        estimate = two_way(chosen, shown)
+        share = float(estimate.share)
+        low, high = wilson(estimate.share, estimate.effective_n, estimate.df, 1 - alpha)
+        lower, upper = float(low), float(high)
+        p = float(estimate.p_value()) if estimate.standard_error > 0 else flip
+        if estimate.standard_error == 0:
+            notes.append(
+                "every participant picked equally often: p is the sign-flip test's"
+                f" (floor {sign_flip_floor(people.size):.2g})"
+            )
+    extreme = tuple(
+        (str(name), float(share_of), float(p_of))
+        for name, share_of, p_of in zip(people, shares, adjusted, strict=True)
+        if p_of < alpha
+    )
+    if extreme:
+        notes.append(
+            f"{len(extreme)} participants answer by {alternative.split()[1]} more than by content: "
+            + ", ".join(name for name, _, _ in extreme)
+        )
+    return Bias(
+        alternative=alternative,
+        trials=int(totals.sum()),
+        share=share,
+        lower=lower,
+        upper=upper,
+        p=p,
+        sign_flip_p=flip,
+        by_participant=tuple(
+            (str(name), float(value)) for name, value in zip(people, shares, strict=True)
+        ),
+        extreme=extreme,
+        warnings=tuple(notes),
+    )

@@ -1,0 +1,212 @@
+"""Inference on a share when trials cluster in participants and scenes.
+
+Trials of one participant, or of one scene, are more alike than others. Every function takes
+`chosen` and `shown`, counts of shape (..., participants, scenes); leading axes are batches, so
+the simulation of ten thousand studies is one call.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Floats = NDArray[np.float64]
+
+EXACT_FLIPS = 16
+"""Up to this many participants every sign pattern is enumerated."""
+
+MONTE_CARLO_FLIPS = 100_000
+
+
+@dataclass(frozen=True)
+class ClusteredShare:
+    """A share with a standard error that respects participants and scenes.
+
+    Attributes
+    ----------
+    share, standard_error, df : ndarray (...)
+        `standard_error` is 0 where all answers agree; no t exists there.
+    effective_n : ndarray (...)
+        Independent trials that would give the same standard error, at most the trials shown.
+    """
+
+    share: Floats
+    standard_error: Floats
+    df: Floats
+    effective_n: Floats
+
+    def p_value(self, null: float = 0.5) -> Floats:
+        """Return the two-sided p of t; NaN where the standard error is 0."""
+        return two_sided_p(self.share - null, self.standard_error, self.df)
+
+    def equivalence_p(self, margin: float, null: float = 0.5) -> Floats:
+        """Return the larger of the two one-sided p-values of |share - null| < margin."""
+        return equivalence_p(self.share - null, self.standard_error, self.df, margin)
+
+
+def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
+    """Estimate a share clustered by participant and by scene.
+
+    Parameters
+    ----------
+    chosen, shown : ndarray (..., participants, scenes)
+        How often the method was chosen, and how often it was shown, per cell; a cell never
+        shown holds 0. With one scene this is the one-way test by participants.
+
+    Notes
+    -----
+    V = max(V_p + V_s - V_e, V_p): the two-way cluster variance (Cameron, Gelbach and Miller
+    2011; for a balanced design the quasi-F of Clark 1973), never below the variance between
+    participants. The degrees of freedom lie between those of participants and of scenes,
+    weighted by what each contributes; choice and false-positive rates: docs/decisions/0051.
+    """
+    chosen, shown = np.asarray(chosen, dtype=np.float64), np.asarray(shown, dtype=np.float64)
+    shown = np.broadcast_to(shown, chosen.shape)
+    total = shown.sum(axis=(-2, -1))
+    share = chosen.sum(axis=(-2, -1)) / total
+    residual = chosen - shown * share[..., None, None]
+    by_person, by_scene = residual.sum(axis=-1), residual.sum(axis=-2)
+    shown_person, shown_scene = shown.sum(axis=-1), shown.sum(axis=-2)
+    persons = (shown_person > 0).sum(axis=-1).astype(np.float64)
+    scenes = (shown_scene > 0).sum(axis=-1).astype(np.float64)
+    cells = (shown > 0).sum(axis=(-2, -1)).astype(np.float64)
+    person_shift = by_person / np.maximum(shown_person, 1.0)
+    scene_shift = by_scene / np.maximum(shown_scene, 1.0)
+    residual -= shown * (person_shift[..., :, None] + scene_shift[..., None, :])
+    squared = total**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        var_person = np.einsum("...p,...p->...", by_person, by_person) / squared
+        var_person *= persons / (persons - 1.0)
+        var_scene = np.einsum("...s,...s->...", by_scene, by_scene) / squared
+        var_scene = np.where(scenes > 1, var_scene * scenes / (scenes - 1.0), 0.0)
+        var_cell = np.einsum("...ps,...ps->...", residual, residual) / squared
+        var_cell *= cells / np.maximum(cells - persons - scenes + 1.0, 1.0)
+    return combine(share, total, var_person, var_scene, var_cell, persons, scenes)
+
+
+def combine(
+    share: Floats,
+    total: Floats,
+    var_person: Floats,
+    var_scene: Floats,
+    var_cell: Floats,
+    persons: Floats,
+    scenes: Floats,
+) -> ClusteredShare:
+    """Put the three variances of `two_way` together (also used by the power simulation)."""
+    var_cell = np.where(scenes > 1, var_cell, 0.0)
+    variance = np.maximum(var_person + var_scene - var_cell, var_person)
+    # Rounding leaves about 1e-33 where all answers agree.
+    variance = np.where(variance < 1e-20, 0.0, variance)
+    weight_p = np.maximum(var_person, var_cell)
+    weight_s = np.maximum(var_scene - 0.5 * var_cell, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = weight_p**2 / (persons - 1.0)
+        spread = spread + np.where(scenes > 1, weight_s**2 / (scenes - 1.0), 0.0)
+        df = np.where(variance > 0, (weight_p**2 + weight_s**2) / spread, persons - 1.0)
+        effective = np.where(variance > 0, share * (1.0 - share) / variance, persons)
+    return ClusteredShare(
+        share=np.asarray(share),
+        standard_error=np.sqrt(variance),
+        df=np.asarray(df),
+        effective_n=np.minimum(effective, total),
+    )
+
+
+def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:
+    """Return the two-sided p of a t statistic; NaN where the standard error is 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(standard_error > 0, np.abs(estimate) / standard_error, np.nan)
+    return np.asarray(2.0 * stats.t.sf(ratio, df))
+
+
+def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: float) -> Floats:
+    """Return the TOST p-value: the larger one-sided p of -margin < estimate < margin.
+
+    Schuirmann 1987. Where the standard error is 0 the answer is 1: agreement of all
+    participants outside the margin is no equivalence, inside it no estimate of variance exists.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = (estimate + margin) / standard_error
+        above = (estimate - margin) / standard_error
+    p = np.maximum(stats.t.sf(below, df), stats.t.cdf(above, df))
+    return np.asarray(np.where(standard_error > 0, p, 1.0))
+
+
+def wilson(
+    share: Floats, effective_n: Floats, df: Floats, level: float = 0.95
+) -> tuple[Floats, Floats]:
+    """Return Wilson score limits with an effective number of trials and t quantiles.
+
+    Korn and Graubard 1998 use the same idea with exact limits; Wilson's stay inside [0, 1] and
+    finite when all answers agree.
+    """
+    z = stats.t.ppf(0.5 + 0.5 * level, df)
+    scale = 1.0 + z**2 / effective_n
+    centre = (share + z**2 / (2.0 * effective_n)) / scale
+    half = z * np.sqrt(share * (1.0 - share) / effective_n + z**2 / (4.0 * effective_n**2)) / scale
+    return np.clip(centre - half, 0.0, 1.0), np.clip(centre + half, 0.0, 1.0)
+
+
+def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:
+    """Return the two-sided p of a mean of zero by flipping the participants' signs.
+
+    Parameters
+    ----------
+    deviations : ndarray (participants,)
+        Share of each participant minus the null.
+
+    Notes
+    -----
+    Exact up to 16 participants: every one of the 2^n patterns, so p cannot fall below
+    `sign_flip_floor`. Above, 100,000 seeded patterns with the observed one counted in.
+    """
+    values = np.asarray(deviations, dtype=np.float64)
+    count = values.size
+    if count == 0:
+        return 1.0
+    observed = abs(values.sum()) - 1e-9
+    if count <= EXACT_FLIPS:
+        codes = np.arange(2 ** (count - 1))[:, None] >> np.arange(count)[None, :] & 1
+        sums = (1.0 - 2.0 * codes) @ values
+        return float((np.abs(sums) >= observed).mean())
+    rng = np.random.default_rng(seed)
+    flips = 2.0 * rng.integers(0, 2, (MONTE_CARLO_FLIPS, count)) - 1.0
+    hits = int((np.abs(flips @ values) >= observed).sum())
+    return (hits + 1) / (MONTE_CARLO_FLIPS + 1)
+
+
+def sign_flip_floor(participants: int) -> float:
+    """Return the smallest p a two-sided sign-flip test of so many participants can give."""
+    if participants <= EXACT_FLIPS:
+        return min(1.0, 2.0 / 2.0**participants)
+    return 1.0 / (MONTE_CARLO_FLIPS + 1)
+
+
+def participant_t(values: Floats) -> tuple[float, float, float, float]:
+    """Return mean, standard error, df and two-sided p of a one-sample t against 0.
+
+    p is 1 where all values are 0, and NaN where they agree on another value: no variance.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    count = values.size
+    mean = float(values.mean())
+    if count < 2:
+        return mean, float("nan"), 0.0, float("nan")
+    error = float(values.std(ddof=1) / np.sqrt(count))
+    if error < 1e-12:
+        return mean, 0.0, float(count - 1), 1.0 if abs(mean) < 1e-12 else float("nan")
+    return mean, error, float(count - 1), float(2.0 * stats.t.sf(abs(mean) / error, count - 1))
+
+
+def holm(p_values: Floats) -> Floats:
+    """Return Holm's step-down adjusted p-values along the last axis (Holm 1979)."""
+    p_values = np.asarray(p_values, dtype=np.float64)
+    count = p_values.shape[-1]
+    order = np.argsort(p_values, axis=-1, kind="stable")
+    ranked = np.take_along_axis(p_values, order, axis=-1) * np.arange(count, 0, -1)
+    adjusted = np.minimum(np.maximum.accumulate(ranked, axis=-1), 1.0)
+    result = np.empty_like(adjusted)
+    np.put_along_axis(result, order, adjusted, axis=-1)
+    return result

@@ -1,0 +1,109 @@
+"""Did answers or speed change over the sitting?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.clustered import participant_t, sign_flip_p
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A trend over the sitting, judged between participants.
+
+    Attributes
+    ----------
+    outcome : str
+    change, lower, upper : float
+        Mean change from the first to the last trial of a participant, with t limits.
+    df, p : float
+        t test of the participants' changes against 0.
+    sign_flip_p : float
+    spearman_rho, spearman_p : float
+        All trials pooled, as the papers; finds "learning" too often when trends vary.
+    changes : ndarray (participants,)
+    warnings : tuple of str
+    """
+
+    outcome: str
+    change: float
+    lower: float
+    upper: float
+    df: float
+    p: float
+    sign_flip_p: float
+    spearman_rho: float
+    spearman_p: float
+    participants: int
+    changes: Floats
+    warnings: tuple[str, ...]
+
+
+def trend(
+    decisions: pd.DataFrame, outcome: str, *, within: tuple[str, ...] = (), level: float = 0.95
+) -> Trend:
+    """Test whether a column drifts over the sitting.
+
+    Parameters
+    ----------
+    decisions : DataFrame
+        Columns ``participant``, ``order`` and `outcome` (0/1 or a number).
+    within : tuple of str
+        Columns that define cells; the outcome is centred in each, so that a change in which
+        trials come early or late does not look like learning.
+
+    Notes
+    -----
+    One least-squares slope per participant, then a one-sample t test and a sign-flip test.
+    """
+    rows = decisions[["participant", "order", outcome, *within]].dropna()
+    if rows.empty:
+        raise ValueError(f"decisions must hold participants, order and {outcome!r}")
+    value = pd.to_numeric(rows[outcome]).astype(float)
+    if within:
+        value = value - value.groupby([rows[column] for column in within]).transform("mean")
+    order = rows["order"].astype(float)
+    changes = []
+    for index in rows.groupby("participant", sort=True).groups.values():
+        y, x = value.loc[index].to_numpy(), order.loc[index].to_numpy()
+        if np.ptp(x) == 0 or x.size < 3:
+            continue
+        place = (x - x.mean()) / np.ptp(x)
+        changes.append(float(place @ (y - y.mean()) / (place @ place)))
+    drift = np.array(changes)
+    notes = []
+    if np.ptp(value) == 0 or np.ptp(order) == 0:
+        rho, rho_p = 0.0, 1.0
+        notes.append("all values are equal: no trend to see")
+    else:
+        rho, rho_p = map(float, stats.spearmanr(order, value))
+    if drift.size < 2:
+        notes.append("fewer than two participants with three trials: no test between participants")
+        mean = float(drift[0]) if drift.size else 0.0
+        return Trend(
+            outcome, mean, mean, mean, 0.0, 1.0, 1.0, rho, rho_p, drift.size, drift, tuple(notes)
+        )
+    mean, error, df, p = participant_t(drift)
+    if not np.isfinite(p):
+        p = sign_flip_p(drift)
+        notes.append("all participants changed alike: p is the sign-flip test's")
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    return Trend(
+        outcome=outcome,
+        change=mean,
+        lower=mean - reach,
+        upper=mean + reach,
+        df=df,
+        p=p,
+        sign_flip_p=sign_flip_p(drift),
+        spearman_rho=rho,
+        spearman_p=rho_p,
+        participants=drift.size,
+        changes=drift,
+        warnings=tuple(notes),
+    )

@@ -1,0 +1,352 @@
+"""Models of trials by formula: logit GLM, robust and penalised, GEE, and the crossed GLMM."""
+
+import re
+import warnings as python_warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import statsmodels.api as sm
+import statsmodels.formula.api as smf
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.glmm import fit_crossed
+from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
+
+Floats = NDArray[np.float64]
+FEW_CLUSTERS = 10
+
+TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
+
+_LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One row of a model's table; `df` is None where z is used."""
+
+    term: str
+    estimate: float
+    standard_error: float
+    statistic: float
+    df: float | None
+    p: float
+    lower: float
+    upper: float
+
+    @property
+    def odds_ratio(self) -> float:
+        """exp(estimate)."""
+        return float(np.exp(self.estimate))
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """A fitted logit model.
+
+    Attributes
+    ----------
+    formula, method : str
+        `method` says how estimates and standard errors were made.
+    coefficients : tuple of Coefficient
+    random_sd : mapping
+        Standard deviation of each random intercept (GLMM only).
+    trials : int
+    log_likelihood : float or None
+        None for estimating equations.
+    level : float
+        Coverage of the limits.
+    warnings : tuple of str
+        When not to trust it.
+    """
+
+    formula: str
+    method: str
+    coefficients: tuple[Coefficient, ...]
+    random_sd: Mapping[str, float]
+    trials: int
+    log_likelihood: float | None
+    level: float
+    warnings: tuple[str, ...]
+
+    def __getitem__(self, term: str) -> Coefficient:
+        for coefficient in self.coefficients:
+            if coefficient.term == term:
+                return coefficient
+        raise KeyError(f"{term!r}; the model has {[c.term for c in self.coefficients]}")
+
+
+def glm_logit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    cluster: Sequence[str] = (),
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit ``logit(correct) ~ 1 + eccentricity + method`` and the like by maximum likelihood.
+
+    Parameters
+    ----------
+    formula : str
+        Wilkinson notation. The left side is a 0/1 column, as ``y`` or, as papers write it,
+        ``logit(y)``.
+    trials : DataFrame, one row per trial
+    cluster : sequence of at most two columns
+        Cluster-robust standard errors with t(G - 1), G the smaller number of clusters. Empty:
+        the model's own, with z, as [BB] 6.1 (takes trials as independent).
+    reference : mapping of column to level
+        The level other levels are compared with; left out, the first in sorted order.
+
+    Notes
+    -----
+    Under separation no maximum exists and Wald tests read "p > .99"; the fit then uses Firth's
+    penalty with penalised likelihood-ratio p-values (Heinze and Schemper 2002) and says so.
+    """
+    if len(cluster) > 2:
+        raise ValueError(f"cluster must name at most two columns (got {list(cluster)})")
+    design, y, terms = _matrices(formula, trials, reference)
+    ones = np.ones_like(y)
+    found = list(_design_warnings(design, terms))
+    if separated(design, y, ones):
+        return _firth(formula, design, y, terms, level, found, asked=False)
+    solution = fit_logit(design, y, ones)
+    if not solution.converged:
+        found.append("the fit did not converge; do not use it")
+    covariance, df, method = solution.covariance, None, "maximum likelihood, trials independent"
+    if cluster:
+        codes = tuple(_codes(trials, column) for column in cluster)
+        groups = [int(code.max()) + 1 for code in codes]
+        covariance = cluster_covariance(design, y, ones, solution.beta, codes)
+        df = float(min(groups) - 1)
+        method = "maximum likelihood, clustered by " + " and ".join(cluster)
+        if min(groups) < FEW_CLUSTERS:
+            found.append(f"only {min(groups)} clusters: robust standard errors tend to be small")
+        if min(groups) < 2:
+            raise ValueError(f"cluster columns must have at least two groups (got {groups})")
+    else:
+        found.append("takes trials as independent; trials of one participant are not")
+    return ModelFit(
+        formula=formula,
+        method=method,
+        coefficients=_table(terms, solution.beta, np.sqrt(np.diag(covariance)), df, level),
+        random_sd={},
+        trials=int(y.size),
+        log_likelihood=solution.log_likelihood,
+        level=level,
+        warnings=tuple(found),
+    )
+
+
+def firth_logit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit a logit model with Firth's penalty: finite and less biased in small samples."""
+    design, y, terms = _matrices(formula, trials, reference)
+    found = list(_design_warnings(design, terms))
+    return _firth(formula, design, y, terms, level, found, asked=True)
+
+
+def gee_logit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    cluster: str,
+    structure: Literal["independence", "exchangeable"] = "exchangeable",
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit a logit model by generalised estimating equations (Liang and Zeger 1986).
+
+    statsmodels' estimates and robust standard errors, judged by t(G - 1) instead of its z,
+    which is too liberal for a dozen participants.
+    """
+    design, y, terms = _matrices(formula, trials, reference)
+    codes = _codes(trials, cluster)
+    groups = int(codes.max()) + 1
+    if groups < 2:
+        raise ValueError(f"{cluster} must have at least two groups (got {groups})")
+    correlation = (
+        sm.cov_struct.Exchangeable()
+        if structure == "exchangeable"
+        else sm.cov_struct.Independence()
+    )
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("ignore")  # statsmodels repeats itself while iterating
+        result = sm.GEE(
+            y, design, groups=codes, family=sm.families.Binomial(), cov_struct=correlation
+        ).fit()
+    found = list(_design_warnings(design, terms))
+    if groups < FEW_CLUSTERS:
+        found.append(f"only {groups} clusters: robust standard errors tend to be small")
+    return ModelFit(
+        formula=formula,
+        method=f"GEE, {structure} within {cluster}",
+        coefficients=_table(
+            terms, np.asarray(result.params), np.asarray(result.bse), float(groups - 1), level
+        ),
+        random_sd={},
+        trials=int(y.size),
+        log_likelihood=None,
+        level=level,
+        warnings=tuple(found),
+    )
+
+
+def glmm_logit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    groups: Sequence[str],
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit a logit model with crossed random intercepts by the Laplace approximation.
+
+    Parameters
+    ----------
+    groups : sequence of columns
+        For example ``("participant", "scene")``: one random intercept each, crossed.
+
+    Notes
+    -----
+    Same likelihood as lme4 and glmmTMB; standard errors from its full second derivative, as
+    glmmTMB's. Wald z: with about ten participants they are somewhat small.
+    """
+    design, y, terms = _matrices(formula, trials, reference)
+    found = list(_design_warnings(design, terms))
+    if separated(design, y, np.ones_like(y)):
+        return _firth(formula, design, y, terms, level, found, asked=False)
+    codes = [_codes(trials, column) for column in groups]
+    for column, code in zip(groups, codes, strict=True):
+        if int(code.max()) + 1 < 5:
+            found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
+    solution = fit_crossed(design, y, codes)
+    for column, deviation in zip(groups, solution.sd, strict=True):
+        if deviation < 1e-3:
+            found.append(f"no variance between levels of {column} was found (sd 0)")
+    if not solution.converged:
+        # Nearly everyone always answers alike: deviations run off to infinity.
+        robust = glm_logit(formula, trials, cluster=groups[:2], reference=reference, level=level)
+        note = (
+            "the mixed model has no finite maximum (nearly everyone always answers alike);"
+            " a model with clustered standard errors stands in its place"
+        )
+        return replace(robust, warnings=(note, *robust.warnings))
+    return ModelFit(
+        formula=formula,
+        method="GLMM, crossed random intercepts (" + ", ".join(groups) + "), Laplace",
+        coefficients=_table(terms, solution.beta, solution.beta_se, None, level),
+        random_sd=dict(zip(groups, map(float, solution.sd), strict=True)),
+        trials=int(y.size),
+        log_likelihood=solution.log_likelihood,
+        level=level,
+        warnings=tuple(found),
+    )
+
+
+def _firth(
+    formula: str,
+    design: Floats,
+    y: Floats,
+    terms: Sequence[str],
+    level: float,
+    found: list[str],
+    *,
+    asked: bool,
+) -> ModelFit:
+    ones = np.ones_like(y)
+    solution = fit_logit(design, y, ones, firth=True)
+    p_values = likelihood_ratio_p(design, y, ones, firth=True)
+    if not asked:
+        found.append(
+            "answers are separated (some condition was always or never chosen): Firth's penalty"
+            " was used, p by penalised likelihood ratio"
+        )
+    found.append("takes trials as independent; trials of one participant are not")
+    table = _table(terms, solution.beta, np.sqrt(np.diag(solution.covariance)), None, level)
+    return ModelFit(
+        formula=formula,
+        method="Firth's penalised likelihood, trials independent",
+        coefficients=tuple(
+            Coefficient(**{**vars(row), "p": float(p)})
+            for row, p in zip(table, p_values, strict=True)
+        ),
+        random_sd={},
+        trials=int(y.size),
+        log_likelihood=solution.log_likelihood,
+        level=level,
+        warnings=tuple(found),
+    )
+
+
+def _matrices(
+    formula: str, trials: pd.DataFrame, reference: Mapping[str, str] | None
+) -> tuple[Floats, Floats, list[str]]:
+    plain = _LOGIT_LEFT.sub(r"\1 ~", formula.replace(TILDE_OPERATOR, "~"))
+    left = plain.split("~", maxsplit=1)[0].strip()
+    if "~" not in plain or left not in trials.columns:
+        raise ValueError(
+            f"formula must have a column on its left side, such as 'logit(correct) ~ 1 + method'"
+            f" (got {formula!r}; columns: {list(trials.columns)})"
+        )
+    table = trials.copy()
+    y = pd.to_numeric(table[left], errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isin(y, (0.0, 1.0))):
+        raise ValueError(f"column {left!r} must hold 0 and 1 only, in every row")
+    table[left] = y
+    for column, first in (reference or {}).items():
+        levels = sorted(map(str, table[column].unique()))
+        if first not in levels:
+            raise ValueError(f"reference of {column!r} must be one of {levels} (got {first!r})")
+        levels.remove(first)
+        table[column] = pd.Categorical(table[column].astype(str), [first, *levels])
+    model = smf.glm(plain, table, family=sm.families.Binomial())
+    design = np.asarray(model.exog, dtype=np.float64)
+    if design.shape[0] != len(table):
+        raise ValueError("formula columns must have no missing values")
+    return design, y, list(model.exog_names)
+
+
+def _design_warnings(design: Floats, terms: Sequence[str]) -> tuple[str, ...]:
+    rank = int(np.linalg.matrix_rank(design))
+    if rank < len(terms):
+        return (f"{len(terms) - rank} of {len(terms)} terms cannot be told apart",)
+    return ()
+
+
+def _codes(trials: pd.DataFrame, column: str) -> NDArray[np.int64]:
+    if column not in trials.columns:
+        raise ValueError(f"{column!r} must be a column (columns: {list(trials.columns)})")
+    codes, _ = pd.factorize(trials[column], sort=True)
+    return np.asarray(codes, dtype=np.int64)
+
+
+def _table(
+    terms: Sequence[str], beta: Floats, errors: Floats, df: float | None, level: float
+) -> tuple[Coefficient, ...]:
+    law = stats.norm() if df is None else stats.t(df)
+    reach = float(law.ppf(0.5 + 0.5 * level))
+    rows = []
+    for term, estimate, error in zip(terms, beta, errors, strict=True):
+        ratio = float(estimate / max(error, 1e-12))
+        rows.append(
+            Coefficient(
+                term=term,
+                estimate=float(estimate),
+                standard_error=float(error),
+                statistic=ratio,
+                df=df,
+                p=float(2.0 * law.sf(abs(ratio))),
+                lower=float(estimate - reach * error),
+                upper=float(estimate + reach * error),
+            )
+        )
+    return tuple(rows)

@@ -1,0 +1,159 @@
+"""Decisions from other tools: a plain CSV with its columns mapped to ours."""
+
+from collections.abc import Mapping
+from io import StringIO
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.columns import DECISION_COLUMNS, frame
+from protocols.errors import StudyError
+from protocols.load import decode_utf8, read_bytes
+from protocols.suggest import did_you_mean
+
+REQUIRED = ("participant", "first", "second")
+OPTIONAL = (
+    "chosen",
+    "chose_first",
+    "scene",
+    "size",
+    "session",
+    "order",
+    "repeat",
+    "rt_s",
+    "chosen_side",
+    "kind",
+)
+NO_SIZE = "all"
+
+_TRUE = {"1", "1.0", "true", "yes", "first", "a", "left"}
+_FALSE = {"0", "0.0", "-1", "-1.0", "2", "false", "no", "second", "b", "right"}
+
+
+def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.DataFrame:
+    """Read one decision per row from a CSV file of any tool.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with a header, UTF-8; comma, semicolon or tab.
+    mapping : mapping of our name to the file's column, optional
+        Needed: ``participant``, ``first`` and ``second`` (the methods compared), and either
+        ``chosen`` (the method's name) or ``chose_first`` (1/0). Optional: ``scene``, ``size``,
+        ``order``, ``repeat``, ``rt_s``, ``chosen_side``, ``session``. Columns that already have
+        our names need no entry.
+
+    Raises
+    ------
+    StudyError
+        With the column, row and value at fault.
+    """
+    text = decode_utf8(read_bytes(path, "the table"), path)
+    header = text.split("\n", maxsplit=1)[0]
+    separator = max(",;\t", key=header.count)
+    try:
+        table = pd.read_csv(StringIO(text), sep=separator, dtype=str, keep_default_na=False)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
+    named = _rename(path, table, mapping or {})
+    if named.empty:
+        raise StudyError(f"{path}: must hold at least one decision (the table has no rows)")
+    rows = pd.DataFrame(index=named.index)
+    for column in ("participant", "first", "second"):
+        rows[column] = _text(path, named, column)
+    same = rows.index[rows["first"] == rows["second"]]
+    if len(same):
+        raise StudyError(
+            f"{path}: line {same[0] + 2}: first and second must differ"
+            f" (got {rows.loc[same[0], 'first']!r} twice)"
+        )
+    rows["chose_first"] = _choices(path, named, rows)
+    chose = rows["chose_first"] == 1
+    rows["chosen"] = rows["first"].where(chose, rows["second"])
+    rows["rejected"] = rows["second"].where(chose, rows["first"])
+    rows["scene"] = named.get("scene", "all")
+    rows["size"] = named.get("size", NO_SIZE)
+    rows["session"] = named["session"] if "session" in named else rows["participant"]
+    rows["chosen_side"] = named.get("chosen_side", "")
+    rows["kind"] = named.get("kind", "main")
+    rows["order"] = rows.groupby("participant").cumcount() + 1
+    for column in ("order", "repeat", "rt_s"):
+        if column in named:
+            rows[column] = _numbers(path, named, column)
+    rows["trial"] = [f"row-{number + 2}" for number in rows.index]
+    rows["simulated"] = _numbers(path, named, "simulated") if "simulated" in named else 0
+    rows["attempts"] = 1
+    rows["included"] = _numbers(path, named, "included") if "included" in named else 1
+    rows["exclusion"] = named.get("exclusion", "")
+    records: list[dict[str, object]] = [
+        {str(key): value for key, value in record.items()} for record in rows.to_dict("records")
+    ]
+    return frame(records, DECISION_COLUMNS)
+
+
+def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.DataFrame:
+    known = (*REQUIRED, *OPTIONAL)
+    for ours, theirs in mapping.items():
+        if ours not in known:
+            raise StudyError(
+                f"--map {ours}={theirs}: must name one of {', '.join(known)}"
+                f"{did_you_mean(ours, known)}"
+            )
+        if theirs not in table.columns:
+            raise StudyError(
+                f"{path}: must have the column {theirs!r} mapped to {ours}"
+                f" (found: {', '.join(map(str, table.columns))})"
+                f"{did_you_mean(theirs, list(map(str, table.columns)))}"
+            )
+    named = table.copy()
+    for ours, theirs in mapping.items():
+        named[ours] = table[theirs]
+    missing = [column for column in REQUIRED if column not in named]
+    if "chosen" not in named and "chose_first" not in named:
+        missing.append("chosen (or chose_first)")
+    if missing:
+        raise StudyError(
+            f"{path}: must have the columns {', '.join(missing)}"
+            f" (found: {', '.join(map(str, table.columns))});"
+            f" say which column holds it: --map {missing[0].split()[0]}=COLUMN"
+        )
+    return named
+
+
+def _text(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    values = table[column].str.strip()
+    empty = values.index[values == ""]
+    if len(empty):
+        raise StudyError(f"{path}: line {empty[0] + 2}: {column} must not be empty")
+    return values
+
+
+def _numbers(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    raw = table[column].str.strip()
+    values = pd.to_numeric(raw, errors="coerce")
+    wrong = values.index[values.isna() & (raw != "")]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + 2}: {column} must be a number (got {raw[wrong[0]]!r})"
+        )
+    return values
+
+
+def _choices(path: Path, table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series:
+    if "chosen" in table:
+        chosen = _text(path, table, "chosen")
+        wrong = chosen.index[(chosen != rows["first"]) & (chosen != rows["second"])]
+        if len(wrong):
+            at = wrong[0]
+            raise StudyError(
+                f"{path}: line {at + 2}: chosen must be {rows.loc[at, 'first']!r} or"
+                f" {rows.loc[at, 'second']!r} (got {chosen[at]!r})"
+            )
+        return (chosen == rows["first"]).astype(int)
+    raw = table["chose_first"].str.strip().str.lower()
+    wrong = raw.index[~raw.isin(_TRUE | _FALSE)]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + 2}: chose_first must be 1 or 0 (got {raw[wrong[0]]!r})"
+        )
+    return raw.isin(_TRUE).astype(int)

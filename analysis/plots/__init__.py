@@ -1,0 +1,24 @@
+"""Figures of results: legible at one column (3.33 in) and two (7 in), saved reproducibly."""
+
+from analysis.plots.curves import learning_plot, power_plot, psychometric_plot
+from analysis.plots.preference import forest_plot, preference_bars
+from analysis.plots.scales import jod_plot
+from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
+from analysis.plots.trials import bias_bars, detection_plot, heat_map, reaction_plot
+
+__all__ = [
+    "ONE_COLUMN_IN",
+    "TWO_COLUMNS_IN",
+    "bias_bars",
+    "detection_plot",
+    "figure_bytes",
+    "forest_plot",
+    "heat_map",
+    "jod_plot",
+    "learning_plot",
+    "power_plot",
+    "preference_bars",
+    "psychometric_plot",
+    "reaction_plot",
+    "save_figure",
+]

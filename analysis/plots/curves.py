@@ -1,0 +1,144 @@
+"""Curves: psychometric functions, change over the sitting, power."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.plots.style import BLUE, GREY, LIGHT, MARKERS, ORANGE, SERIES, new_figure, style
+from analysis.power import PowerCurve
+from analysis.psychometric import Psychometric
+
+Floats = NDArray[np.float64]
+
+
+def psychometric_plot(
+    series: Mapping[str, tuple[Floats, Floats, Floats, Psychometric | None]],
+    *,
+    x_label: str,
+    label: Callable[[str], str] = str,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw data (thin) and fits (thick) as [BB] Fig. 17.
+
+    Parameters
+    ----------
+    series : mapping of condition to (x, successes, trials, fit or None)
+        Whiskers are binomial standard errors.
+    """
+    with style(width_in):
+        figure = new_figure(width_in, 2.5 if width_in < 5 else 3.2, simulated=simulated)
+        axes = figure.subplots()
+        guesses = set()
+        everything = np.concatenate([x for x, *_ in series.values()])
+        for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
+            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            share = successes / trials
+            error = np.sqrt(np.maximum(share * (1.0 - share), 0.25 / trials) / trials)
+            axes.errorbar(
+                x,
+                share,
+                error,
+                color=colour,
+                lw=0.6,
+                marker=marker,
+                ms=3,
+                label=label(name),
+                elinewidth=0.6,
+            )
+            if fit is not None:
+                fine = np.linspace(everything.min(), everything.max(), 200)
+                axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
+                guesses.add(fit.guess)
+        for guess in sorted(guesses):
+            axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
+        axes.set_ylim(-0.03, 1.03)
+        axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
+        axes.set_xlabel(x_label)
+        axes.set_ylabel("Proportion correct")
+        columns = 2 if width_in < 5 else min(len(series), 4)
+        figure.legend(loc="outside lower center", ncols=columns)
+    return figure
+
+
+def learning_plot(
+    decisions: pd.DataFrame,
+    outcome: str,
+    *,
+    y_label: str,
+    bins: int = 6,
+    bounds: tuple[float, float] | None = None,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw an outcome over the sitting: people as thin lines, their mean with t limits.
+
+    `bounds` are the values the outcome can take, such as (0, 1) for a share.
+    """
+    with style(width_in):
+        figure = new_figure(width_in, 2.1 if width_in < 5 else 2.8, simulated=simulated)
+        axes = figure.subplots()
+        rows = decisions[["participant", "order", outcome]].dropna().astype({outcome: float})
+        rank = rows.groupby("participant")["order"].rank(method="first")
+        size = rows.groupby("participant")["order"].transform("size")
+        rows["part"] = np.minimum((bins * (rank - 1) / size).astype(int), bins - 1)
+        each = rows.pivot_table(index="participant", columns="part", values=outcome, sort=True)
+        places = (np.asarray(each.columns, dtype=np.float64) + 0.5) / bins
+        for values in each.to_numpy():
+            axes.plot(places, values, color=GREY, lw=0.4, alpha=0.5)
+        mean, count = each.mean().to_numpy(), each.count().to_numpy()
+        axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4)
+        if count.min() > 1:
+            reach = each.std(ddof=1).to_numpy() / np.sqrt(count) * stats.t.ppf(0.975, count - 1)
+            axes.fill_between(places, mean - reach, mean + reach, color=BLUE, alpha=0.2, lw=0)
+        if bounds is not None:
+            margin = 0.03 * (bounds[1] - bounds[0])
+            axes.set_ylim(bounds[0] - margin, bounds[1] + margin)
+        axes.set_xlim(0, 1)
+        axes.set_xticks([0, 0.5, 1.0], ["start", "middle", "end"])
+        axes.set_xlabel("Place in the sitting")
+        axes.set_ylabel(y_label)
+    return figure
+
+
+def power_plot(
+    curves: Sequence[PowerCurve], *, width_in: float = 3.33, simulated: bool = False
+) -> Figure:
+    """Draw power against participants, with the 80 and 90 % lines and the planned number."""
+    with style(width_in):
+        figure = new_figure(width_in, 2.7 if width_in < 5 else 3.4, simulated=simulated)
+        axes = figure.subplots()
+        for goal in (0.8, 0.9):
+            axes.axhline(goal, color=LIGHT, lw=1.0, zorder=0)
+        for number, curve in enumerate(curves):
+            names = ("primary comparison", "every comparison", "equivalent, if rate is .5")
+            for name, values, dash in zip(
+                names,
+                (curve.primary, curve.every, curve.equivalence),
+                ("-", "--", ":"),
+                strict=True,
+            ):
+                rate = f" (rate {curve.assumptions.rate:g})" if len(curves) > 1 else ""
+                axes.plot(
+                    curve.participants,
+                    values,
+                    dash,
+                    color=SERIES[number % len(SERIES)],
+                    lw=1.4,
+                    label=name + rate,
+                )
+        planned = curves[0].planned
+        if planned:
+            axes.axvline(planned, color=ORANGE, lw=1.0)
+            axes.plot([], [], color=ORANGE, lw=1.0, label=f"planned: {planned}")
+        axes.set_ylim(0, 1.02)
+        axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0])
+        axes.set_xlim(min(curves[0].participants), max(curves[0].participants))
+        axes.set_xlabel("Participants")
+        axes.set_ylabel("Power")
+        figure.legend(loc="outside lower center", ncols=1 if width_in < 5 else 2)
+    return figure

@@ -1,0 +1,204 @@
+"""Preferences as bars in the papers' style, and as a forest of odds ratios."""
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PALE_BLUE,
+    PALE_ORANGE,
+    new_figure,
+    share_axis,
+    share_text,
+    style,
+    wrapped,
+)
+from analysis.preference import Preference
+
+Floats = NDArray[np.float64]
+Label = Callable[[str], str]
+
+
+def preference_bars(
+    cells: Sequence[Preference],
+    shares: Mapping[tuple[str, str, str], Sequence[float]],
+    *,
+    label: Label = str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw shares as split bars ([MI] Fig. 10, [BB] Fig. 18), with what the papers leave out.
+
+    Parameters
+    ----------
+    cells : sequence of Preference
+        In drawing order; equal sizes are grouped under a heading.
+    shares : mapping of (method, against, size) to the participants' own shares
+        Drawn as dots.
+    label : callable
+        Name to label.
+
+    Notes
+    -----
+    The dark part of a bar is the share of the method on the left. Whiskers are the clustered
+    limits; the column repeats share and limits in numbers.
+    """
+    rows, headings, place, last = [], [], 0.0, None
+    for cell in cells:
+        if cell.size != last:
+            headings.append((place, cell.size))
+            place += 0.75
+            last = cell.size
+        rows.append((place, cell))
+        place += 1.0
+    with style(width_in) as size:
+        row_in = 0.36 if width_in < 5 else 0.34
+        figure = new_figure(width_in, 0.55 + row_in * place, simulated=simulated)
+        axes, numbers = figure.subplots(
+            1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
+        )
+        for y, cell in rows:
+            axes.barh(y, cell.share, height=0.62, color=BLUE if cell.share > 0.5 else PALE_BLUE)
+            axes.barh(
+                y,
+                1.0 - cell.share,
+                left=cell.share,
+                height=0.62,
+                color=PALE_ORANGE if cell.share > 0.5 else ORANGE,
+            )
+            axes.plot([cell.lower, cell.upper], [y, y], color="black", lw=1.1, zorder=4)
+            for end in (cell.lower, cell.upper):
+                axes.plot([end, end], [y - 0.13, y + 0.13], color="black", lw=1.1, zorder=4)
+            own = np.asarray(shares.get((cell.method, cell.against, cell.size), ()))
+            axes.scatter(
+                own,
+                y + _spread(own),
+                s=4 if width_in < 5 else 8,
+                facecolor="white",
+                edgecolor="black",
+                linewidth=0.5,
+                zorder=5,
+                clip_on=False,
+            )
+            numbers.text(0.0, y, share_text(cell.share), va="center", fontweight="bold")
+            numbers.text(
+                0.34, y, f"[{share_text(cell.lower)}, {share_text(cell.upper)}]", va="center"
+            )
+        axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
+        share_axis(axes, f"Share preferring the method on the left ({_level(cells)} % limits)")
+        if width_in < 5:
+            axes.set_xlabel(f"Share preferring left ({_level(cells)} %)")
+        axes.set_yticks([y for y, _ in rows], [wrapped(label(c.method), width_in) for _, c in rows])
+        axes.set_ylim(place - 0.4, -0.55)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+        other = axes.twinx()
+        other.set_ylim(axes.get_ylim())
+        other.set_yticks(
+            [y for y, _ in rows], [wrapped(label(c.against), width_in) for _, c in rows]
+        )
+        other.tick_params(axis="y", length=0)
+        other.spines[:].set_visible(False)
+        for y, name in headings:
+            text = "all sizes" if name == "all" else label(name)
+            axes.text(
+                0.0,
+                y,
+                text,
+                va="center",
+                color=GREY,
+                fontweight="bold",
+                fontsize=size,
+                zorder=6,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+        numbers.set_xlim(0.0, 1.0)
+        numbers.axis("off")
+    return figure
+
+
+def forest_plot(
+    cells: Sequence[Preference],
+    *,
+    label: Label = str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw odds ratios with clustered limits, on a logarithmic axis, with the margin band."""
+    with style(width_in):
+        names = [_pair(cell, label, width_in) for cell in cells]
+        lines = max(name.count("\n") for name in names) + 1
+        row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
+        figure = new_figure(width_in, 0.6 + row_in * len(cells), simulated=simulated)
+        axes, numbers = figure.subplots(
+            1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
+        )
+        margin = cells[0].margin
+        edge = (0.5 + margin) / (0.5 - margin)
+        axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
+        axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 3)))
+        for y, cell in enumerate(cells):
+            colour = BLUE if cell.lower > 0.5 else ORANGE if cell.upper < 0.5 else GREY
+            axes.plot([cell.odds_lower, cell.odds_upper], [y, y], color=colour, lw=1.4)
+            axes.plot(cell.odds_ratio, y, "o", color=colour, ms=4)
+            text = (
+                f"{_short(cell.odds_ratio)} [{_short(cell.odds_lower)}, {_short(cell.odds_upper)}]"
+            )
+            numbers.text(0.0, y, text, va="center")
+        axes.set_xscale("log")
+        low = min(1 / edge, *(cell.odds_lower for cell in cells)) / 1.4
+        high = max(edge, *(cell.odds_upper for cell in cells)) * 1.4
+        axes.set_xlim(low, high)
+        ticks = _odds_ticks(low, high)
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel("Odds ratio" if width_in < 5 else "Odds of preferring the first (log axis)")
+        axes.set_yticks(range(len(cells)), names)
+        axes.set_ylim(len(cells) - 0.5, -0.5)
+        axes.tick_params(axis="y", length=0)
+        numbers.set_xlim(0.0, 1.0)
+        numbers.axis("off")
+    return figure
+
+
+def _pair(cell: Preference, label: Label, width_in: float) -> str:
+    size = "all sizes" if cell.size == "all" else label(cell.size)
+    method, against = label(cell.method), label(cell.against)
+    if width_in < 5:
+        return "\n".join(textwrap.wrap(f"{method} / {against}, {size}", 22))
+    return f"{method} / {against}, {size}"
+
+
+def _spread(values: Floats) -> Floats:
+    """Vertical places that keep dots of equal shares apart, the same in every run."""
+    shift = np.zeros(len(values))
+    for value in np.unique(np.round(values, 3)):
+        same = np.nonzero(np.isclose(values, value, atol=5e-4))[0]
+        if same.size > 1:
+            shift[same] = np.linspace(-0.24, 0.24, same.size)
+    return shift
+
+
+def _level(cells: Sequence[Preference]) -> str:
+    return f"{100 * cells[0].level:g}"
+
+
+def _short(value: float) -> str:
+    if value >= 100:
+        return f"{value:.0f}"
+    return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
+
+
+def _odds_ticks(low: float, high: float) -> list[float]:
+    wide = np.log10(high / low) > 2.2
+    steps = (1.0,) if wide else (1.0, 2.0, 5.0)
+    ticks = [step * 10.0**power for power in range(-6, 7) for step in steps]
+    shown = [tick for tick in ticks if low <= tick <= high]
+    return shown[:: max(1, len(shown) // 5)] if len(shown) > 6 else shown

@@ -1,0 +1,50 @@
+"""Scores on a JOD (or logit) scale, a panel per size."""
+
+from collections.abc import Callable, Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.plots.style import BLUE, GREY, new_figure, style, wrapped
+from analysis.scaling import Scale, ScaleIntervals
+
+
+def jod_plot(
+    scales: Mapping[str, tuple[Scale, ScaleIntervals | None]],
+    *,
+    label: Callable[[str], str] = str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw mean-zero scores with bootstrap limits, best on top, a panel per entry of `scales`."""
+    with style(width_in):
+        count = max(len(scale.conditions) for scale, _ in scales.values())
+        stacked = width_in < 5
+        height = (0.55 + 0.28 * count) * (len(scales) if stacked else 1) + 0.25
+        figure = new_figure(width_in, height, simulated=simulated)
+        shape = (len(scales), 1) if stacked else (1, len(scales))
+        panels = figure.subplots(*shape, sharex=True, squeeze=False)
+        for axes, (name, (scale, limits)) in zip(panels.ravel(), scales.items(), strict=True):
+            order = sorted(range(len(scale.conditions)), key=lambda i: -scale.scores[i])
+            for y, index in enumerate(order):
+                if limits is not None:
+                    axes.plot(
+                        [limits.lower[index], limits.upper[index]], [y, y], color=BLUE, lw=1.4
+                    )
+                axes.plot(scale.scores[index], y, "o", color=BLUE, ms=4.5)
+            axes.axvline(0.0, color=GREY, lw=0.6)
+            axes.grid(axis="x", color="#EEEEEE", lw=0.6)
+            axes.set_yticks(
+                range(len(order)), [wrapped(label(scale.conditions[i]), width_in) for i in order]
+            )
+            axes.set_ylim(len(order) - 0.5, -0.5)
+            axes.set_title("all sizes" if name == "all" else label(name), loc="left")
+            axes.tick_params(axis="y", length=0)
+            unit = scale.unit
+            axes.locator_params(axis="x", nbins=5)
+            if not stacked or axes is panels.ravel()[-1]:
+                axes.set_xlabel(
+                    f"Quality, {unit} (1 JOD: 75 % prefer)"
+                    if unit == "JOD" and width_in >= 5 and len(scales) < 3
+                    else f"Quality, {unit}"
+                )
+    return figure

@@ -1,0 +1,95 @@
+"""One look for all figures, and how they are saved: same result, same bytes."""
+
+import io
+import textwrap
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+ONE_COLUMN_IN = 3.33
+TWO_COLUMNS_IN = 7.0
+
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+GREEN = "#009E73"
+PURPLE = "#AA4499"
+GREY = "#5F5F5F"
+LIGHT = "#E3E3E3"
+PALE_BLUE = "#BBD9EC"
+PALE_ORANGE = "#F6D3BC"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#7A5195", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+SIMULATED_TEXT = "SIMULATED DATA"
+
+_STYLE = Path(__file__).with_name("paper.mplstyle")
+
+
+@contextmanager
+def style(width_in: float) -> Iterator[float]:
+    """Apply the house style and give the font size for a figure of this width."""
+    size = 6.5 if width_in < 5 else 8.0
+    with mpl.rc_context(fname=str(_STYLE)):
+        mpl.rcParams["font.size"] = size
+        yield size
+
+
+def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Figure:
+    """Return an empty figure; one of simulated data says so above everything."""
+    figure = Figure(figsize=(width_in, height_in + (0.22 if simulated else 0.0)))
+    FigureCanvasAgg(figure)
+    figure.set_layout_engine("constrained")
+    if simulated:
+        figure.suptitle(SIMULATED_TEXT, color=ORANGE, fontweight="bold", x=0.99, ha="right")
+    return figure
+
+
+def wrapped(label: str, width_in: float) -> str:
+    """Break a label so that it leaves room for the data."""
+    width = 11 if width_in < 5 else 22
+    return "\n".join(
+        textwrap.wrap(label, width, break_long_words=len(label) > 2 * width) or [label]
+    )
+
+
+def share_text(value: float) -> str:
+    """Print a share as the papers do: two digits, no leading zero."""
+    text = f"{value:.2f}"
+    return text[1:] if text.startswith("0") else text
+
+
+def share_axis(axes: Axes, label: str) -> None:
+    """Set an axis from 0 to 1 with the line of chance."""
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
+    axes.set_xlabel(label)
+
+
+def figure_bytes(figure: Figure, kind: str) -> bytes:
+    """Return a figure as svg, pdf or png; no date, no machine in it."""
+    metadata: Mapping[str, Mapping[str, str | None]] = {
+        "svg": {"Date": None, "Creator": "metamerlab"},
+        "pdf": {"CreationDate": None, "Creator": "metamerlab", "Producer": None},
+        "png": {"Software": None},
+    }
+    if kind not in metadata:
+        raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
+    buffer = io.BytesIO()
+    with mpl.rc_context(fname=str(_STYLE)):
+        figure.savefig(buffer, format=kind, metadata=dict(metadata[kind]), dpi=300)
+    return buffer.getvalue()
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> tuple[Path, ...]:
+    """Write ``name.svg``, ``name.pdf`` and ``name.png`` into `folder`."""
+    paths = []
+    for kind in ("svg", "pdf", "png"):
+        path = folder / f"{name}.{kind}"
+        path.write_bytes(figure_bytes(figure, kind))
+        paths.append(path)
+    return tuple(paths)

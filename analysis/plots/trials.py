@@ -1,0 +1,165 @@
+"""Heat maps per participant and scene, detection bars, reaction times, bias."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from analysis.bias import Bias
+from analysis.detection import Detection, Proportion
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    new_figure,
+    share_axis,
+    share_text,
+    style,
+    wrapped,
+)
+from analysis.reaction import ReactionTimes
+
+Floats = NDArray[np.float64]
+Label = Callable[[str], str]
+
+_DIVERGING = LinearSegmentedColormap.from_list("shares", [ORANGE, "#FFFFFF", BLUE])
+
+
+def heat_map(
+    shares: Floats,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    *,
+    row_title: str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw shares (rows x columns, NaN where nothing was shown) with their numbers."""
+    with style(width_in) as size:
+        cell_in = 0.19 if width_in < 5 else 0.23
+        longest = max(len(line) for text in columns for line in text.split("\n"))
+        lines = max(text.count("\n") for text in columns) + 1
+        upright = longest * size * 0.0092 > (width_in - 1.1) / max(len(columns), 1)
+        head = 0.1 + (longest * size * 0.0085 if upright else lines * size * 0.018)
+        figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
+        axes = figure.subplots()
+        axes.imshow(shares, cmap=_DIVERGING, vmin=0.0, vmax=1.0, aspect="auto")
+        for (row, column), value in np.ndenumerate(shares):
+            text = "-" if np.isnan(value) else share_text(float(value))
+            dark = not np.isnan(value) and abs(value - 0.5) > 0.33
+            axes.text(
+                column,
+                row,
+                text,
+                ha="center",
+                va="center",
+                color="white" if dark else "black",
+                fontsize=size - 1,
+            )
+        axes.xaxis.tick_top()
+        axes.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
+        axes.set_yticks(
+            range(len(rows)), [text if len(text) < 19 else text[:18] + "…" for text in rows]
+        )
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        axes.set_ylabel(row_title)
+    return figure
+
+
+def detection_plot(
+    results: Sequence[Detection],
+    *,
+    label: Label = str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw the shares answered correctly and answered "consistent", as [BB] Fig. 20."""
+    with style(width_in):
+        figure = new_figure(width_in, 0.75 + 0.34 * len(results), simulated=simulated)
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, title, colour, bars in (
+            (panels[0], "Correct", ORANGE, [one.correct for one in results]),
+            (panels[1], "Bias", BLUE, [one.bias for one in results]),
+        ):
+            for y, bar in enumerate(bars):
+                _share_bar(axes, y, bar, colour)
+            axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
+            wide = "Share correct" if title == "Correct" else 'Share answered "consistent"'
+            share_axis(axes, "Share" if width_in < 5 else wide)
+            axes.set_xlim(0, 1.4 if width_in < 5 else 1.24)
+            axes.set_title(title, loc="left")
+        panels[0].set_yticks(
+            range(len(results)), [wrapped(label(one.method), width_in) for one in results]
+        )
+        panels[0].set_ylim(len(results) - 0.4, -0.6)
+        for axes in panels:
+            axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool = False) -> Figure:
+    """Draw how often the first interval and the left key were picked, people as dots."""
+    with style(width_in):
+        figure = new_figure(width_in, 0.55 + 0.4 * len(biases), simulated=simulated)
+        axes = figure.subplots()
+        for y, bias in enumerate(biases):
+            own = np.array([share for _, share in bias.by_participant])
+            axes.scatter(own, np.full(own.size, y + 0.22), s=6, color=GREY, linewidth=0, alpha=0.7)
+            axes.plot([bias.lower, bias.upper], [y, y], color=BLUE, lw=1.4)
+            axes.plot(bias.share, y, "o", color=BLUE, ms=4)
+        axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
+        share_axis(axes, "Share picked")
+        axes.set_yticks(range(len(biases)), [bias.alternative for bias in biases])
+        axes.set_ylim(len(biases) - 0.5, -0.5)
+        axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def reaction_plot(
+    summaries: Sequence[ReactionTimes],
+    medians: Mapping[str, Sequence[float]],
+    *,
+    label: Label = str,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw participants' median reaction times and their mean with limits, on a log axis."""
+    with style(width_in):
+        figure = new_figure(width_in, 0.6 + 0.36 * len(summaries), simulated=simulated)
+        axes = figure.subplots()
+        for y, summary in enumerate(summaries):
+            own = np.asarray(medians.get(summary.condition, ()))
+            axes.scatter(own, np.full(own.size, y + 0.22), s=6, color=GREY, linewidth=0, alpha=0.7)
+            axes.plot([summary.lower, summary.upper], [y, y], color=BLUE, lw=1.4)
+            axes.plot(summary.mean_of_medians, y, "o", color=BLUE, ms=4)
+        axes.set_xscale("log")
+        values = [value for own in medians.values() for value in own]
+        values += [end for one in summaries for end in (one.lower, one.upper)]
+        low, high = min(values) / 1.15, max(values) * 1.15
+        axes.set_xlim(low, high)
+        ticks = [
+            tick
+            for tick in np.asarray(MaxNLocator(5).tick_values(low, high))
+            if low <= tick <= high
+        ]
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel("Reaction time, s (log axis)")
+        axes.set_yticks(
+            range(len(summaries)), [wrapped(label(one.condition), width_in) for one in summaries]
+        )
+        axes.set_ylim(len(summaries) - 0.5, -0.6)
+        axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def _share_bar(axes: Axes, y: int, share: Proportion, colour: str) -> None:
+    axes.barh(y, share.share, height=0.6, color=colour, alpha=0.75)
+    axes.plot([share.lower, share.upper], [y, y], color="black", lw=1.1)
+    text = f"p {'< .001' if share.p < 0.001 else '= ' + f'{share.p:.3f}'.removeprefix('0')}"
+    axes.text(1.03, y, text, va="center")

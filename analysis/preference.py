@@ -1,0 +1,387 @@
+"""Which method is preferred: shares per pairing and size, with inference fit for people."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.clustered import (
+    ClusteredShare,
+    holm,
+    participant_t,
+    sign_flip_floor,
+    sign_flip_p,
+    two_sided_p,
+    two_way,
+    wilson,
+)
+from analysis.clustered import equivalence_p as tost_p
+
+Floats = NDArray[np.float64]
+Test = Literal["participant-scene", "participant", "pooled"]
+Verdict = Literal["preferred", "rejected", "equivalent", "undecided"]
+
+FEW_PARTICIPANTS = 6
+FEW_SCENES = 5
+ALL_SIZES = "all"
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How often `method` was chosen over `against`, and what that shows.
+
+    Attributes
+    ----------
+    method, against, size : str
+        `size` is "all" where sizes are taken together.
+    trials, chosen, participants, scenes : int
+    share : float
+        chosen / trials.
+    lower, upper : float
+        Wilson limits with effective n and t quantiles: they respect participants and scenes.
+    effective_n : float
+        Independent trials that would tell as much.
+    t, df : float or None
+        None where all answers agree.
+    p, p_adjusted : float
+        Of the protocol's test; adjusted over the family of comparisons.
+    test : str
+        What `p` is, in words.
+    sign_flip_p, sign_flip_floor : float
+        Participant-level sign-flip test, and the smallest p so many participants can give.
+    exact_p, exact_lower, exact_upper : float
+        Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
+    cohens_h : float
+        2 asin sqrt(share) - pi / 2.
+    odds_ratio, odds_lower, odds_upper : float
+        Odds of choosing `method`; half a vote is added where all answers agree.
+    bayes_factor : float
+        BF10 of participants' shares against one half (default t prior), or of participants as
+        single votes where all agree.
+    bayes_factor_pooled : float
+        BF10 of all trials as independent, uniform prior.
+    margin, equivalence_p : float
+        Smallest effect of interest and TOST p-value against it.
+    participant_sd : float
+        Standard deviation of the participants' shares.
+    verdict : str
+    warnings : tuple of str
+        When not to trust it.
+    """
+
+    method: str
+    against: str
+    size: str
+    trials: int
+    chosen: int
+    participants: int
+    scenes: int
+    share: float
+    lower: float
+    upper: float
+    level: float
+    effective_n: float
+    t: float | None
+    df: float | None
+    p: float
+    p_adjusted: float
+    test: str
+    sign_flip_p: float
+    sign_flip_floor: float
+    exact_p: float
+    exact_lower: float
+    exact_upper: float
+    cohens_h: float
+    odds_ratio: float
+    odds_lower: float
+    odds_upper: float
+    bayes_factor: float
+    bayes_factor_pooled: float
+    margin: float
+    equivalence_p: float
+    participant_sd: float
+    verdict: Verdict
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PreferenceTable:
+    """All comparisons of a study, adjusted together."""
+
+    cells: tuple[Preference, ...]
+    correction: str
+    alpha: float
+    warnings: tuple[str, ...]
+
+    def cell(self, method: str, against: str, size: str = ALL_SIZES) -> Preference:
+        """Return the comparison of two methods, the way round they are asked for."""
+        for cell in self.cells:
+            if cell.size == size and (cell.method, cell.against) == (method, against):
+                return cell
+        known = [f"{cell.method} / {cell.against} / {cell.size}" for cell in self.cells]
+        raise KeyError(f"{method} / {against} / {size}; compared were {known}")
+
+
+def preferences(
+    decisions: pd.DataFrame,
+    *,
+    pairings: Sequence[tuple[str, str]] | None = None,
+    sizes: Sequence[str] | None = None,
+    alpha: float = 0.05,
+    margin: float = 0.1,
+    test: Test = "participant-scene",
+    correction: Literal["holm", "none"] = "holm",
+) -> PreferenceTable:
+    """Test every pairing at every size against chance.
+
+    Parameters
+    ----------
+    decisions : DataFrame, one row per decision
+        Columns ``participant``, ``scene``, ``size``, ``first``, ``second``, ``chosen``, as
+        `analysis.tidy` writes them.
+    pairings : sequence of (method, against), optional
+        Their order gives whose share is counted; left out, every pairing found.
+    margin : float
+        Smallest effect of interest, as a distance of the share from one half.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, or no decision compares any pairing.
+    """
+    _require(decisions, ("participant", "scene", "size", "first", "second", "chosen"))
+    if pairings is None:
+        pairings = found_pairings(decisions)
+    if sizes is None:
+        sizes = tuple(sorted(map(str, decisions["size"].unique())))
+    cells, notes = [], []
+    for size in sizes:
+        for method, against in pairings:
+            rows = pairing_rows(decisions, method, against, size)
+            if rows.empty:
+                notes.append(f"no decision compares {method} with {against} at {size}")
+                continue
+            cells.append(
+                preference(rows, method, against, size, alpha=alpha, margin=margin, test=test)
+            )
+    if not cells:
+        raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
+    return PreferenceTable(
+        cells=_adjusted(cells, correction, alpha),
+        correction=correction,
+        alpha=alpha,
+        warnings=tuple(notes),
+    )
+
+
+def preference(
+    decisions: pd.DataFrame,
+    method: str,
+    against: str,
+    size: str = ALL_SIZES,
+    *,
+    alpha: float = 0.05,
+    margin: float = 0.1,
+    test: Test = "participant-scene",
+) -> Preference:
+    """Test whether `method` is chosen over `against` more or less often than by chance.
+
+    Takes the decisions of this comparison only, see `pairing_rows`. With one comparison the
+    adjusted p equals p.
+    """
+    chosen, shown, people, scenes = counts(decisions, method)
+    trials, wins = int(shown.sum()), int(chosen.sum())
+    by_person, by_scene = shown.sum(axis=1), shown.sum(axis=0)
+    shares = chosen.sum(axis=1) / by_person
+    if len(people) > 1:
+        estimate = two_way(chosen, shown)
+        if test == "participant" or len(scenes) == 1:
+            estimate = two_way(chosen.sum(axis=1, keepdims=True), by_person[:, None])
+    else:
+        estimate = ClusteredShare(
+            np.asarray(wins / trials), np.asarray(0.0), np.asarray(1.0), np.asarray(1.0)
+        )
+    level = 1.0 - alpha
+    lower, upper = (
+        float(end) for end in wilson(estimate.share, estimate.effective_n, estimate.df, level)
+    )
+    flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
+    exact = stats.binomtest(wins, trials)
+    exact_limits = exact.proportion_ci(level, method="exact")
+    share, error, df = (float(estimate.share), float(estimate.standard_error), float(estimate.df))
+    notes = list(_notes(shown, wins, len(people), len(scenes), by_person, by_scene))
+    clustered = error > 0 and len(people) > 1
+    t = (share - 0.5) / error if clustered else None
+    if test == "pooled":
+        p, words = float(exact.pvalue), "pooled exact binomial"
+        lower, upper = float(exact_limits.low), float(exact_limits.high)
+        notes.append("the protocol's test takes trials as independent: p is too small")
+    elif clustered:
+        p = float(two_sided_p(estimate.share - 0.5, estimate.standard_error, estimate.df))
+        words = "two-way clustered t" if test == "participant-scene" else "participant t"
+        if p < floor:
+            notes.append(
+                f"p lies below {floor:.2g}, the least that {len(people)} participants can show"
+                " without assuming a normal distribution"
+            )
+    else:
+        p, words = flip, "participant sign-flip"
+    odds_share = (wins + 0.5) / (trials + 1.0) if wins in (0, trials) else share
+    equivalence = float(tost_p(estimate.share - 0.5, estimate.standard_error, estimate.df, margin))
+    return Preference(
+        method=method,
+        against=against,
+        size=size,
+        trials=trials,
+        chosen=wins,
+        participants=len(people),
+        scenes=len(scenes),
+        share=share,
+        lower=lower,
+        upper=upper,
+        level=level,
+        effective_n=float(estimate.effective_n),
+        t=t,
+        df=df if clustered else None,
+        p=p,
+        p_adjusted=p,
+        test=words,
+        sign_flip_p=flip,
+        sign_flip_floor=floor,
+        exact_p=float(exact.pvalue),
+        exact_lower=float(exact_limits.low),
+        exact_upper=float(exact_limits.high),
+        cohens_h=cohens_h(share),
+        odds_ratio=odds_share / (1.0 - odds_share),
+        odds_lower=_odds(lower, trials),
+        odds_upper=_odds(upper, trials),
+        bayes_factor=_bayes(shares),
+        bayes_factor_pooled=binomial_bayes_factor(wins, trials),
+        margin=margin,
+        equivalence_p=equivalence,
+        participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
+        verdict=_verdict(share, p, equivalence, alpha),
+        warnings=tuple(notes),
+    )
+
+
+def pairing_rows(
+    decisions: pd.DataFrame, method: str, against: str, size: str = ALL_SIZES
+) -> pd.DataFrame:
+    """Return the decisions between two methods, at one size or at all."""
+    pair = decisions["first"].isin((method, against)) & decisions["second"].isin((method, against))
+    rows = decisions[pair & (decisions["first"] != decisions["second"])]
+    return rows if size == ALL_SIZES else rows[rows["size"] == size]
+
+
+def counts(
+    decisions: pd.DataFrame, method: str
+) -> tuple[Floats, Floats, tuple[str, ...], tuple[str, ...]]:
+    """Count choices of `method` and trials per participant and scene.
+
+    Returns
+    -------
+    chosen, shown : ndarray (participants, scenes)
+    participants, scenes : tuple of str
+    """
+    people, person = np.unique(decisions["participant"].astype(str), return_inverse=True)
+    scenes, scene = np.unique(decisions["scene"].astype(str), return_inverse=True)
+    shown = np.zeros((people.size, scenes.size))
+    chosen = np.zeros_like(shown)
+    np.add.at(shown, (person, scene), 1.0)
+    np.add.at(chosen, (person, scene), (decisions["chosen"] == method).to_numpy(dtype=np.float64))
+    return chosen, shown, tuple(map(str, people)), tuple(map(str, scenes))
+
+
+def found_pairings(decisions: pd.DataFrame) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of methods that decisions compare, sorted."""
+    pairs = {
+        (min(a, b), max(a, b))
+        for a, b in zip(
+            decisions["first"].astype(str), decisions["second"].astype(str), strict=True
+        )
+        if a != b
+    }
+    return tuple(sorted(pairs))
+
+
+def cohens_h(share: float, null: float = 0.5) -> float:
+    """Return Cohen's h, the difference of arcsine-transformed shares (Cohen 1988, ch. 6)."""
+    return float(2.0 * np.arcsin(np.sqrt(share)) - 2.0 * np.arcsin(np.sqrt(null)))
+
+
+def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tuple[Preference, ...]:
+    p_values = np.array([cell.p for cell in cells])
+    adjusted = holm(p_values) if correction == "holm" else p_values
+    return tuple(
+        replace(
+            cell,
+            p_adjusted=float(p),
+            verdict=_verdict(cell.share, float(p), cell.equivalence_p, alpha),
+        )
+        for cell, p in zip(cells, adjusted, strict=True)
+    )
+
+
+def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdict:
+    if p < alpha:
+        return "preferred" if share > 0.5 else "rejected"
+    return "equivalent" if equivalence < alpha else "undecided"
+
+
+def _bayes(shares: Floats) -> float:
+    mean, error, _, _ = participant_t(shares - 0.5)
+    if shares.size > 1 and error > 0:
+        return t_bayes_factor(mean / error, shares.size)
+    return binomial_bayes_factor(int((shares > 0.5).sum()), int((shares != 0.5).sum()))
+
+
+def _odds(share: float, trials: int) -> float:
+    """Odds of a limit, kept finite by half a vote where the limit is 0 or 1."""
+    edge = 0.5 / (trials + 1.0)
+    share = min(max(share, edge), 1.0 - edge)
+    return share / (1.0 - share)
+
+
+def _notes(
+    shown: Floats, wins: int, people: int, scenes: int, by_person: Floats, by_scene: Floats
+) -> tuple[str, ...]:
+    trials = int(shown.sum())
+    notes = []
+    if people < 2:
+        notes.append("one participant only: nothing can be said about other people")
+    elif people < FEW_PARTICIPANTS:
+        notes.append(
+            f"only {people} participants: no participant-level test can reach p < .05"
+            f" without assumptions (floor {sign_flip_floor(people):.2g})"
+        )
+    if scenes == 1:
+        notes.append("one scene only: the result is about that scene")
+    elif scenes < FEW_SCENES:
+        notes.append(f"only {scenes} scenes: variance between scenes is poorly known")
+    if wins in (0, trials):
+        notes.append(
+            "all answers agree: no variance to estimate; p is the sign-flip test's smallest"
+            f" possible value for {people} participants, limits take participants as single votes"
+        )
+    if by_person.min() < by_person.max() or by_scene.min() < by_scene.max():
+        notes.append(
+            f"unbalanced: {int(by_person.min())} to {int(by_person.max())} trials per participant,"
+            f" {int(by_scene.min())} to {int(by_scene.max())} per scene"
+        )
+    if np.any(by_person < 4):
+        notes.append(f"{int((by_person < 4).sum())} participants have fewer than 4 trials here")
+    return tuple(notes)
+
+
+def _require(table: pd.DataFrame, columns: Sequence[str]) -> None:
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise ValueError(f"decisions must have the columns {list(columns)} (missing: {missing})")
+    if table.empty:
+        raise ValueError("decisions must hold at least one row")

@@ -1,0 +1,284 @@
+"""Psychometric functions with guess and lapse rates, by maximum likelihood."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+from scipy.special import expit, ndtr, ndtri
+
+Floats = NDArray[np.float64]
+Shape = Literal["gauss", "logistic", "weibull"]
+
+WIDTH_EDGE = 0.05
+"""The width spans the sigmoid's rise from this share to one minus it."""
+
+LAPSE_MAX = 0.1
+
+
+@dataclass(frozen=True)
+class Psychometric:
+    """A fitted psychometric function ``guess + (1 - guess - lapse) S(x)``.
+
+    Attributes
+    ----------
+    threshold : float
+        Where the sigmoid S is one half (not the proportion correct), in units of x.
+    width : float
+        Distance from S = .05 to S = .95; negative where performance falls with x.
+    guess, lapse : float
+    threshold_limits, width_limits : pair of float or None
+        Profile-likelihood limits; None where the likelihood has no maximum to profile.
+    deviance, df, p : float, int, float
+        Against one free proportion per level.
+    warnings : tuple of str
+    """
+
+    shape: Shape
+    threshold: float
+    width: float
+    guess: float
+    lapse: float
+    threshold_limits: tuple[float, float] | None
+    width_limits: tuple[float, float] | None
+    level: float
+    log_likelihood: float
+    deviance: float
+    df: int
+    p: float
+    warnings: tuple[str, ...]
+
+    def __call__(self, x: Floats) -> Floats:
+        """Return the probability of a correct answer at `x`."""
+        rise = sigmoid(np.asarray(x, dtype=np.float64), self.threshold, self.width, self.shape)
+        return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * rise)
+
+
+def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
+    """Return S(x): one half at `threshold`, from .05 to .95 over `width`.
+
+    ``weibull`` works on log(x), with threshold and width given on the axis of x (Wichmann and
+    Hill 2001; widths as Schütt et al. 2016).
+    """
+    if shape == "gauss":
+        return np.asarray(ndtr((x - threshold) / width * 2.0 * ndtri(1.0 - WIDTH_EDGE)))
+    if shape == "logistic":
+        return np.asarray(
+            expit((x - threshold) / width * 2.0 * np.log((1.0 - WIDTH_EDGE) / WIDTH_EDGE))
+        )
+    low, high = np.log(-np.log(1.0 - WIDTH_EDGE)), np.log(-np.log(WIDTH_EDGE))
+    middle = np.log(np.log(2.0))
+    # On log x the rise from .05 to .95 spans `slope`; the width on x fixes it.
+    slope = _weibull_slope(threshold, width, low - middle, high - middle)
+    with np.errstate(divide="ignore"):
+        level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + middle
+    return np.asarray(-np.expm1(-np.exp(level)))
+
+
+def fit_psychometric(
+    x: Floats,
+    successes: Floats,
+    trials: Floats,
+    *,
+    guess: float | None = 0.5,
+    lapse: float | None = None,
+    shape: Shape = "gauss",
+    falling: bool = False,
+    level: float = 0.95,
+) -> Psychometric:
+    """Fit threshold, width, lapse (and guess) rate to counts per stimulus level.
+
+    Parameters
+    ----------
+    x, successes, trials : ndarray (levels,)
+    guess : float or None
+        .5 for two alternatives; 0 for yes/no; None fits it, within [0, .5].
+    lapse : float or None
+        None fits it, within [0, .1].
+    falling : bool
+        Performance falls with x (as with eccentricity in [BB] Fig. 17).
+
+    Raises
+    ------
+    ValueError
+        If arrays differ in length, fewer than two levels were shown, or counts are impossible.
+    """
+    x, successes, trials = (np.asarray(a, dtype=np.float64) for a in (x, successes, trials))
+    if not (x.shape == successes.shape == trials.shape) or x.ndim != 1 or np.unique(x).size < 2:
+        raise ValueError("x, successes and trials must be equally long, with two levels or more")
+    if np.any(trials <= 0) or np.any(successes < 0) or np.any(successes > trials):
+        raise ValueError("successes must lie between 0 and trials, and trials be positive")
+    if shape == "weibull" and np.any(x < 0):
+        raise ValueError("x must not be negative for the Weibull function")
+    problem = _Problem(x, successes, trials, guess, lapse, shape, -1.0 if falling else 1.0)
+    best, likelihood = problem.fit()
+    threshold, width, guess_rate, lapse_rate = problem.unpack(best)
+    share = successes / trials
+    saturated = float(np.sum(stats.binom.logpmf(successes, trials, share)))
+    constant = saturated - float(np.sum(_log_terms(successes, trials, share)))
+    deviance = max(0.0, 2.0 * (saturated - constant - likelihood))
+    df = x.size - best.size
+    notes = _notes(problem, best, share)
+    drop = 0.5 * float(stats.chi2.ppf(level, 1))
+    limits = [None if notes else problem.profile(index, best, likelihood, drop) for index in (0, 1)]
+    sign = -1.0 if falling else 1.0
+    return Psychometric(
+        shape=shape,
+        threshold=threshold,
+        width=sign * width,
+        guess=guess_rate,
+        lapse=lapse_rate,
+        threshold_limits=limits[0],
+        width_limits=_signed(limits[1], sign),
+        level=level,
+        log_likelihood=likelihood + constant,
+        deviance=deviance,
+        df=df,
+        p=float(stats.chi2.sf(deviance, df)) if df > 0 else 1.0,
+        warnings=notes,
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The likelihood in unbounded parameters: threshold, log width, then the fitted rates."""
+
+    x: Floats
+    successes: Floats
+    trials: Floats
+    guess: float | None
+    lapse: float | None
+    shape: Shape
+    sign: float
+
+    def unpack(self, theta: Floats) -> tuple[float, float, float, float]:
+        rates = list(theta[2:])
+        guess = self.guess if self.guess is not None else 0.5 * float(np.sin(rates.pop(0)) ** 2)
+        lapse = self.lapse if self.lapse is not None else LAPSE_MAX * float(np.sin(rates[0]) ** 2)
+        scale = self._scale()
+        threshold = float(np.exp(theta[0])) if self.shape == "weibull" else theta[0] * scale
+        return float(threshold), float(np.exp(theta[1]) * scale), guess, lapse
+
+    def _scale(self) -> float:
+        return float(np.ptp(self.x))
+
+    def loss(self, theta: Floats) -> float:
+        threshold, width, guess, lapse = self.unpack(theta)
+        rise = (
+            sigmoid(self.x, threshold, self.sign * width, self.shape)
+            if (self.shape != "weibull")
+            else sigmoid(self.x, threshold, width, self.shape)
+        )
+        if self.shape == "weibull" and self.sign < 0:
+            rise = 1.0 - rise
+        share = guess + (1.0 - guess - lapse) * rise
+        return -float(np.sum(_log_terms(self.successes, self.trials, share)))
+
+    def starts(self) -> list[Floats]:
+        scale = self._scale()
+        places = np.quantile(self.x, [0.25, 0.5, 0.75])
+        rates = [0.6] * ((self.guess is None) + (self.lapse is None))
+        return [
+            np.array(
+                [
+                    np.log(max(place, 1e-9 * scale)) if self.shape == "weibull" else place / scale,
+                    np.log(width),
+                    *rates,
+                ]
+            )
+            for place in places
+            for width in (0.2, 0.6, 1.5)
+        ]
+
+    def fit(
+        self, hold: tuple[int, float] | None = None, start: Floats | None = None
+    ) -> tuple[Floats, float]:
+        def run(theta: Floats) -> float:
+            if hold is not None:
+                theta = np.insert(theta, *hold)
+            return self.loss(theta)
+
+        best, value = None, np.inf
+        for point in self.starts() if start is None else [start]:
+            free = point if hold is None else np.delete(point, hold[0])
+            if free.size == 0:
+                return point, -run(free)
+            found = optimize.minimize(
+                run,
+                free,
+                method="Nelder-Mead",
+                options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000},
+            )
+            if best is None or found.fun < value - 1e-12:
+                best, value = found.x, float(found.fun)
+        assert best is not None
+        found = optimize.minimize(
+            run, best, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-13}
+        )
+        best, value = found.x, float(found.fun)
+        return (best if hold is None else np.insert(best, *hold)), -value
+
+    def profile(
+        self, index: int, best: Floats, likelihood: float, drop: float
+    ) -> tuple[float, float]:
+        """Return the values of one parameter where the profile falls by `drop`."""
+
+        def excess(value: float) -> float:
+            start = best.copy()
+            start[index] = value
+            return likelihood - self.fit((index, value), start)[1] - drop
+
+        ends = []
+        for direction in (-1.0, 1.0):
+            reach, inner = 0.05, float(best[index])
+            while excess(best[index] + direction * reach) < 0 and reach < 20:
+                inner = float(best[index] + direction * reach)
+                reach *= 1.7
+            outer = float(best[index] + direction * reach)
+            end = outer if reach >= 20 else optimize.brentq(excess, inner, outer, xtol=1e-5)
+            theta = best.copy()
+            theta[index] = end
+            ends.append(self.unpack(theta)[index])
+        return min(ends), max(ends)
+
+
+def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
+    threshold, width, _, lapse = problem.unpack(best)
+    notes = []
+    steps = float(np.min(np.diff(np.unique(problem.x))))
+    if np.ptp(share) == 0:
+        notes.append("performance is the same at every level: no curve can be placed")
+    elif width < 0.1 * steps:
+        notes.append("the answers jump between two levels: the width is only bounded above")
+    elif not problem.x.min() <= threshold <= problem.x.max():
+        notes.append("the threshold lies outside the levels shown: it is extrapolated")
+    if problem.lapse is None and lapse > 0.95 * LAPSE_MAX:
+        notes.append(f"the lapse rate ran into its bound of {LAPSE_MAX}")
+    return tuple(notes)
+
+
+def _log_terms(successes: Floats, trials: Floats, share: Floats) -> Floats:
+    share = np.clip(share, 1e-12, 1.0 - 1e-12)
+    return np.asarray(successes * np.log(share) + (trials - successes) * np.log1p(-share))
+
+
+def _signed(limits: tuple[float, float] | None, sign: float) -> tuple[float, float] | None:
+    if limits is None or sign > 0:
+        return limits
+    return -limits[1], -limits[0]
+
+
+def _weibull_slope(threshold: float, width: float, low: float, high: float) -> float:
+    """Return the slope on log x for which x(.95) - x(.05) equals `width`."""
+
+    def gap(log_slope: float) -> float:
+        slope = np.exp(log_slope)
+        return float(threshold * (np.exp(high / slope) - np.exp(low / slope)) - width)
+
+    lower, upper = np.log(0.02), np.log(1e4)
+    if gap(lower) < 0:
+        return 0.02
+    if gap(upper) > 0:
+        return 1e4
+    return float(np.exp(optimize.brentq(gap, lower, upper, xtol=1e-12)))

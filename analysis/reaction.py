@@ -1,0 +1,70 @@
+"""Reaction times: summaries that a few slow answers do not move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class ReactionTimes:
+    """Reaction times of one condition, in seconds.
+
+    `median` and quartiles are of all answers; `mean_of_medians` and its t limits are over the
+    participants' medians, taken on the logarithm; `trimmed_mean` drops 10 % at either end.
+    """
+
+    condition: str
+    answers: int
+    participants: int
+    median: float
+    quartile_low: float
+    quartile_high: float
+    trimmed_mean: float
+    mean_of_medians: float
+    lower: float
+    upper: float
+    warnings: tuple[str, ...]
+
+
+def reaction_times(
+    decisions: pd.DataFrame, by: Sequence[str] = (), *, level: float = 0.95
+) -> tuple[ReactionTimes, ...]:
+    """Summarise ``rt_s`` for each combination of the columns `by`; empty where none was kept."""
+    rows = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)]
+    if rows.empty:
+        return ()
+    groups = rows.groupby(list(by), sort=True) if by else [((), rows)]
+    return tuple(
+        _summary(" · ".join(map(str, key)) if by else "all trials", part, level)
+        for key, part in groups
+    )
+
+
+def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
+    times = rows["rt_s"].to_numpy(dtype=np.float64)
+    medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))
+    centre, notes = float(medians.mean()), []
+    reach = 0.0
+    if medians.size > 1:
+        error = float(medians.std(ddof=1) / np.sqrt(medians.size))
+        reach = float(stats.t.ppf(0.5 + 0.5 * level, medians.size - 1)) * error
+    else:
+        notes.append("one participant only: no limits")
+    if times.size < 4 * medians.size:
+        notes.append("fewer than 4 answers per participant")
+    return ReactionTimes(
+        condition=condition,
+        answers=times.size,
+        participants=medians.size,
+        median=float(np.median(times)),
+        quartile_low=float(np.quantile(times, 0.25)),
+        quartile_high=float(np.quantile(times, 0.75)),
+        trimmed_mean=float(stats.trim_mean(times, 0.1)),
+        mean_of_medians=float(np.exp(centre)),
+        lower=float(np.exp(centre - reach)),
+        upper=float(np.exp(centre + reach)),
+        warnings=tuple(notes),
+    )

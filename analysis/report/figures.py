@@ -1,0 +1,169 @@
+"""The figures of a report, each drawn at both widths."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from analysis.plots import (
+    bias_bars,
+    figure_bytes,
+    forest_plot,
+    heat_map,
+    jod_plot,
+    learning_plot,
+    preference_bars,
+    reaction_plot,
+)
+from analysis.preference import pairing_rows
+from analysis.settings import Settings
+from analysis.study import StudyResults
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure by name, its caption, and how to draw it at a width in inches."""
+
+    name: str
+    caption: str
+    draw: Callable[[float], Figure]
+
+
+def report_figures(
+    decisions: pd.DataFrame, results: StudyResults, settings: Settings, *, simulated: bool
+) -> tuple[ReportFigure, ...]:
+    """Return every figure these results allow, in reading order."""
+    cells, label = results.table.cells, settings.label
+    level = f"{100 * cells[0].level:g} %"
+    dots = {key: [value for _, value in pairs] for key, pairs in results.participant_shares.items()}
+    made = [
+        ReportFigure(
+            "preference",
+            "Share of trials in which the method on the left was chosen. Whiskers: "
+            f"{level} limits that respect participants and scenes; dots: participants; dashed:"
+            " chance.",
+            lambda width: preference_bars(
+                cells, dots, label=label, width_in=width, simulated=simulated
+            ),
+        ),
+        ReportFigure(
+            "forest",
+            f"Odds of choosing the first method of each pair, with {level} limits. Grey band:"
+            " smallest effect of interest.",
+            lambda width: forest_plot(cells, label=label, width_in=width, simulated=simulated),
+        ),
+    ]
+    scales = {one.size: (one.scale, one.intervals) for one in results.scales}
+    if scales:
+        made.append(
+            ReportFigure(
+                "scale",
+                f"Quality in JOD (mean zero) with {level} bootstrap limits.",
+                lambda width: jod_plot(scales, label=label, width_in=width, simulated=simulated),
+            )
+        )
+    for name, title, shares in (
+        ("participants", "Participant", results.participant_shares),
+        ("scenes", "Scene", results.scene_shares),
+    ):
+        made.append(_heat(name, title, shares, settings, simulated=simulated))
+    biases = [bias for bias in (results.order, results.side) if bias is not None]
+    made.append(
+        ReportFigure(
+            "bias",
+            f"How often the first interval and the left key were picked, with {level} limits;"
+            " dots: participants.",
+            lambda width: bias_bars(biases, width_in=width, simulated=simulated),
+        )
+    )
+    if settings.primary is not None and decisions["order"].notna().any():
+        method, against, size = settings.primary
+        rows = pairing_rows(decisions, method, against, size).copy()
+        if not rows.empty:
+            rows["preferred"] = (rows["chosen"] == method).astype(float)
+            made.append(
+                ReportFigure(
+                    "learning",
+                    f"Choices of {label(method)} over {label(against)} along the sitting; thin"
+                    " lines: participants; band: 95 % t limits.",
+                    lambda width: learning_plot(
+                        rows,
+                        "preferred",
+                        y_label="Share of choices",
+                        bounds=(0.0, 1.0),
+                        width_in=width,
+                        simulated=simulated,
+                    ),
+                )
+            )
+    if results.reaction:
+        medians = {
+            one.condition: [
+                float(value)
+                for value in decisions[
+                    (decisions["size"] == one.condition) & (decisions["rt_s"] > 0)
+                ]
+                .groupby("participant")["rt_s"]
+                .median()
+            ]
+            for one in results.reaction
+        }
+        made.append(
+            ReportFigure(
+                "reaction",
+                f"Participants' median reaction times, and their mean with {level} limits.",
+                lambda width: reaction_plot(
+                    results.reaction, medians, label=label, width_in=width, simulated=simulated
+                ),
+            )
+        )
+    return tuple(made)
+
+
+def inline_svg(figure: Figure, name: str, title: str) -> str:
+    """Return a figure as an SVG element for HTML: own names inside, a title for screen readers."""
+    text = figure_bytes(figure, "svg").decode("utf-8")
+    text = text[text.index("<svg") :]
+    # Names must differ between the figures of one page.
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', text)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    escaped = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    return text.replace("<svg ", f'<svg role="img" aria-label="{escaped}" ', 1)
+
+
+def _heat(
+    name: str,
+    title: str,
+    shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]],
+    settings: Settings,
+    *,
+    simulated: bool,
+) -> ReportFigure:
+    rows = sorted({row for pairs in shares.values() for row, _ in pairs})
+    table = np.full((len(rows), len(shares)), np.nan)
+    for column, pairs in enumerate(shares.values()):
+        for row, value in pairs:
+            table[rows.index(row), column] = value
+    columns = [
+        f"{settings.label(method)} / {settings.label(against)}"
+        + ("" if size == "all" else f"\n{settings.label(size)}")
+        for method, against, size in shares
+    ]
+    return ReportFigure(
+        name,
+        f"Share of choices of the first method, by {title.lower()}. Blue: the first is preferred;"
+        " orange: the second.",
+        lambda width: heat_map(
+            table,
+            [settings.label(row) for row in rows],
+            columns,
+            row_title=title,
+            width_in=width,
+            simulated=simulated,
+        ),
+    )

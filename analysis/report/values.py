@@ -1,0 +1,37 @@
+"""Results as plain JSON: every number, none that is not finite."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+
+from protocols.hashing import Json
+
+
+def as_json(value: object) -> Json:
+    """Return any result as JSON; numbers that are not finite become null.
+
+    Mappings with tuple keys get ``a / b / c`` keys; dataclasses become objects by field name.
+    """
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.generic):
+        return as_json(value.item())
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {_key(key): as_json(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return [as_json(entry) for entry in value.tolist()]
+    if isinstance(value, list | tuple):
+        return [as_json(entry) for entry in value]
+    raise TypeError(f"{type(value).__name__} has no place in a report")
+
+
+def _key(key: object) -> str:
+    return " / ".join(map(str, key)) if isinstance(key, tuple) else str(key)

@@ -1,0 +1,145 @@
+"""What an analysis needs to know of a study: from its protocol, or from a plain table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import pandas as pd
+
+from analysis.preference import Test, found_pairings
+from protocols.schema import StudyProtocol
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One pairing at one size, and how often a participant sees it."""
+
+    method: str
+    against: str
+    size: str
+    scenes: tuple[str, ...]
+    repeats: int
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Names, labels and rules of a study's analysis.
+
+    `primary` is (method, against, size), size "all" for all together, or None where a plain
+    table declares no primary comparison. `margin` is the smallest effect of interest as a
+    distance from one half. `pairings` give whose share is counted.
+    """
+
+    study: str
+    title: str
+    methods: tuple[str, ...]
+    sizes: tuple[str, ...]
+    pairings: tuple[tuple[str, str], ...]
+    comparisons: tuple[Comparison, ...]
+    labels: Mapping[str, str]
+    primary: tuple[str, str, str] | None
+    alpha: float
+    margin: float
+    test: Test
+    correction: str
+    planned_participants: int | None
+    planned_trials: int | None
+    protocol_sha256: str | None
+
+    def label(self, name: str) -> str:
+        """Return what reports print for a method, size or scene."""
+        return self.labels.get(name, name)
+
+
+def from_protocol(protocol: StudyProtocol) -> Settings:
+    """Return the settings a protocol fixes.
+
+    Pairings are turned so that the primary method's share is counted, and the reference is
+    always on the other side, as the papers' figures read.
+    """
+    primary = protocol.analysis.primary
+    references = {method.name for method in protocol.methods if method.is_reference}
+    turned = tuple(
+        sorted(
+            (
+                _turn(pairing, primary.method, primary.against, references)
+                for pairing in protocol.pairings()
+            ),
+            # The primary comparison first, then the others of its method; else as declared.
+            key=lambda pair: (
+                pair != (primary.method, primary.against),
+                primary.method not in pair,
+            ),
+        )
+    )
+    comparisons = tuple(
+        Comparison(
+            method,
+            against,
+            size.name,
+            tuple(
+                scene.name
+                for scene in protocol.main_scenes()
+                if protocol.comparable(scene, (method, against))
+            ),
+            protocol.design.repeats,
+        )
+        for size in protocol.sizes
+        for method, against in turned
+    )
+    entries = (*protocol.methods, *protocol.sizes, *protocol.scenes)
+    return Settings(
+        study=protocol.study.name,
+        title=protocol.study.title,
+        methods=tuple(method.name for method in protocol.methods),
+        sizes=tuple(size.name for size in protocol.sizes),
+        pairings=turned,
+        comparisons=tuple(entry for entry in comparisons if entry.scenes),
+        labels={entry.name: entry.label or entry.name for entry in entries},
+        primary=(primary.method, primary.against, primary.size or "all"),
+        alpha=protocol.analysis.alpha,
+        margin=protocol.analysis.smallest_effect_rate,
+        test=protocol.analysis.test,
+        correction=protocol.analysis.correction,
+        planned_participants=protocol.study.participants,
+        planned_trials=sum(
+            len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
+        ),
+        protocol_sha256=protocol.sha256,
+    )
+
+
+def from_decisions(
+    decisions: pd.DataFrame, name: str, *, alpha: float = 0.05, margin: float = 0.1
+) -> Settings:
+    """Return settings for a table without a protocol: every pairing found, no primary."""
+    pairings = found_pairings(decisions)
+    methods = sorted({method for pairing in pairings for method in pairing})
+    return Settings(
+        study=name,
+        title=name,
+        methods=tuple(methods),
+        sizes=tuple(sorted(map(str, decisions["size"].unique()))),
+        pairings=pairings,
+        comparisons=(),
+        labels={},
+        primary=None,
+        alpha=alpha,
+        margin=margin,
+        test="participant-scene",
+        correction="holm",
+        planned_participants=None,
+        planned_trials=None,
+        protocol_sha256=None,
+    )
+
+
+def _turn(
+    pairing: tuple[str, str], method: str, against: str, references: set[str]
+) -> tuple[str, str]:
+    first, second = pairing
+    backwards = (second, first)
+    if {first, second} == {method, against}:
+        return (method, against)
+    if second == method or (first in references and second not in references):
+        return backwards
+    return pairing

@@ -1,0 +1,273 @@
+"""The whole analysis of a 2AFC study: every result a report shows, in one frozen object."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.bias import Bias, order_bias, side_bias
+from analysis.consistency import (
+    Agreement,
+    Transitivity,
+    Triads,
+    agreement,
+    circular_triads,
+    majority,
+    transitivity,
+)
+from analysis.learning import Trend, trend
+from analysis.models import ModelFit, glmm_logit
+from analysis.observers import ObserverCheck, check_observers
+from analysis.preference import (
+    ALL_SIZES,
+    Preference,
+    PreferenceTable,
+    counts,
+    pairing_rows,
+    preference,
+    preferences,
+)
+from analysis.reaction import ReactionTimes, reaction_times
+from analysis.scaling import Contrast, Scale, ScaleIntervals, bootstrap_scale, contrasts, scale
+from analysis.settings import Settings
+
+Floats = NDArray[np.float64]
+Step = Callable[[str], None]
+
+BOOTSTRAP_SAMPLES = 2000
+SEED = 20_240_229
+"""Every random draw of the analysis starts here: same journals, same numbers."""
+
+
+@dataclass(frozen=True)
+class SizeScale:
+    """Scale of the methods at one size, and whether the answers fit on one axis."""
+
+    size: str
+    scale: Scale
+    intervals: ScaleIntervals | None
+    contrasts: tuple[Contrast, ...]
+    triads: tuple[tuple[str, Triads], ...]
+    agreement: Agreement | None
+    transitivity: Transitivity
+    observers: ObserverCheck
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """Everything a report of a 2AFC preference study shows."""
+
+    primary: Preference | None
+    table: PreferenceTable
+    models: tuple[tuple[str, str, str, ModelFit], ...]
+    scales: tuple[SizeScale, ...]
+    order: Bias
+    side: Bias | None
+    learning: tuple[tuple[str, Trend], ...]
+    reaction: tuple[ReactionTimes, ...]
+    participant_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
+    scene_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
+    warnings: tuple[str, ...]
+
+
+def analyse(
+    decisions: pd.DataFrame, settings: Settings, *, step: Step | None = None
+) -> StudyResults:
+    """Run the whole analysis on the decisions that exclusions kept.
+
+    Parameters
+    ----------
+    decisions : DataFrame
+        As `analysis.tidy` or `analysis.plain_csv` return them.
+    step : callable, optional
+        Told the name of each part before it runs.
+    """
+    say = step or (lambda _name: None)
+    notes: list[str] = []
+    say("preferences")
+    table = preferences(
+        decisions,
+        pairings=settings.pairings,
+        sizes=settings.sizes,
+        alpha=settings.alpha,
+        margin=settings.margin,
+        test=settings.test,
+        correction="holm" if settings.correction == "holm" else "none",
+    )
+    notes += table.warnings
+    primary = _primary(decisions, settings, notes)
+    say("mixed models")
+    models = tuple(
+        (cell.method, cell.against, cell.size, _mixed(decisions, cell)) for cell in table.cells
+    )
+    scales = []
+    for size in settings.sizes:
+        say(f"scale, {settings.label(size)}")
+        made = _size_scale(decisions, settings, size, notes)
+        if made is not None:
+            scales.append(made)
+    say("bias, learning, reaction times")
+    return StudyResults(
+        primary=primary,
+        table=table,
+        models=models,
+        scales=tuple(scales),
+        order=order_bias(decisions, alpha=settings.alpha),
+        side=side_bias(decisions, alpha=settings.alpha),
+        learning=tuple(_learning(decisions, settings)),
+        reaction=reaction_times(decisions, ("size",)),
+        participant_shares=_shares(decisions, table, by_scene=False),
+        scene_shares=_shares(decisions, table, by_scene=True),
+        warnings=tuple(notes),
+    )
+
+
+def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
+    """Count votes (participants, scenes, k, k) for i over j; also return the participants."""
+    people, person = np.unique(decisions["participant"].astype(str), return_inverse=True)
+    scenes, scene = np.unique(decisions["scene"].astype(str), return_inverse=True)
+    place = {name: index for index, name in enumerate(methods)}
+    won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
+    lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
+    votes = np.zeros((people.size, scenes.size, len(methods), len(methods)))
+    np.add.at(votes, (person, scene, won, lost), 1.0)
+    return votes, [str(name) for name in people]
+
+
+def _primary(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> Preference | None:
+    if settings.primary is None:
+        return None
+    method, against, size = settings.primary
+    rows = pairing_rows(decisions, method, against, size)
+    if rows.empty:
+        notes.append(f"the primary comparison ({method} with {against}) has no decisions")
+        return None
+    return preference(
+        rows,
+        method,
+        against,
+        size,
+        alpha=settings.alpha,
+        margin=settings.margin,
+        test=settings.test,
+    )
+
+
+def _mixed(decisions: pd.DataFrame, cell: Preference) -> ModelFit:
+    """Mixed model of one comparison; the intercept is the preference without order bias."""
+    rows = pairing_rows(decisions, cell.method, cell.against, cell.size)
+    table = pd.DataFrame(
+        {
+            "preferred": (rows["chosen"] == cell.method).astype(int),
+            "shown_first": np.where(rows["first"] == cell.method, 0.5, -0.5),
+            "participant": rows["participant"].astype(str),
+            "scene": rows["scene"].astype(str),
+        }
+    )
+    groups = [column for column in ("participant", "scene") if table[column].nunique() > 1]
+    terms = "1 + shown_first" if table["shown_first"].nunique() > 1 else "1"
+    return glmm_logit(
+        f"preferred ~ {terms}", table, groups=groups or ["participant"], level=cell.level
+    )
+
+
+def _size_scale(
+    decisions: pd.DataFrame, settings: Settings, size: str, notes: list[str]
+) -> SizeScale | None:
+    rows = (
+        decisions
+        if size == ALL_SIZES and "all" not in set(decisions["size"])
+        else (decisions[decisions["size"] == size])
+    )
+    shown = set(rows["first"]) | set(rows["second"])
+    methods = tuple(name for name in settings.methods if name in shown)
+    if len(methods) < 2:
+        notes.append(f"no scale at {size}: fewer than two methods were compared")
+        return None
+    votes, people = vote_tensor(rows, methods)
+    total = votes.sum(axis=(0, 1))
+    try:
+        fitted = scale(total, methods)
+    except ValueError as problem:
+        notes.append(f"no scale at {size}: {problem}")
+        return None
+    found: list[str] = []
+    intervals = None
+    if len(people) > 1:
+        try:
+            intervals = bootstrap_scale(
+                votes,
+                rng=np.random.default_rng(SEED),
+                samples=BOOTSTRAP_SAMPLES,
+                level=1.0 - settings.alpha,
+            )
+        except ValueError as problem:
+            found.append(str(problem))
+    by_person = votes.sum(axis=1)
+    upper = np.triu_indices(len(methods), 1)
+    seen = (by_person + by_person.swapaxes(-1, -2))[:, upper[0], upper[1]]
+    complete = bool(np.all(seen > 0)) and len(methods) > 2
+    answers = np.array([majority(one) for one in by_person])
+    agreed = None
+    if complete and len(people) > 2:
+        agreed = agreement(answers.sum(axis=0))
+        if np.any((answers == 0.5) & ~np.eye(len(methods), dtype=bool)):
+            found.append("some participants were even on a pair: Kendall's u is approximate")
+    elif len(methods) > 2:
+        found.append("not everyone saw every pair: no triads, no agreement")
+    return SizeScale(
+        size=size,
+        scale=fitted,
+        intervals=intervals,
+        contrasts=contrasts(total, methods),
+        triads=tuple(
+            (name, circular_triads(one)) for name, one in zip(people, answers, strict=True)
+        )
+        if complete
+        else (),
+        agreement=agreed,
+        transitivity=transitivity(total),
+        observers=check_observers(
+            by_person, people, rng=np.random.default_rng(SEED), alpha=settings.alpha
+        ),
+        warnings=tuple(found),
+    )
+
+
+def _learning(decisions: pd.DataFrame, settings: Settings) -> list[tuple[str, Trend]]:
+    found = []
+    for method, against in settings.pairings:
+        rows = pairing_rows(decisions, method, against).copy()
+        if rows.empty or rows["order"].isna().all():
+            continue
+        rows["preferred"] = (rows["chosen"] == method).astype(float)
+        name = f"choosing {settings.label(method)} over {settings.label(against)}"
+        found.append((name, trend(rows, "preferred", within=("size",), level=1 - settings.alpha)))
+    timed = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)].copy()
+    if not timed.empty and timed["order"].notna().any():
+        timed["log_rt"] = np.log(timed["rt_s"].astype(float))
+        found.append(
+            (
+                "logarithm of the reaction time",
+                trend(timed, "log_rt", within=("size",), level=1 - settings.alpha),
+            )
+        )
+    return found
+
+
+def _shares(
+    decisions: pd.DataFrame, table: PreferenceTable, *, by_scene: bool
+) -> dict[tuple[str, str, str], tuple[tuple[str, float], ...]]:
+    result = {}
+    for cell in table.cells:
+        rows = pairing_rows(decisions, cell.method, cell.against, cell.size)
+        chosen, shown, people, scenes = counts(rows, cell.method)
+        axis, names = (0, scenes) if by_scene else (1, people)
+        share = chosen.sum(axis=axis) / shown.sum(axis=axis)
+        result[cell.method, cell.against, cell.size] = tuple(
+            zip(names, map(float, share), strict=True)
+        )
+    return result

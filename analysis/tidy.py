@@ -1,0 +1,363 @@
+"""Journals to tidy tables; the only reader of journals.
+
+One row per attempt, one per decision, one per sitting; every column is in `analysis.columns`.
+Damaged journals are read past the damage, and the tables say so.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.columns import (
+    ATTEMPT_COLUMNS,
+    DECISION_COLUMNS,
+    SESSION_COLUMNS,
+    dictionary,
+    frame,
+)
+from analysis.exclusions import FlowStep, apply_exclusions
+from protocols.errors import StudyError
+from protocols.hashing import sha256_file
+from protocols.journal import (
+    Answer,
+    Attempt,
+    Calibration,
+    Consent,
+    SessionEnd,
+    SessionResume,
+    SessionStart,
+)
+from protocols.journal_file import Journal, find_journals, read_journal
+from protocols.schema import StudyProtocol
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Tidy:
+    """The tables of a study.
+
+    Attributes
+    ----------
+    sessions, attempts, decisions, answers : DataFrame
+        One row per sitting, attempt, decision, and answer to a closing question.
+    flow : tuple of FlowStep
+        From all sittings to the decisions analysed.
+    simulated : bool
+        Artificial observers answered: every output must say so.
+    warnings : tuple of str
+        Damage, missing trials, withdrawn participants.
+    """
+
+    sessions: pd.DataFrame
+    attempts: pd.DataFrame
+    decisions: pd.DataFrame
+    answers: pd.DataFrame
+    flow: tuple[FlowStep, ...]
+    simulated: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def analysed(self) -> pd.DataFrame:
+        """The decisions that the rules keep."""
+        return self.decisions[self.decisions["included"] == 1].reset_index(drop=True)
+
+
+def read_sessions(
+    folder: Path, protocol: StudyProtocol, *, progress: Progress | None = None
+) -> Tidy:
+    """Read every journal below `folder` and apply the protocol's exclusion rules.
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, journals belong to another protocol or to several, one
+        participant appears twice, or simulated and recorded sittings are mixed.
+    """
+    paths = find_journals(folder)
+    if not paths:
+        raise StudyError(
+            f"{folder}: must hold at least one sitting (no journal.jsonl was found);"
+            " name the folder that sessions were recorded into"
+        )
+    readings: list[tuple[str, Journal, SessionStart]] = []
+    notes: list[str] = []
+    for number, path in enumerate(paths):
+        if progress:
+            progress("reading journals", number, len(paths))
+        name = path.parent.relative_to(folder).as_posix()
+        name = folder.resolve().name if name == "." else name
+        journal = read_journal(path, lenient=True)
+        if journal.withdrawn:
+            notes.append(f"{name}: the participant withdrew; nothing of theirs is used")
+            continue
+        starts = [event for event in journal.events if isinstance(event, SessionStart)]
+        if not starts:
+            notes.append(f"{name}: left out, its first line (the header) cannot be read")
+            continue
+        readings.append((name, journal, starts[0]))
+    if progress:
+        progress("reading journals", len(paths), len(paths))
+    if not readings:
+        raise StudyError(
+            f"{folder}: must hold at least one readable sitting"
+            f" (of {len(paths)} journals none can be used): " + "; ".join(notes)
+        )
+    _check_one_study(folder, readings, protocol)
+    sessions, attempts, decisions, answers = [], [], [], []
+    for name, journal, start in readings:
+        session, tries, decided, said, found = _one_sitting(name, journal, start)
+        sessions.append(session)
+        attempts += tries
+        decisions += decided
+        answers += said
+        notes += found
+    marked, chosen, flow = apply_exclusions(
+        frame(sessions, SESSION_COLUMNS),
+        frame(decisions, DECISION_COLUMNS),
+        protocol.analysis.exclusions,
+    )
+    return Tidy(
+        sessions=marked,
+        attempts=frame(attempts, ATTEMPT_COLUMNS),
+        decisions=chosen,
+        answers=pd.DataFrame(answers, columns=["session", "participant", "question", "text"]),
+        flow=flow,
+        simulated=readings[0][2].simulated,
+        warnings=tuple(notes),
+    )
+
+
+def write_tables(tidy: Tidy, folder: Path) -> tuple[Path, ...]:
+    """Write the tables, their data dictionary and pwcmp's table as CSV into `folder`."""
+    tables = {
+        "sessions.csv": tidy.sessions,
+        "attempts.csv": tidy.attempts,
+        "decisions.csv": tidy.decisions,
+        "answers.csv": tidy.answers,
+        "flow.csv": pd.DataFrame([vars(step) for step in tidy.flow]),
+        "pwcmp.csv": pwcmp_table(tidy.analysed),
+        "dictionary.csv": dictionary(),
+    }
+    for name, table in tables.items():
+        table.to_csv(folder / name, index=False, lineterminator="\n")
+    return tuple(folder / name for name in tables)
+
+
+def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
+    """Return decisions in the columns that the program pwcmp reads.
+
+    Each scene x size is a scene there: only clips of one size were compared.
+    """
+    return pd.DataFrame(
+        {
+            "observer": decisions["participant"],
+            "session": decisions["session"],
+            "scene": decisions["scene"] + "__" + decisions["size"],
+            "condition_A": decisions["first"],
+            "condition_B": decisions["second"],
+            "is_A_selected": (decisions["chosen"] == decisions["first"]).astype(int),
+        }
+    )
+
+
+def _check_one_study(
+    folder: Path, readings: Sequence[tuple[str, Journal, SessionStart]], protocol: StudyProtocol
+) -> None:
+    hashes: dict[str, list[str]] = {}
+    people: dict[str, str] = {}
+    for name, _, start in readings:
+        hashes.setdefault(start.protocol_sha256, []).append(name)
+        if start.participant in people:
+            raise StudyError(
+                f"{folder}: every participant must have one sitting (got {start.participant!r} in"
+                f" {people[start.participant]} and {name}); remove the copy"
+            )
+        people[start.participant] = name
+    if len(hashes) > 1:
+        listed = "; ".join(
+            f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
+            for digest, names in sorted(hashes.items())
+        )
+        raise StudyError(
+            f"{folder}: all sittings must follow one protocol (found {len(hashes)}: {listed});"
+            " analyse each study on its own"
+        )
+    (digest,) = hashes
+    if digest != protocol.sha256:
+        raise StudyError(
+            f"{folder}: sittings must follow the protocol given ({protocol.study.name},"
+            f" {protocol.sha256[:12]}…) (got {digest[:12]}…); give the protocol file as it was"
+            " when the sessions were recorded"
+        )
+    kinds = {start.simulated for _, _, start in readings}
+    if len(kinds) > 1:
+        simulated = [name for name, _, start in readings if start.simulated]
+        raise StudyError(
+            f"{folder}: simulated and recorded sittings must not be mixed"
+            f" (simulated: {', '.join(simulated[:5])}); keep them in separate folders"
+        )
+
+
+def _one_sitting(
+    name: str, journal: Journal, start: SessionStart
+) -> tuple[
+    dict[str, object],
+    list[dict[str, object]],
+    list[dict[str, object]],
+    list[dict[str, object]],
+    list[str],
+]:
+    """Return the sitting's row, its attempts, decisions, answers, and what is odd about it."""
+    about: dict[str, object] = {
+        "session": name,
+        "participant": start.participant,
+        "simulated": int(start.simulated),
+    }
+    notes = [f"{name}: line {bad.line} is damaged: {bad.reason}" for bad in journal.damaged]
+    if journal.torn:
+        notes.append(f"{name}: the last line is unfinished (the program was stopped while writing)")
+    attempts = [about | _attempt_row(attempt) for attempt in journal.attempts]
+    decided: dict[str, Attempt] = {}
+    tries: dict[str, int] = {}
+    for attempt in journal.attempts:
+        tries[attempt.trial] = tries.get(attempt.trial, 0) + 1
+        if attempt.outcome != "completed":
+            continue
+        if attempt.trial in decided:
+            notes.append(f"{name}: {attempt.trial} was decided twice; the first answer counts")
+            continue
+        decided[attempt.trial] = attempt
+    decisions, order = [], 0
+    for trial, attempt in decided.items():
+        main = _kind(attempt) == "main"
+        order += main
+        row = about | _decision_row(attempt)
+        decisions.append(row | {"order": order if main else None, "attempts": tries[trial]})
+    answers: list[dict[str, object]] = [
+        {
+            "session": name,
+            "participant": start.participant,
+            "question": event.question,
+            "text": event.text,
+        }
+        for event in journal.events
+        if isinstance(event, Answer)
+    ]
+    done = sum(row["kind"] == "main" for row in decisions)
+    if done < start.trials:
+        notes.append(f"{name}: {start.trials - done} of {start.trials} main trials are missing")
+    session = about | _session_row(journal, start, attempts, decisions)
+    return session, attempts, decisions, answers, notes
+
+
+def _session_row(
+    journal: Journal,
+    start: SessionStart,
+    attempts: list[dict[str, object]],
+    decisions: list[dict[str, object]],
+) -> dict[str, object]:
+    main = pd.DataFrame([row for row in attempts if row["kind"] == "main"])
+    kept = [row for row in decisions if row["kind"] == "main"]
+    caught = [row["correct"] for row in decisions if row["kind"] == "catch"]
+    ends = [event for event in journal.events if isinstance(event, SessionEnd)]
+    refused = any(isinstance(event, Consent) and not event.agreed for event in journal.events)
+    checks = [event for event in journal.events if isinstance(event, Calibration)]
+
+    def column(key: str, how: str) -> object:
+        if main.empty or main[key].isna().all():
+            return None
+        return float(pd.to_numeric(main[key]).agg(how))
+
+    status = "unfinished"
+    if refused:
+        status = "consent-refused"
+    elif ends:
+        status = ends[-1].reason
+    return {
+        "slot": start.slot,
+        "status": status,
+        "planned": start.trials,
+        "decided": len(kept),
+        "attempts": len(main),
+        "void": int((main["outcome"] == "void").sum()) if not main.empty else 0,
+        "catch_correct": sum(map(int, map(str, caught))) / len(caught) if caught else None,
+        "dropped": sum(int(str(row["dropped"])) for row in kept),
+        "gaze_lost_share": column("gaze_lost_share", "mean"),
+        "gaze_violations": column("gaze_violations", "sum"),
+        "gaze_mean_deg": column("gaze_mean_deg", "mean"),
+        "accuracy_deg": max((check.accuracy_deg for check in checks), default=None),
+        "resumed": sum(isinstance(event, SessionResume) for event in journal.events),
+        "damaged_lines": len(journal.damaged),
+        "torn": int(bool(journal.torn)),
+        "refresh_hz": start.refresh_hz,
+        "gaze_mode": start.gaze_mode,
+        "timing_evidence": start.timing_evidence,
+        "protocol_sha256": start.protocol_sha256,
+        "stimuli_sha256": start.stimuli_sha256,
+        "manifest_sha256": start.manifest_sha256,
+        "plan_sha256": start.plan_sha256,
+        "journal_sha256": sha256_file(journal.path),
+        "revision": start.revision,
+        "excluded": "",
+    }
+
+
+def _kind(attempt: Attempt) -> str:
+    if attempt.practice:
+        return "practice"
+    return "catch" if attempt.catch else "main"
+
+
+def _shown(attempt: Attempt) -> dict[str, object]:
+    return {
+        "trial": attempt.trial,
+        "kind": _kind(attempt),
+        "block": attempt.block,
+        "repeat": attempt.repeat,
+        "scene": attempt.scene,
+        "size": attempt.size,
+        "first": attempt.first,
+        "second": attempt.second,
+        "expected": attempt.expected,
+        "first_side": attempt.first_side,
+        "chosen": attempt.chosen,
+        "chosen_side": attempt.chosen_side,
+        "rt_s": attempt.rt_s,
+        "dropped": attempt.dropped,
+        "gaze_lost_share": attempt.gaze.lost_share if attempt.gaze else None,
+    }
+
+
+def _attempt_row(attempt: Attempt) -> dict[str, object]:
+    gaze = attempt.gaze
+    return _shown(attempt) | {
+        "attempt": attempt.attempt,
+        "position": attempt.position,
+        "outcome": attempt.outcome,
+        "void_reason": attempt.void_reason,
+        "choice": attempt.choice,
+        "at": attempt.at,
+        "warned": int(attempt.warned),
+        "frames_shown_first": attempt.clips[0].frames_shown,
+        "frames_shown_second": attempt.clips[1].frames_shown,
+        "frames_planned": attempt.clips[0].frames_planned,
+        "gaze_samples": gaze.samples if gaze else None,
+        "gaze_blinks": gaze.blinks if gaze else None,
+        "gaze_violations": gaze.violations if gaze else None,
+        "gaze_mean_deg": gaze.mean_deg if gaze else None,
+        "gaze_max_deg": gaze.max_deg if gaze else None,
+    }
+
+
+def _decision_row(attempt: Attempt) -> dict[str, object]:
+    right = None if attempt.expected is None else int(attempt.chosen == attempt.expected)
+    return _shown(attempt) | {
+        "rejected": attempt.second if attempt.chosen == attempt.first else attempt.first,
+        "chose_first": int(attempt.choice == "first"),
+        "correct": right,
+        "included": 1,
+        "exclusion": "",
+    }
