@@ -1,5 +1,5 @@
 // Who shows at a target pixel: the least key, and the first quad among equal keys.
-// Twin: ranks() in warp/reference.py.
+// Twin: partitioned_depth() and nearest() in warp/reference.py.
 //
 // Eq. 1's partition as integers: the top bit says "stretched". Below it, a surface's key
 // falls with inverse depth (nearest wins) and a stretched quad's rises (farthest wins).
@@ -13,8 +13,8 @@ layout(std430, binding = 2) buffer Large {
                          // stretched, set by classify.comp.glsl
 };
 
-// 0: find the least key. 1: find the first quad that has it. One program does both, so both
-// compute the very same keys.
+// 0: find the least key. 1: find the first quad that has it. One program does both, and the
+// key's arithmetic is `precise`, so that both compute the very same keys.
 uniform int round_index;
 
 void rank(Quad quad, Areas area, uint index, bool stretched, ivec2 pixel) {
@@ -23,7 +23,7 @@ void rank(Quad quad, Areas area, uint index, bool stretched, ivec2 pixel) {
     if (!covers(quad, area, weight, upper)) return;
     vec4 w = 1.0 / quad.depth;
     vec2 rest = upper ? w.yz : w.zw;
-    float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
+    precise float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
     uint key = ~STRETCHED - (~STRETCHED & floatBitsToUint(max(inverse_m, 0.0)));
     if (stretched) key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
     uint cell = uint(pixel.y * target_size.x + pixel.x);

@@ -70,7 +70,8 @@ class WarpPass:
     """Warp source textures of one size into one window.
 
     Compiles and allocates once, on construction: 8 bytes per window pixel and 4 per source
-    pixel. A call binds and dispatches (8 times), allocates nothing, and reads nothing back.
+    pixel. A call makes 8 dispatches (6 where holes get no depth), allocates nothing and reads
+    nothing back. It ends with a memory barrier.
 
     Parameters
     ----------
@@ -80,9 +81,12 @@ class WarpPass:
         What is shown, in the source's pixel grid; all of it by default.
     settings : WarpSettings
         Variant and thresholds.
-    """
 
-    dispatches = 8
+    Raises
+    ------
+    InputError
+        If source or window is larger than this driver's buffers.
+    """
 
     def __init__(
         self,
@@ -91,11 +95,12 @@ class WarpPass:
         window: Window | None = None,
         settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
     ) -> None:
+        self.window = window or Window(0, 0, *source_size)
+        _check_fits(ctx, source_size, self.window)
         self._ctx = ctx
         self.source_size = source_size
-        self.window = window or Window(0, 0, *source_size)
         self.settings = settings
-        self._mesh = (source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1)
+        self._mesh = _mesh_size(source_size)
         extend = settings.variant == "full"
         lanes = self._lanes = SOFTWARE_LANES if describe(ctx).software else LANES
         self._small = compile_compute(
@@ -119,10 +124,15 @@ class WarpPass:
             _set(shader, "target_size", (width, height))
             _set(shader, "target_origin", (self.window.x_px, self.window.y_px))
             _set(shader, "stretch", settings.stretch_subpixels(self.window))
-        untouched = _UNTOUCHED * (width * height)
-        self._keys = ctx.buffer(untouched)
-        self._winners = ctx.buffer(untouched)
-        self._list = ctx.buffer(reserve=8 + 4 * self._mesh[0] * self._mesh[1])
+        # Room for every key and every quad: overflow cannot happen.
+        self._keys = ctx.buffer(_UNTOUCHED * (width * height))
+        self._winners = ctx.buffer(_UNTOUCHED * (width * height))
+        self._list = ctx.buffer(reserve=_list_bytes(source_size))
+
+    @property
+    def dispatches(self) -> int:
+        """How many dispatches one call makes."""
+        return 8 if self.settings.variant == "full" else 6
 
     @property
     def held_bytes(self) -> int:
@@ -256,6 +266,25 @@ def warp_frame(
     finally:
         for resource in (*sources, warped, warp):
             resource.release()
+
+
+def _mesh_size(source_size: tuple[int, int]) -> tuple[int, int]:
+    return source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1
+
+
+def _list_bytes(source_size: tuple[int, int]) -> int:
+    columns, rows = _mesh_size(source_size)
+    return 8 + 4 * columns * rows  # two counters, then quads
+
+
+def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Window) -> None:
+    limit = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+    if max(_list_bytes(source_size), 4 * window.width_px * window.height_px) > limit:
+        raise InputError(
+            f"source and window must fit this driver's shader buffers of {limit} bytes at 4 bytes"
+            f" per pixel (got {source_size[0]}x{source_size[1]}"
+            f" and {window.width_px}x{window.height_px}); use smaller images"
+        )
 
 
 def _set(shader: moderngl.ComputeShader, name: str, value: object) -> None:

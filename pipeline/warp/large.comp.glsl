@@ -1,7 +1,7 @@
 #version 430
 // Rank the quads that cover many pixels, one per work group: rows side by side, and several
 // invocations along each row. A fixed number of groups empties the list.
-// Twin: ranks() in reference.py. Change both or neither.
+// Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant LANES  // work-group size, a power of two
 #constant HIDE   // whether stretched quads are left out

@@ -1,7 +1,7 @@
 #version 430
 // Rank the quads that cover a few pixels, one per invocation; list those that cover many, or
 // may be torn, for large.comp.glsl.
-// Twin: ranks() in reference.py. Change both or neither.
+// Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant TILE    // work-group edge, quads
 #constant SMALL   // target pixels in the bounding box of a quad drawn here, at most

@@ -384,6 +384,14 @@ def test_textures_of_the_wrong_size_or_format_are_refused(gl_context):
             resource.release()
 
 
+def test_images_beyond_the_drivers_buffers_are_refused(gl_context):
+    limit = gl_context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
+    with pytest.raises(InputError, match=f"shader buffers of {limit} bytes"):
+        WarpPass(gl_context, (4, 4), Window(0, 0, limit // 4 + 1, 1))
+    with pytest.raises(InputError, match="use smaller images"):
+        WarpPass(gl_context, (limit // 16, 4), Window(0, 0, 4, 4))
+
+
 def test_bad_arrays_are_refused_before_anything_is_drawn(gl_context, disc_over_plane):
     flow = np.zeros((96, 128, 2), np.float32)
     flow[3, 4] = np.nan
