@@ -1,0 +1,114 @@
+"""One frame from end to end: warp it, fill its holes by any methods, measure the fills."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
+from pipeline.methods.registry import create_method
+from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.settings import WarpSettings
+from stimuli import pictures
+from stimuli.exr import WarpInput
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A fill method and its parameters; the rest keep their defaults."""
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Name and parameters, as on a sheet."""
+        given = ", ".join(f"{key} {value}" for key, value in self.parameters.items())
+        return f"{self.name} ({given})" if given else self.name
+
+
+@dataclass(frozen=True)
+class Filled:
+    """One fill, and its quality inside the holes where the truth is known."""
+
+    choice: Choice
+    colour: NDArray[np.float32]
+    quality: Quality | None
+
+
+def warp_and_fill(
+    ctx: moderngl.Context,
+    frame: WarpInput,
+    choices: Sequence[Choice],
+    *,
+    seed: int = 0,
+    settings: WarpSettings | None = None,
+    truth: NDArray[np.float32] | None = None,
+    truth_mask: NDArray[np.bool_] | None = None,
+) -> tuple[WarpedFrame, list[Filled]]:
+    """Warp `frame` once and fill it by every method of `choices`.
+
+    Parameters
+    ----------
+    truth : ndarray of float32, shape (H, W, 3), optional
+        What the target view shows: fills are measured against it.
+    truth_mask : ndarray of bool, shape (H, W), optional
+        Where to measure; by default in all holes.
+
+    Raises
+    ------
+    InputError
+        If the input breaks a rule, everything is a hole, or a method cannot be made.
+    """
+    if seed < 0:
+        raise InputError(f"seed must be at least 0 (got {seed})")
+    warped = warp_frame(
+        ctx,
+        frame.source,
+        frame.flow_px,
+        target_depth_m=frame.target_depth_m,
+        settings=settings or WarpSettings(),
+    )
+    mask = warped.hole if truth_mask is None else warped.hole & truth_mask
+    results = []
+    for choice in choices:
+        method = create_method(choice.name, ctx, choice.parameters)
+        try:
+            colour = method.fill(warped, seed)
+        finally:
+            method.release()
+        results.append(Filled(choice, colour, _measure(colour, truth, mask)))
+    return warped, results
+
+
+def _measure(
+    colour: NDArray[np.float32], truth: NDArray[np.float32] | None, mask: NDArray[np.bool_]
+) -> Quality | None:
+    if truth is None or not mask.any() or min(mask.shape) < SSIM_LEAST_PX:
+        return None
+    return evaluate(colour, truth, mask)
+
+
+def comparison(
+    warped: WarpedFrame, fills: Sequence[Filled], truth: NDArray[np.float32] | None = None
+) -> pictures.Picture:
+    """A labelled sheet: the holes, the truth if it is known, and every fill with its quality."""
+    tiles = [("warped, holes marked", pictures.of_holes(warped.colour, warped.hole))]
+    if truth is not None:
+        tiles.append(("truth", pictures.of_colour(truth)))
+    for fill in fills:
+        label = fill.choice.label
+        if fill.quality is not None:
+            label += (
+                f"\nPSNR {fill.quality.psnr_db:.2f} dB, SSIM {fill.quality.ssim:.3f},"
+                f" band error {fill.quality.band_error:.3f}"
+            )
+        tiles.append((label, pictures.of_colour(fill.colour)))
+    return pictures.sheet(tiles)

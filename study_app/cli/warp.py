@@ -1,0 +1,302 @@
+"""`metamerlab warp`: one picture, warped and filled by any method."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from protocols.errors import StudyError
+from study_app.cli.errors import user_errors
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pipeline.frame import WarpedFrame
+    from stimuli.exr import WarpInput
+    from stimuli.one_frame import Choice, Filled
+
+DEFAULT_METHOD = "metameric"
+_SOURCE_HELP = (
+    "A file of RGBZ and flow (.exr), the left image of a stereo pair (with --disparity),"
+    " or a built-in pair: motorcycle."
+)
+_STEREO = "Stereo pair"
+_LOOK = "To look at"
+
+
+def _print_methods(asked: bool) -> None:
+    if not asked:
+        return
+    from pipeline.methods.registry import METHODS, method_parameters
+
+    table = Table("method", "what it is", "parameters (default)", box=None)
+    for entry in METHODS:
+        probe = f"{entry.name}x" if entry.takes_path else entry.name
+        shown = ", ".join(f"{k} ({v})" for k, v in method_parameters(probe).items())
+        table.add_row(entry.shown_name, entry.summary, shown or "-")
+    Console(highlight=False).print(table)
+    raise typer.Exit
+
+
+def warp(
+    source: Annotated[str, typer.Argument(help=_SOURCE_HELP, show_default=False)],
+    out: Annotated[
+        Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
+    ] = Path("filled.png"),
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--method",
+            "-m",
+            help="Fill method; the first one makes OUT. May be given more than once for"
+            f" --compare. [default: {DEFAULT_METHOD}]",
+            show_default=False,
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="A parameter of the (one) method, as name=value.", metavar="P=V"
+        ),
+    ] = None,
+    _list: Annotated[
+        bool,
+        typer.Option(
+            "--list",
+            help="List the methods and their parameters, then stop.",
+            callback=_print_methods,
+            is_eager=True,
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Of the noise; same seed, same picture.", min=0)] = 0,
+    clip: Annotated[
+        bool, typer.Option(help="Clip light brighter than the display can show.")
+    ] = False,
+    disparity: Annotated[
+        Path | None,
+        typer.Option(
+            help="Disparity of the left image: .png, .pgm, .pfm, .exr, .npy or .npz; unknown is 0"
+            " in integers, not finite in floats.",
+            rich_help_panel=_STEREO,
+        ),
+    ] = None,
+    units_per_px: Annotated[
+        float,
+        typer.Option(help="What the file stores for 1 px of disparity.", rich_help_panel=_STEREO),
+    ] = 1.0,
+    right: Annotated[
+        Path | None,
+        typer.Option(help="Right image: fills are measured against it.", rich_help_panel=_STEREO),
+    ] = None,
+    focal_px: Annotated[
+        float | None,
+        typer.Option(
+            help="Focal length; without it depths are right in ratio only.",
+            rich_help_panel=_STEREO,
+        ),
+    ] = None,
+    baseline_m: Annotated[
+        float, typer.Option(help="Distance of the cameras.", rich_help_panel=_STEREO)
+    ] = 0.1,
+    offset_px: Annotated[
+        float,
+        typer.Option(
+            help="Offset of the principal points (doffs), added to the disparity for depth.",
+            rich_help_panel=_STEREO,
+        ),
+    ] = 0.0,
+    amount: Annotated[
+        float,
+        typer.Option(
+            help="How far to move: 1 is the right camera, 0.5 half way.", rich_help_panel=_STEREO
+        ),
+    ] = 1.0,
+    steps: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise.",
+            rich_help_panel=_LOOK,
+        ),
+    ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            help="Picture of all methods side by side, labelled; without --method of all that"
+            " there are.",
+            rich_help_panel=_LOOK,
+        ),
+    ] = None,
+) -> None:
+    """Warp one picture and fill its holes.
+
+    The holes are what the new view shows and the old one did not see.
+    Where the truth is known (a right image), the fill is measured inside them.
+
+    Examples:
+
+        metamerlab warp motorcycle filled.png --method telea
+
+        metamerlab warp frame.exr filled.png --steps steps/
+
+        metamerlab warp motorcycle --compare sheet.png
+
+        metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
+    """
+    with user_errors():
+        choices = _choices(methods, settings, compare is not None)
+        _check_outputs(out, compare, steps)
+        rig = {
+            "units_per_px": units_per_px,
+            "focal_px": focal_px,
+            "baseline_m": baseline_m,
+            "offset_px": offset_px,
+        }
+        frame, truth = _load(source, disparity, right, rig, amount, clip)
+        _run(frame, truth, choices, seed, out, compare, steps)
+
+
+def _run(
+    frame: WarpInput,
+    truth: NDArray[np.float32] | None,
+    choices: list[Choice],
+    seed: int,
+    out: Path,
+    compare: Path | None,
+    steps: Path | None,
+) -> None:
+    from pipeline.gl.context import create_context, describe, release_context
+    from stimuli import pictures
+    from stimuli.exr import save_colour
+    from stimuli.one_frame import comparison, warp_and_fill
+    from stimuli.steps import write_steps
+
+    console = Console(highlight=False, soft_wrap=True)
+    ctx = create_context()
+    try:
+        console.print(f"renderer: {describe(ctx)}")
+        with console.status("warping and filling ..."):
+            warped, fills = warp_and_fill(ctx, frame, choices, seed=seed, truth=truth)
+    finally:
+        release_context(ctx)
+    _print_results(console, warped, fills)
+    save_colour(out, fills[0].colour)
+    console.print(f"wrote {out} ({fills[0].choice.label})")
+    if compare is not None:
+        pictures.save_picture(compare, comparison(warped, fills, truth))
+        console.print(f"wrote {compare} ({len(fills)} methods)")
+    if steps is not None:
+        with console.status("writing every step ..."):
+            written = write_steps(steps, frame, warped, fills, seed=seed)
+        console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
+
+
+def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
+    from pipeline.methods.registry import METHODS, check_method_name
+    from stimuli.one_frame import Choice
+
+    if not methods:
+        every = [entry.name for entry in METHODS if not entry.takes_path]
+        # The default first: it makes OUT.
+        methods = sorted(every, key=lambda name: name != DEFAULT_METHOD)
+        methods = methods if compare else [DEFAULT_METHOD]
+    for name in methods:
+        check_method_name(name)
+    if len(methods) > 1 and not compare:
+        raise StudyError(
+            f"one --method makes one OUT (got {len(methods)}); add --compare FILE to see them all"
+        )
+    parameters = _parameters(methods, settings or [])
+    return [Choice(name, parameters) for name in methods]
+
+
+def _parameters(methods: list[str], settings: list[str]) -> dict[str, Any]:
+    if settings and len(methods) > 1:
+        raise StudyError("--set needs exactly one --method: whose parameter it is is not clear")
+    parameters: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals or not name:
+            raise StudyError(f"--set must be name=value (got {setting!r})")
+        try:
+            parameters[name] = json.loads(value)  # numbers and true or false
+        except json.JSONDecodeError:
+            parameters[name] = value
+    return parameters
+
+
+def _check_outputs(out: Path, compare: Path | None, steps: Path | None) -> None:
+    """Refuse before the work what could not be written after it."""
+    for path in (out, compare):
+        if path is None:
+            continue
+        if path.suffix.lower() not in (".png", ".exr") or (
+            path is compare and path.suffix.lower() != ".png"
+        ):
+            endings = ".png" if path is compare else ".png or .exr"
+            raise StudyError(f"{path}: must end in {endings}")
+        if not path.parent.is_dir():
+            raise StudyError(f"{path}: its folder must exist; make it first: {path.parent}")
+        if path.is_dir():
+            raise StudyError(f"{path}: must be a file, and is a folder")
+    if steps is not None and steps.exists() and not steps.is_dir():
+        raise StudyError(f"{steps}: must be a folder, and is a file")
+
+
+def _load(
+    source: str,
+    disparity: Path | None,
+    right: Path | None,
+    rig: dict[str, float | None],
+    amount: float,
+    clip: bool,
+) -> tuple[WarpInput, NDArray[np.float32] | None]:
+    """Return what to warp, and the truth where it is known."""
+    from stimuli.exr import load_warp_input
+    from stimuli.scenes.stereo import BUILT_IN, built_in_pair, load_pair
+
+    path = Path(source)
+    if source in BUILT_IN and not path.exists():
+        pair = built_in_pair(source)
+    elif disparity is not None:
+        given = {name: value for name, value in rig.items() if value is not None}
+        pair = load_pair(path, disparity, right, **given)
+    elif path.suffix.lower() == ".exr":
+        if amount != 1.0 or right is not None:
+            raise StudyError("--amount and --right belong to stereo pairs: a file has its flow")
+        return load_warp_input(path, clip=clip), None
+    elif path.exists():
+        raise StudyError(
+            f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE"
+        )
+    else:
+        raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
+    # Half way between the cameras there is no photograph to compare with.
+    truth = pair.right if amount == 1.0 else None
+    return pair.warp_input(amount), truth
+
+
+def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled]) -> None:
+    height, width = warped.size
+    console.print(f"{width} x {height} px, holes {100 * warped.hole.mean():.2f} % of the frame")
+    if not any(fill.quality for fill in fills):
+        return
+    table = Table("method", title="inside the holes", title_justify="left", box=None)
+    for column in ("PSNR dB", "SSIM", "high-frequency ratio", "band error"):
+        table.add_column(column, justify="right")
+    for fill in fills:
+        if fill.quality is not None:
+            numbers = fill.quality
+            table.add_row(
+                fill.choice.label,
+                f"{numbers.psnr_db:.2f}",
+                f"{numbers.ssim:.3f}",
+                f"{numbers.high_frequency_ratio:.2f}",
+                f"{numbers.band_error:.3f}",
+            )
+    console.print(table)

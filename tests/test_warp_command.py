@@ -1,0 +1,329 @@
+"""`metamerlab warp` from the command line to the picture, and every mistake on the way."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.frame import SourceFrame
+from pipeline.image_file import read_pixels, write_pixels
+from pipeline.methods.registry import METHODS
+from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
+from stimuli.one_frame import Choice, warp_and_fill
+from stimuli.steps import metameric_steps
+from study_app.cli import app
+
+HEIGHT, WIDTH = 48, 64
+CPU_METHODS = ["telea", "navier-stokes", "oiio-push-pull", "background-extension"]
+
+
+def run(*arguments) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+def refusal(*arguments) -> str:
+    code, _, said = run(*arguments)
+    assert code == 2, said
+    assert said.startswith("error: "), said
+    assert "Traceback" not in said
+    return said
+
+
+@pytest.fixture
+def frame(rng) -> WarpInput:
+    """A square at 2 m before a wall at 4 m; the square moves 6 px to the left."""
+    colour = rng.uniform(0.3, 0.6, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    depth_m = np.full((HEIGHT, WIDTH), 4.0, np.float32)
+    depth_m[12:36, 24:48] = 2.0
+    flow_px = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    flow_px[12:36, 24:48, 0] = -6.0
+    return WarpInput(SourceFrame(colour, depth_m), flow_px)
+
+
+@pytest.fixture
+def exr(tmp_path, frame):
+    save_warp_input(tmp_path / "frame.exr", frame)
+    return tmp_path / "frame.exr"
+
+
+@pytest.fixture
+def stereo(tmp_path, frame):
+    """The same scene as a pair with integer disparity; the right view is made up."""
+    save_colour(tmp_path / "left.png", frame.source.colour)
+    save_colour(tmp_path / "right.png", frame.source.colour[:, ::-1].copy())
+    disparity = np.where(frame.source.depth_m == 2.0, 32, 8).astype(np.uint8)
+    write_pixels(tmp_path / "disparity.png", disparity[..., None], "Y")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
+    out = tmp_path / "out.png"
+    code, said, _ = run(exr, out, "--method", "telea")
+
+    filled = load_colour(out)
+    shown = np.rint(255 * frame.source.colour) / 255
+    assert code == 0
+    assert "% of the frame" in said
+    np.testing.assert_allclose(filled[13:35, 19:41], shown[13:35, 25:47], atol=1e-6)
+    np.testing.assert_allclose(filled[:11], shown[:11], atol=1e-6)
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
+    for name in ("a.png", "b.png"):
+        assert run(exr, tmp_path / name, "-m", "weighted-pull-push")[0] == 0
+
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_motorcycle_is_built_in_and_measured_against_the_other_photograph(tmp_path):
+    code, said, _ = run("motorcycle", tmp_path / "out.png", "-m", "background-extension")
+
+    assert code == 0
+    assert "741 x 500 px" in said
+    assert "PSNR" in said
+    assert load_colour(tmp_path / "out.png").shape == (500, 741, 3)
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_stereo_pair_is_moved_by_its_disparity(stereo):
+    """The wall moves 2 px left, the square 8: its left edge from 24 to 16."""
+    code, said, _ = run(
+        stereo / "left.png",
+        stereo / "out.png",
+        *("-m", "telea", "--disparity", stereo / "disparity.png", "--units-per-px", 4),
+        *("--right", stereo / "right.png"),
+    )
+
+    left, filled = load_colour(stereo / "left.png"), load_colour(stereo / "out.png")
+    assert code == 0
+    assert "PSNR" in said
+    np.testing.assert_allclose(filled[13:35, 17:39], left[13:35, 25:47], atol=1e-6)
+    np.testing.assert_allclose(filled[:11, :-3], left[:11, 2:-1], atol=1e-6)
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_half_the_amount_moves_half_as_far_and_has_no_truth(stereo):
+    _, said, _ = run(
+        stereo / "left.png",
+        stereo / "out.png",
+        *("-m", "telea", "--disparity", stereo / "disparity.png", "--units-per-px", 4),
+        *("--right", stereo / "right.png", "--amount", 0.5),
+    )
+
+    left, filled = load_colour(stereo / "left.png"), load_colour(stereo / "out.png")
+    assert "PSNR" not in said
+    np.testing.assert_allclose(filled[13:35, 21:43], left[13:35, 25:47], atol=1e-6)
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_comparison_shows_every_method(exr, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    methods = [part for name in CPU_METHODS for part in ("-m", name)]
+    code, said, _ = run(exr, tmp_path / "out.png", "--compare", sheet, *methods)
+
+    assert code == 0
+    assert f"wrote {sheet} (4 methods)" in said
+    assert read_pixels(sheet).data.shape[1] > 3 * 320  # three columns of enlarged tiles
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_comparison_without_methods_takes_all_of_them(exr, tmp_path):
+    _, said, _ = run(exr, tmp_path / "out.png", "--compare", tmp_path / "sheet.png")
+
+    every = [entry.name for entry in METHODS if not entry.takes_path]
+    assert f"({len(every)} methods)" in said
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_steps_are_written_as_pictures(exr, tmp_path):
+    folder = tmp_path / "steps"
+    code, _, _ = run(exr, tmp_path / "out.png", "-m", "telea", "--steps", folder)
+
+    names = sorted(path.name for path in folder.iterdir())
+    assert code == 0
+    assert names == [
+        "00-source.png",
+        "01-source-depth.png",
+        "02-source-flow.png",
+        "03-warped.png",
+        "04-hole.png",
+        "05-warped-depth.png",
+        "06-warped-flow.png",
+        "07-filled-telea.png",
+        "sheet.png",
+    ]
+    mask = read_pixels(folder / "04-hole.png").data[..., 0]
+    assert set(np.unique(mask)) == {0, 255}
+    assert (mask[13:35, 43:47] == 255).all()  # uncovered, between quads torn at either side
+    assert (mask[:11] == 0).all()
+
+
+def test_metameric_steps_show_bands_moments_and_noise(gl_context, frame):
+    warped, _ = warp_and_fill(gl_context, frame, [])
+    steps = {name: picture for name, _, picture in metameric_steps(warped, {"levels": 2}, 0)}
+
+    assert set(steps) == {"base", "noise"} | {
+        f"level{level}-{what}"
+        for level in (0, 1)
+        for what in ("bands", "valid", "mean", "deviation", "amplitude", "noise")
+    }
+    assert steps["level0-valid"].shape == (HEIGHT, WIDTH, 3)
+    assert steps["level1-valid"].shape == (HEIGHT // 2, WIDTH // 2, 3)
+    # Noise is added in the hole only: mid grey elsewhere.
+    assert (steps["noise"][~warped.hole] == 128).all()
+    assert (steps["noise"][warped.hole] != 128).any()
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_parameter_reaches_the_method(exr, tmp_path):
+    for radius in (1, 9):
+        run(exr, tmp_path / f"{radius}.png", "-m", "telea", "--set", f"radius_px={radius}")
+
+    assert (tmp_path / "1.png").read_bytes() != (tmp_path / "9.png").read_bytes()
+
+
+def test_list_names_every_method_without_a_source():
+    code, said, _ = run("--list")
+
+    assert code == 0
+    for entry in METHODS:
+        assert entry.shown_name in said
+
+
+# --- mistakes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-m", "tela"], "did you mean 'telea'"),
+        (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
+        (["-m", "telea", "--set", "radius"], "must be name=value"),
+        (["-m", "telea", "--amount", "0.5"], "belong to stereo pairs"),
+    ],
+)
+def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, said):
+    assert said in refusal(exr, tmp_path / "out.png", *arguments)
+    assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [
+        ("out.jpg", "must end in .png or .exr"),
+        ("nowhere/out.png", "its folder must exist"),
+        ("folder.png", "must be a file, and is a folder"),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_refused_before_any_work(exr, tmp_path, out, said):
+    (tmp_path / "folder.png").mkdir()
+
+    assert said in refusal(exr, tmp_path / out, "-m", "telea")
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_unknown_and_impossible_parameters_are_refused(exr, tmp_path):
+    out = tmp_path / "out.png"
+
+    assert "did you mean 'radius_px'" in refusal(exr, out, "-m", "telea", "--set", "radius=3")
+    assert "must lie in" in refusal(exr, out, "-m", "telea", "--set", "radius_px=0")
+    assert "must be int or float" in refusal(exr, out, "-m", "telea", "--set", "radius_px=wide")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["nowhere.exr", "nowhere"])
+def test_a_missing_source_is_refused(tmp_path, name):
+    said = refusal(tmp_path / name, tmp_path / "out.png", "-m", "telea")
+
+    assert "no such file" in said
+    assert name in said
+
+
+def test_a_source_that_is_no_frame_is_refused(tmp_path, stereo):
+    (tmp_path / "text.exr").write_text("not an image")
+    out = tmp_path / "out.png"
+
+    assert "must be an image" in refusal(tmp_path / "text.exr", out, "-m", "telea")
+    assert "come with --disparity" in refusal(stereo / "left.png", out, "-m", "telea")
+    assert not out.exists()
+
+
+def test_a_cut_file_is_refused(exr, tmp_path):
+    exr.write_bytes(exr.read_bytes()[:2000])
+
+    assert "must be" in refusal(exr, tmp_path / "out.png", "-m", "telea")
+
+
+@pytest.mark.parametrize(
+    ("channel", "value", "said"),
+    [
+        ("R", np.nan, "colour must be finite"),
+        ("Z", 0.0, "depth must be greater than 0"),
+        ("flow.x", np.nan, "flow must be finite"),
+    ],
+)
+def test_bad_values_are_refused_and_nothing_is_written(tmp_path, rng, channel, value, said):
+    names = ("R", "G", "B", "Z", "flow.x", "flow.y")
+    data = rng.uniform(0.1, 0.9, (8, 8, 6)).astype(np.float32)
+    data[3, 4, names.index(channel)] = value
+    write_pixels(tmp_path / "bad.exr", data, names)
+
+    message = refusal(tmp_path / "bad.exr", tmp_path / "out.png", "-m", "telea")
+
+    assert said in message
+    assert "row 3, column 4" in message
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_pairs_whose_sizes_differ_are_refused(stereo):
+    save_colour(stereo / "small.png", np.zeros((4, 4, 3), np.float32))
+    rest = (stereo / "out.png", "-m", "telea", "--disparity", stereo / "disparity.png")
+
+    assert "one height and width" in refusal(stereo / "small.png", *rest)
+    assert "one height and width" in refusal(
+        stereo / "left.png", *rest, "--right", stereo / "small.png"
+    )
+
+
+def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng):
+    data = rng.uniform(0.1, 0.9, (16, 16, 6)).astype(np.float32)
+    data[3, 4, 0] = 5.0
+    data[..., 4:] = 0
+    write_pixels(tmp_path / "hdr.exr", data, ("R", "G", "B", "Z", "flow.x", "flow.y"))
+    arguments = (tmp_path / "hdr.exr", tmp_path / "out.png", "-m", "telea")
+
+    assert "allow clipping" in refusal(*arguments)
+    assert run(*arguments, "--clip")[0] == 0
+    assert gl_context is not None
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_frame_that_leaves_the_view_whole_is_refused(tmp_path):
+    """Every pixel becomes a hole: from nothing, nothing can be filled."""
+    gone = WarpInput(
+        SourceFrame(np.full((8, 8, 3), 0.5, np.float32), np.ones((8, 8), np.float32)),
+        np.full((8, 8, 2), 100.0, np.float32),
+    )
+    save_warp_input(tmp_path / "gone.exr", gone)
+
+    said = refusal(tmp_path / "gone.exr", tmp_path / "out.png", "-m", "telea")
+
+    assert "at least one known pixel" in said
+    assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_seed_is_at_least_0(exr, tmp_path):
+    code, _, said = run(exr, tmp_path / "out.png", "-m", "telea", "--seed", -1)
+
+    assert code == 2
+    assert "--seed" in said
+
+
+@pytest.mark.parametrize("choice", [Choice("telea"), Choice("telea", {"radius_px": 5})])
+def test_a_choice_names_its_parameters(choice):
+    assert choice.label.startswith("telea")
+    assert ("radius_px 5" in choice.label) == bool(choice.parameters)
