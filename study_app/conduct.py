@@ -30,7 +30,7 @@ from protocols.journal import (
     SessionStart,
     VoidReason,
 )
-from protocols.manifest import Manifest
+from protocols.manifest import Manifest, check_manifest
 from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
@@ -98,6 +98,7 @@ def begin(
     """
     protocol = setting.protocol
     require_feasible(protocol, setting.display, setting.manifest)
+    check_manifest(protocol, setting.manifest)
     _texts(protocol, language)
     info = _gaze_info(protocol, gaze)
     folder = sitting_folder(setting.root, protocol, participant)

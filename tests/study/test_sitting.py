@@ -1,0 +1,669 @@
+"""A whole sitting on a virtual display: flow, requeue, resume, and what was shown."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+import os
+import random
+import signal
+import time
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.hashing import sha256_file
+from protocols.journal import (
+    Attempt,
+    Break,
+    Consent,
+    Pause,
+    SessionEnd,
+    SessionResume,
+    Withdrawal,
+    event_line,
+)
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol
+from protocols.plan import make_plan
+from protocols.schema import StudyProtocol
+from study_app.attempt import Log, Watcher, run_attempt
+from study_app.conduct import begin, conduct, resume
+from study_app.gaze.fixation import FixationMonitor, persistence_s
+from study_app.gaze.geometry import Viewing
+from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
+from study_app.observer import ArtificialObserver, ObserverModel
+from study_app.recorder import DiskError, Recorder
+from study_app.session import remaining
+from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.sittings import find_sittings, next_slot
+from study_app.stage import PageResult
+from study_app.trial import Phase, Timeline
+from study_app.virtual import Fault, VirtualClock, VirtualStage
+
+DEMO = load_protocol(Path("demo"))
+FHD = load_display("fhd27-60hz")
+
+
+def changed(protocol: StudyProtocol, **sections: dict[str, object]) -> StudyProtocol:
+    plain = protocol.model_dump()
+    for section, fields in sections.items():
+        plain[section] |= fields
+    return StudyProtocol.model_validate(plain)
+
+
+SHORT = changed(
+    DEMO,
+    clips={"duration_s": 0.2},
+    trial={"fixation_s": 0.1, "gap_s": 0.1, "iti_s": 0.1, "fixation_timeout_s": 5.0},
+    gaze={"mode": "enforce"},
+)
+NO_GAZE = changed(SHORT, gaze={"mode": "none"})
+RESTLESS = GazeBehaviour(away_per_s=0.25, blink_per_s=0.3, loss_per_s=0.05)
+
+
+def simulation(protocol=SHORT, **fields) -> Simulation:
+    return Simulation(protocol, FHD, **({"gaze": STEADY} | fields))
+
+
+def facts(attempts) -> list[tuple[object, ...]]:
+    """What a sitting decided, without its clocks."""
+    return [
+        (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.choice, a.chosen, a.key,
+         a.dropped, a.rt_s if a.rt_s is None else round(a.rt_s, 4))
+        for a in attempts
+    ]  # fmt: skip
+
+
+def journal_of(root: Path, participant: str = "S001"):
+    return read_journal(root / SHORT.study.name / participant / "journal.jsonl")
+
+
+def test_an_undisturbed_sitting_shows_the_plan_in_order(tmp_path):
+    outcome = simulate_sitting(simulation(), tmp_path, "S001")
+    journal = journal_of(tmp_path)
+    manifest = virtual_manifest(SHORT, FHD)
+    plan = make_plan(SHORT, manifest, "S001", journal.start.slot)
+
+    assert outcome.reason == "completed"
+    assert outcome.main_done == outcome.main_planned == 24
+    assert [attempt.trial for attempt in journal.attempts] == [trial.id for trial in plan.trials]
+    for attempt, trial in zip(journal.attempts, plan.trials, strict=True):
+        for name in ("scene", "size", "first", "second", "first_side", "catch", "repeat", "block"):
+            assert getattr(attempt, name) == getattr(trial, name)
+        assert [c.clip_sha256 for c in attempt.clips] == [
+            manifest.clip(name).sha256 for name in trial.clips
+        ]
+        assert [c.frames_shown for c in attempt.clips] == [6, 6]
+        assert attempt.dropped == 0
+        # fixation gate, 0.2 s, 0.1 s, 0.2 s at 60 Hz
+        assert [(p.phase, p.refreshes) for p in attempt.phases[1:4]] == [
+            ("first", 12), ("gap", 6), ("second", 12),
+        ]  # fmt: skip
+
+
+def test_the_header_holds_every_hash_and_says_simulated(tmp_path):
+    simulate_sitting(simulation(), tmp_path, "S001")
+    start = journal_of(tmp_path).start
+
+    assert start.simulated
+    assert start.protocol_sha256 == SHORT.sha256
+    assert start.stimuli_sha256 == SHORT.stimuli_sha256
+    assert start.manifest_sha256 == virtual_manifest(SHORT, FHD).sha256
+    assert start.plan_sha256 == make_plan(SHORT, virtual_manifest(SHORT, FHD), "S001", 0).sha256
+    assert start.seed == SHORT.design.seed
+    assert start.gaze.source == "simulated"
+    assert start.timing_evidence == "virtual"
+    assert {"python", "numpy", "pydantic"} <= set(start.versions)
+    assert start.revision
+
+
+def test_a_sitting_has_consent_blocks_breaks_questions_and_an_end(tmp_path):
+    simulate_sitting(simulation(), tmp_path, "S001")
+    events = journal_of(tmp_path).events
+    kinds = [event.kind for event in events if event.kind != "attempt"]
+
+    assert kinds == [
+        "session-start", "consent", "block-start", "block-end", "block-start", "block-end",
+        "break", "block-start", "block-end", "answer", "answer", "session-end",
+    ]  # fmt: skip
+    assert next(e for e in events if isinstance(e, Break)).duration_s >= SHORT.design.break_s
+    assert next(e for e in events if isinstance(e, Consent)).agreed
+    blocks = [event.block for event in events if isinstance(event, Attempt)]
+    assert blocks == sorted(blocks)
+
+
+def test_gaze_and_flips_lie_beside_the_journal_as_hashed(tmp_path):
+    simulate_sitting(simulation(), tmp_path, "S001")
+    journal = journal_of(tmp_path)
+    folder = journal.path.parent
+    for attempt in journal.attempts:
+        for side in (attempt.gaze_file, attempt.flips_file):
+            assert sha256_file(folder / side.file) == side.sha256
+    attempt = journal.attempts[3]
+    with (folder / attempt.flips_file.file).open() as file:
+        flips = list(csv.DictReader(file))
+    assert [int(f["clip_frame"]) for f in flips if f["phase"] == "first"] == [
+        k // 2 for k in range(12)
+    ]  # 30 fps at 60 Hz
+    with (folder / attempt.gaze_file.file).open() as file:
+        rows = list(csv.DictReader(file))
+    watched = [r for r in rows if attempt.phases[1].onset_s <= float(r["t_s"])]
+    assert len(watched) >= 0.5 * 250  # 0.5 s watched at 250 Hz
+
+
+def test_void_attempts_come_again_later_in_their_block_and_all_are_kept(tmp_path):
+    outcome = simulate_sitting(simulation(gaze=RESTLESS, seed=4), tmp_path, "S001")
+    journal = journal_of(tmp_path)
+    voids = [a for a in journal.attempts if a.outcome == "void"]
+
+    assert len(voids) >= 4
+    assert {a.void_reason for a in voids} <= {"gaze-break", "data-loss", "no-fixation"}
+    for void in voids:
+        again = [a for a in journal.attempts if a.trial == void.trial and a.attempt > void.attempt]
+        assert again or void.attempt == SHORT.design.max_attempts
+        assert all(a.block == void.block and a.position > void.position for a in again)
+    tries = Counter(a.trial for a in journal.attempts)
+    assert max(tries.values()) <= SHORT.design.max_attempts
+    assert outcome.main_done + sum(i.startswith("main") for i in outcome.given_up) == 24
+    # The next trial is another one wherever another was left in the block.
+    for early, late in pairwise(journal.attempts):
+        if early.outcome == "void" and early.trial == late.trial:
+            plan = make_plan(SHORT, virtual_manifest(SHORT, FHD), "S001", 0)
+            before = [a for a in journal.attempts if a.position < late.position]
+            assert len(remaining(plan, late.block, before, SHORT.design.max_attempts)) == 1
+
+
+def test_a_trial_is_given_up_after_the_allowed_attempts(tmp_path):
+    blind = GazeBehaviour(jitter_deg=20.0)
+    outcome = simulate_sitting(
+        simulation(changed(SHORT, trial={"fixation_timeout_s": 0.5}), gaze=blind), tmp_path, "S001"
+    )
+    attempts = journal_of(tmp_path).attempts
+
+    assert outcome.reason == "completed"
+    assert outcome.main_done == 0
+    assert len(outcome.given_up) == 28
+    assert len(attempts) == 28 * 3
+    assert {a.void_reason for a in attempts} == {"no-fixation"}
+
+
+def test_missed_refreshes_void_by_the_protocol_s_tolerance(tmp_path):
+    simulate_sitting(simulation(missed_per_flip=0.05, seed=2), tmp_path, "S001")
+    attempts = journal_of(tmp_path).attempts
+
+    assert any(a.void_reason == "dropped-frames" for a in attempts)
+    for attempt in attempts:
+        dropped = sum(p.dropped for p in attempt.phases if p.phase in ("first", "gap", "second"))
+        assert attempt.dropped == dropped
+        assert (attempt.dropped > 2) == (attempt.void_reason == "dropped-frames")
+        for phase in attempt.phases[1:4]:  # the duration holds but for a late last flip
+            if attempt.outcome == "completed":
+                assert phase.planned <= phase.refreshes <= phase.planned + 2
+
+
+@pytest.mark.parametrize(
+    ("refresh_hz", "fps"),
+    [(60.0, 30.0), (60.0, 60.0), (90.0, 45.0), (120.0, 60.0), (144.0, 72.0), (240.0, 60.0)],
+)
+def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh_hz, fps):
+    """Through a whole sitting: the side files name every planted fault, and no other."""
+    patient = changed(
+        NO_GAZE,
+        clips={"fps": fps, "duration_s": 18 / fps},
+        trial={
+            "dropped_frames_max": 100,
+            **{f"{name}_s": 18 / refresh_hz for name in ("fixation", "gap", "iti")},
+            "fixation_timeout_s": 10.0,
+        },
+    )
+    display = FHD.model_copy(update={"refresh_hz": refresh_hz})
+    chance = random.Random(int(refresh_hz + fps))
+    planted: dict[tuple[str, int], dict[int, Fault]] = {}
+
+    def faults(trial, attempt):
+        made = {}
+        for flip in chance.sample(range(1, 50), 8):
+            kind = chance.choice(["late", "missed", "doubled"])
+            made[flip] = Fault(kind, {"late": 0.3, "missed": 2.0, "doubled": 0.0}[kind])
+        planted[trial.id, attempt] = made
+        return made
+
+    clock = VirtualClock()
+    observer = ArtificialObserver(ObserverModel(), patient.response, 0, "S001")
+    stage = VirtualStage(clock, refresh_hz, observer, on_prepare=faults)
+    setting = Simulation(patient, display).setting(tmp_path, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, None)
+    with recorder:
+        conduct(setting, plan, recorder, stage, None)
+
+    assert sum(map(len, planted.values())) >= 200
+    for attempt in journal_of(tmp_path).attempts:
+        with (recorder.folder / attempt.flips_file.file).open() as file:
+            rows = list(csv.DictReader(file))
+        found = {
+            i: row["kind"] for i, row in enumerate(rows) if row["kind"] not in ("first", "on-time")
+        }
+        made = planted[attempt.trial, attempt.attempt]
+        assert found == {flip: fault.kind for flip, fault in made.items()}
+        # Each shown clip frame is the one that is due at its refresh.
+        per_frame = refresh_hz / fps
+        for name in ("first", "second"):
+            inside = [row for row in rows if row["phase"] == name]
+            passed = 0
+            for row in inside:
+                passed += int(row["refreshes"]) if row is not inside[0] else 0
+                due = passed - (0 if row is inside[0] else int(row["refreshes"]) - 1)
+                assert int(row["clip_frame"]) == int(due // per_frame)
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 250.0, 500.0, 1000.0])
+@pytest.mark.parametrize(
+    ("kind", "reason"), [("away", "gaze-break"), ("loss", "data-loss"), ("death", "data-loss")]
+)
+def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
+    """Through the attempt's own loop: one frame and one sample after the rule at the latest."""
+    protocol = changed(SHORT, clips={"duration_s": 3.0})
+    rules = protocol.gaze
+    rule_s = {
+        "away": persistence_s(rules, rate_hz),
+        "loss": (math.floor(rules.blink_s * rate_hz + 1e-9) + 1) / rate_hz,
+        "death": rules.silence_s,
+    }[kind]
+    plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
+    timeline = Timeline.of(protocol, FHD)
+    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    for seed in range(5):
+        clock = VirtualClock()
+        stage = VirtualStage(clock, 60.0, observer)
+        gaze = SimulatedGaze(clock, Viewing.of(FHD), (0.0, 0.0), rate_hz=rate_hz)
+        at_s = 1.0 + random.Random(seed).uniform(0, 1)
+        gaze.restart(seed, [GazeEvent(kind, at_s)])
+        monitor = FixationMonitor(rules, Viewing.of(FHD), (0.0, 0.0), rate_hz)
+        result = run_attempt(
+            plan.trials[0], timeline, protocol.response, stage, Watcher(gaze, monitor),
+            lambda *_: None,
+        )  # fmt: skip
+        assert result.trial.void_reason == reason
+        flips = [(phase, flip.t_s) for phase, _, flip in result.log.flips]
+        last_shown = max(t_s for phase, t_s in flips if phase is not Phase.ITI)
+        assert at_s <= last_shown <= at_s + rule_s + 1 / 60 + 1 / rate_hz + 1e-6
+        after = min(t_s for phase, t_s in flips if phase is Phase.ITI)
+        assert after == pytest.approx(last_shown + 1 / 60)  # gone with the next flip
+
+
+# --- presented = planned -------------------------------------------------------------------
+
+
+def random_protocol(chance: random.Random) -> tuple[StudyProtocol, float]:
+    """A protocol that a display of the returned rate can do, with everything varied."""
+    refresh_hz = chance.choice([60.0, 90.0, 120.0, 144.0, 240.0])
+    per_frame = chance.choice([1, 2, 3, 4])
+    fps = refresh_hz / per_frame
+
+    def whole(low, high):
+        return chance.randint(low, high) / refresh_hz
+
+    protocol = changed(
+        DEMO,
+        clips={"fps": fps, "duration_s": chance.randint(1, 12) / fps},
+        design={
+            "repeats": chance.randint(1, 2),
+            "side": chance.choice(["by-participant", "by-trial", "fixed"]),
+            "scene_order": chance.choice(["random", "balanced"]),
+            "scenes": (chance.choice(["garden", "colonnade"]),),
+            "pairings": (("reference", "metameric"),),
+            "practice": None,
+            "catch": None,
+            "seed": chance.randint(0, 2**31),
+        },
+        trial={
+            "fixation_s": whole(1, 6),
+            "fixation_timeout_s": whole(10, 20),
+            "gap_s": whole(1, 6),
+            "iti_s": whole(1, 4),
+        },
+        gaze={"mode": "none"},
+        response={"timeout_s": None},
+    )
+    return protocol, refresh_hz
+
+
+def test_presented_is_planned_over_1000_random_protocols():
+    chance = random.Random(11)
+    for number in range(1000):
+        protocol, refresh_hz = random_protocol(chance)
+        display = FHD.model_copy(update={"refresh_hz": refresh_hz})
+        plan = make_plan(protocol, virtual_manifest(protocol, display), f"P{number}", number)
+        timeline = Timeline.of(protocol, display)
+        observer = ArtificialObserver(ObserverModel(), protocol.response, number, "P")
+        stage = VirtualStage(VirtualClock(chance.uniform(0, 9)), refresh_hz, observer)
+        for trial in plan.trials:
+            stage.prepare(trial, 1)
+            stage.pictures = []
+            result = run_attempt(trial, timeline, protocol.response, stage, None, lambda *_: None)
+            per_frame = timeline.refreshes_per_clip_frame
+            clip = [k // per_frame for k in range(protocol.clips.frames * per_frame)]
+            shown = [(p.phase, p.clip, p.frame) for _, p in stage.pictures]
+            asked = [entry for entry in shown if entry[0] is Phase.RESPOND]
+            assert shown == [
+                *[(Phase.FIXATE, None, None)] * round(protocol.trial.fixation_s * refresh_hz),
+                *[(Phase.FIRST, 0, frame) for frame in clip],
+                *[(Phase.GAP, None, None)] * round(protocol.trial.gap_s * refresh_hz),
+                *[(Phase.SECOND, 1, frame) for frame in clip],
+                *asked,
+                *[(Phase.ITI, None, None)] * round(protocol.trial.iti_s * refresh_hz),
+            ]
+            assert result.trial.completed
+            assert {flip.kind for _, _, flip in result.log.flips[1:]} == {"on-time"}
+            stamps = [t_s for t_s, picture in stage.pictures if picture.phase is Phase.FIRST]
+            assert stamps[-1] - stamps[0] == pytest.approx(
+                protocol.clips.duration_s - 1 / refresh_hz, abs=1e-9
+            )
+
+
+# --- killed, resumed -----------------------------------------------------------------------
+
+
+def in_a_child(work, *, kill_after_s: float | None = None) -> None:
+    """Run `work` in a forked process; kill it with SIGKILL after a time, if it still runs."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(0)
+    if kill_after_s is not None:
+        time.sleep(kill_after_s)
+        os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def killed_at_write(point: int, part: float) -> None:
+    """From now on, die at the `point`-th write or sync; a write gets `part` of its bytes out."""
+    real_write, real_sync, calls = os.write, os.fsync, [0]
+
+    def write(descriptor, data):
+        calls[0] += 1
+        if calls[0] == point:
+            real_write(descriptor, bytes(data)[: int(part * len(data))])
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real_write(descriptor, data)
+
+    def sync(descriptor):
+        calls[0] += 1
+        if calls[0] == point:
+            os.kill(os.getpid(), signal.SIGKILL)
+        real_sync(descriptor)
+
+    os.write, os.fsync = write, sync
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
+    """SIGKILL at random times and at random writes; every sitting goes on to the end."""
+    tiny = changed(SHORT, design={"repeats": 1})
+    sim = simulation(tiny, gaze=RESTLESS, seed=3)
+    began = time.perf_counter()
+    simulate_sitting(sim, tmp_path / "whole", "S001")
+    lasts_s = time.perf_counter() - began
+    undisturbed = journal_of(tmp_path / "whole")
+    assert any(a.outcome == "void" for a in undisturbed.attempts)
+    chance = random.Random(2026)
+    kills, sitting = 0, 0
+    while kills < proof_count(200):
+        root = tmp_path / f"killed-{sitting}"
+        sitting += 1
+        saved = b""
+        for _ in range(3):  # several kills in one sitting
+            kills += 1
+            if kills % 2:
+                in_a_child(
+                    lambda: simulate_sitting(sim, root, "S001"),  # noqa: B023
+                    kill_after_s=chance.uniform(0.0, lasts_s),
+                )
+            else:
+                point, part = chance.randint(1, 70), chance.random()
+
+                def work(root=root, point=point, part=part):
+                    killed_at_write(point, part)
+                    simulate_sitting(sim, root, "S001")
+
+                in_a_child(work)
+            path = root / SHORT.study.name / "S001" / "journal.jsonl"
+            if not path.exists():
+                continue
+            written = path.read_bytes()
+            assert written.startswith(saved)  # what was saved before is still there
+            saved = written[: written.rfind(b"\n") + 1]
+        simulate_study(sim, root, 1)
+        journal = journal_of(root)
+        assert journal.path.read_bytes().startswith(saved)
+        assert facts(journal.attempts) == facts(undisturbed.attempts)
+        assert journal.start.plan_sha256 == undisturbed.start.plan_sha256
+        assert [e.n for e in journal.events] == list(range(len(journal.events)))
+        assert isinstance(journal.events[-1], SessionEnd)
+        for attempt in journal.attempts:
+            for side in (attempt.gaze_file, attempt.flips_file):
+                assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
+
+
+def test_a_sitting_that_was_quit_goes_on_where_it_stopped(tmp_path):
+    sim = simulation()
+    clock = VirtualClock()
+    setting = sim.setting(tmp_path, clock)
+
+    class Tired(ArtificialObserver):
+        """Presses the quit key during the sixth trial, and means it when asked."""
+
+        trials = 0
+
+        def answer(self, trial, attempt):
+            self.trials += 1
+            key, after_s = super().answer(trial, attempt)
+            return ("escape", 0.1) if self.trials == 6 else (key, after_s)
+
+        def turn_page(self, page):
+            if page.name == "quit":
+                return PageResult("escape", "", 1.0)
+            return super().turn_page(page)
+
+    plain = dataclasses.replace(sim, protocol=changed(SHORT, gaze={"mode": "none"}))
+    setting = plain.setting(tmp_path, clock)
+    observer = Tired(ObserverModel(), SHORT.response, 0, "S001")
+    stage = VirtualStage(clock, 60.0, observer)
+    recorder, plan = begin(setting, "S001", "en", stage, None)
+    with recorder:
+        outcome = conduct(setting, plan, recorder, stage, None)
+    assert outcome.reason == "quit"
+    assert journal_of(tmp_path).attempts[-1].void_reason == "quit"
+    assert find_sittings(tmp_path)[0].state == "stopped"
+
+    recorder, plan = resume(setting, "S001", stage, None)
+    with recorder:
+        outcome = conduct(setting, plan, recorder, stage, None)
+    journal = journal_of(tmp_path)
+    assert outcome.main_done == 24
+    assert sum(isinstance(event, SessionResume) for event in journal.events) == 1
+    done = [a.trial for a in journal.attempts if a.outcome == "completed"]
+    assert sorted(done) == sorted(trial.id for trial in plan.trials)
+
+
+def test_the_pause_key_voids_rests_and_goes_on(tmp_path):
+    sim = simulation(changed(SHORT, gaze={"mode": "none"}))
+    clock = VirtualClock()
+
+    class Thirsty(ArtificialObserver):
+        trials = 0
+
+        def answer(self, trial, attempt):
+            self.trials += 1
+            return ("p", 0.1) if self.trials == 3 else super().answer(trial, attempt)
+
+    stage = VirtualStage(clock, 60.0, Thirsty(ObserverModel(), SHORT.response, 0, "S001"))
+    setting = sim.setting(tmp_path, clock)
+    recorder, plan = begin(setting, "S001", "de", stage, None)
+    with recorder:
+        assert conduct(setting, plan, recorder, stage, None).main_done == 24
+    events = journal_of(tmp_path).events
+    paused = next(i for i, event in enumerate(events) if isinstance(event, Pause))
+    assert events[paused - 1].void_reason == "paused"
+    assert events[0].language == "de"
+
+
+def test_refused_consent_ends_the_sitting_and_frees_the_slot(tmp_path):
+    sim = simulation(changed(SHORT, gaze={"mode": "none"}))
+    clock = VirtualClock()
+
+    class Unwilling(ArtificialObserver):
+        def turn_page(self, _page):
+            return PageResult("escape", "", 1.0)
+
+    stage = VirtualStage(clock, 60.0, Unwilling(ObserverModel(), SHORT.response, 0, "S001"))
+    setting = sim.setting(tmp_path, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, None)
+    with recorder:
+        assert conduct(setting, plan, recorder, stage, None).reason == "consent-refused"
+    assert not journal_of(tmp_path).attempts
+    assert next_slot(tmp_path, "demo") == 0
+    with pytest.raises(StudyError, match=r"the session is over \(consent-refused\)"):
+        resume(setting, "S001", stage, None)
+
+
+# --- slots, codes, mistakes ----------------------------------------------------------------
+
+
+def test_each_new_participant_gets_the_next_free_slot(tmp_path):
+    simulate_study(simulation(), tmp_path, 3)
+    assert [s.journal.start.slot for s in find_sittings(tmp_path)] == [0, 1, 2]
+
+    stone = journal_of(tmp_path, "S002").path
+    gone = Withdrawal(n=0, t_s=0.0, at="2026-01-01T00:00:00Z", study="demo", slot=1)
+    stone.write_bytes(event_line(gone))
+    simulate_sitting(simulation(), tmp_path, "S009")
+
+    assert journal_of(tmp_path, "S009").start.slot == 1
+    assert {s.participant: s.state for s in find_sittings(tmp_path)}["S002"] == "withdrawn"
+
+
+def start(tmp_path, participant, protocol=SHORT, *, manifest=None, language="en", display=FHD):
+    clock = VirtualClock()
+    sim = Simulation(protocol, display, gaze=STEADY, manifest=manifest)
+    stage = VirtualStage(
+        clock, display.refresh_hz, ArtificialObserver(ObserverModel(), protocol.response, 0, "S")
+    )
+    recorder, _ = begin(sim.setting(tmp_path, clock), participant, language, stage, None)
+    recorder.close()
+
+
+def test_a_participant_code_is_used_once(tmp_path):
+    start(tmp_path, "P1", NO_GAZE)
+    before = journal_of(tmp_path, "P1").path.read_bytes()
+    with pytest.raises(StudyError, match=r"a code is used once \(got 'P1'"):
+        start(tmp_path, "P1", NO_GAZE)
+    assert journal_of(tmp_path, "P1").path.read_bytes() == before
+
+
+@pytest.mark.parametrize("code", ["", "Ada Lovelace", "../P1", "P1/..", "ä", "x" * 40, "-"])
+def test_a_code_that_is_none_is_refused(tmp_path, code):
+    with pytest.raises(StudyError, match="participant: a code must"):
+        start(tmp_path, code, NO_GAZE)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(StudyError, match="mode 'enforce' needs a gaze source"):
+        start(tmp_path, "P1", SHORT)
+    with pytest.raises(StudyError, match=r"language: must be one of en, de, ja \(got 'fr'\)"):
+        start(tmp_path, "P1", NO_GAZE, language="fr")
+    with pytest.raises(StudyError, match="must be whole frames at 144 Hz"):
+        start(tmp_path, "P1", changed(NO_GAZE, trial={"gap_s": 0.15}),
+              display=load_display("fhd24-144hz"))  # fmt: skip
+    other = changed(NO_GAZE, clips={"width_deg": 9.0})
+    manifest = virtual_manifest(other, FHD)
+    clips = tuple(clip.model_copy(update={"width_px": 314}) for clip in manifest.clips)
+    foreign = manifest.model_copy(update={"clips": clips})
+    with pytest.raises(StudyError, match="must be built from this protocol's"):
+        start(tmp_path, "P1", NO_GAZE, manifest=foreign)
+    with pytest.raises(StudyError, match="never rescaled"):
+        start(tmp_path, "P1", NO_GAZE, manifest=virtual_manifest(other, FHD))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_resumed_sitting_must_be_what_it_was(tmp_path):
+    sim = simulation(NO_GAZE)
+    start_clock = VirtualClock()
+    start(tmp_path, "P1", NO_GAZE)
+    observer = ArtificialObserver(ObserverModel(), NO_GAZE.response, 0, "P1")
+    stage = VirtualStage(start_clock, 60.0, observer)
+
+    def again(what):
+        resume(what.setting(tmp_path, start_clock), "P1", stage, None)[0].close()
+
+    with pytest.raises(StudyError, match="the protocol must be the one the session began with"):
+        again(simulation(changed(NO_GAZE, trial={"iti_s": 0.2})))
+    manifest = virtual_manifest(NO_GAZE, FHD).model_copy(update={"revision": "other"})
+    with pytest.raises(StudyError, match="the manifest of the clips must be the one"):
+        again(simulation(NO_GAZE, manifest=manifest))
+    with pytest.raises(StudyError, match="the display must be the one"):
+        again(dataclasses.replace(sim, display=FHD.model_copy(update={"distance_mm": 701.0})))
+    real = dataclasses.replace(sim.setting(tmp_path, start_clock), simulated=False)
+    with pytest.raises(StudyError, match="simulated and real sessions must not be mixed"):
+        resume(real, "P1", stage, None)
+    before = journal_of(tmp_path, "P1").events
+    again(sim)
+    assert journal_of(tmp_path, "P1").events[:-1] == before
+    with pytest.raises(StudyError, match="there is no journal"):
+        resume(sim.setting(tmp_path, start_clock), "P2", stage, None)
+
+
+def test_a_full_disk_stops_the_sitting_at_its_last_complete_trial(tmp_path, monkeypatch):
+    sim = simulation()
+    real = Recorder.side_file
+    written = []
+
+    def full(self, stem, suffix, data):
+        if len(written) == 20:
+            raise DiskError(f"{self.folder}: the disk refused a write (No space left on device)")
+        written.append(stem)
+        return real(self, stem, suffix, data)
+
+    monkeypatch.setattr(Recorder, "side_file", full)
+    with pytest.raises(DiskError, match="No space left"):
+        simulate_sitting(sim, tmp_path, "S001")
+    monkeypatch.undo()
+    stopped = journal_of(tmp_path)
+    assert len(stopped.attempts) == 10  # two side files each
+
+    assert simulate_sitting(sim, tmp_path, "S001").main_done == 24
+    journal = journal_of(tmp_path)
+    assert journal.events[: len(stopped.events)] == stopped.events
+
+
+def test_a_log_is_made_without_touching_the_disk(monkeypatch):
+    """Between the flips of an attempt no file is opened, written or synced."""
+    protocol = NO_GAZE
+    plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
+    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    stage = VirtualStage(VirtualClock(), 60.0, observer)
+    stage.prepare(plan.trials[0], 1)
+    touched, seen = [], []
+    for name in ("open", "write", "fsync"):
+        monkeypatch.setattr(os, name, lambda *_a, name=name: touched.append(name))
+    monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
+
+    def outcome(trial, _log: Log):
+        seen.append((trial.phase, list(touched)))
+
+    result = run_attempt(
+        plan.trials[0], Timeline.of(protocol, FHD), protocol.response, stage, None, outcome
+    )
+    monkeypatch.undo()
+    assert result.trial.completed
+    assert seen == [(Phase.ITI, [])]
+    assert not touched
