@@ -249,6 +249,21 @@ def test_a_soft_step_is_torn_too(ramp_px):
     )
 
 
+def test_sides_that_differ_by_half_are_one_surface():
+    """By hand: sides of 8 and 4 px in turn; the 4 px are not longer than the threshold."""
+    displacement = np.cumsum(np.r_[0, np.tile([7, 3], 8)])
+    assert not torn(horizontal(displacement)).any()
+    displacement = np.cumsum(np.r_[0, np.tile([7, 2.75], 8)])
+    np.testing.assert_array_equal(torn(horizontal(displacement))[0], [True, False] * 8)
+
+
+@pytest.mark.parametrize("width", [7, 8])
+def test_eight_sides_in_line_are_a_surface(width):
+    """A patch magnified by six, `width` sides wide, between others at rest."""
+    displacement = np.interp(np.arange(30), [10, 10 + width], [0, 5 * width])
+    np.testing.assert_array_equal(torn(horizontal(displacement))[0].any(), width < 8)
+
+
 def zoomed_plane(step: bool) -> tuple[SourceFrame, Flow, NDArray[np.float32]]:
     """Approach a slanted plane until it appears 7 to 10 times as large; maybe a step in it."""
     source = Camera.with_field_of_view(64, 48, 50)

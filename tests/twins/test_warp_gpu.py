@@ -92,6 +92,23 @@ def random_scene(
     return Scene(frame, flow)
 
 
+def stretched_by_halves() -> Scene:
+    """Make sides of 8 and 4 px in turn, which differ by exactly half of the longer one."""
+    scene = random_scene(np.random.default_rng(9), 0, 20, 24)
+    x = np.cumsum(np.r_[0, np.tile([8, 4], 12)])[:24] - np.arange(24)
+    scene.flow_px[..., 0] = x
+    return scene
+
+
+def passed_post() -> Scene:
+    """Put a post behind the camera, between two sides equally far that move differently."""
+    scene = random_scene(np.random.default_rng(10), 0, 6, 20)
+    scene.flow_px[:, 12:] = (0.25, -0.5)
+    target = np.full((6, 20), 3, np.float32)
+    target[:, 8:12] = -1
+    return Scene(scene.frame, scene.flow_px, target)
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "sideways": lambda: seen_from((0.25, 0.05, 0), np.eye(3)),
     "forward, past a box": lambda: seen_from((0, 0, 1.1), np.eye(3)),
@@ -101,6 +118,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "jittered": lambda: random_scene(np.random.default_rng(1), 0.4),
     "scattered": lambda: random_scene(np.random.default_rng(2), 30),
     "thrown far out": lambda: random_scene(np.random.default_rng(3), 9000, 12, 14),
+    "stretched by halves": stretched_by_halves,
+    "past a post": passed_post,
     "one pixel": lambda: random_scene(np.random.default_rng(4), 0.3, 1, 1),
     "one row": lambda: random_scene(np.random.default_rng(5), 3, 1, 50),
     "one column": lambda: random_scene(np.random.default_rng(6), 3, 50, 1),
@@ -207,7 +226,7 @@ def test_gpu_matches_reference_on_fig_5(gl_context, disc_over_plane):
     settings_=st.builds(
         WarpSettings,
         st.sampled_from(VARIANTS),
-        st.sampled_from([None, 1.0, 7.5]),
+        st.sampled_from([None, 1.0, 7.5, 1e6]),
         st.sampled_from([2, 8, 1000]),
     ),
 )
@@ -278,6 +297,14 @@ def test_one_quad_may_span_the_whole_view(gl_context):
             assert (expected.depth_m[expected.hole] == 5).mean() > 0.95
         if variant == "smear":
             assert expected.hole.mean() < 0.03
+
+
+def test_wide_quads_seen_through_a_small_window_stay_exact(gl_context):
+    """Nothing is torn: quads of thousands of pixels, of which the view shows a few."""
+    whole = random_scene(np.random.default_rng(11), 2000, 12, 14)
+    scene = Scene(whole.frame, whole.flow_px, window=Window(4, 4, 3, 4))
+    settings = WarpSettings(stretch_px=1e6)
+    assert not assert_alike(run(gl_context, scene, settings), scene, settings).hole.all()
 
 
 def test_the_list_holds_every_quad_at_once(gl_context):
