@@ -104,7 +104,14 @@ def simulate(
             0,
         )
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+        terminal = Console(stderr=True)
+        with Progress(
+            *columns,
+            TimeRemainingColumn(),
+            console=terminal,
+            transient=True,
+            disable=not terminal.is_terminal,
+        ) as progress:
             task = progress.add_task("trials", total=participants * len(plan.trials))
 
             def on_attempt(code: str, attempt: Attempt) -> None:

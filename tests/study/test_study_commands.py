@@ -1,0 +1,251 @@
+"""`metamerlab protocol` and `metamerlab session` as a user types them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import pytest
+from typer.testing import CliRunner, Result
+
+from protocols.load import load_protocol, shipped
+from protocols.publish import schema_path
+from protocols.registries import check_methods, check_scenes
+from protocols.schema import StudyProtocol
+from study_app.cli import app
+
+DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")
+
+
+def metamerlab(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(entry) for entry in arguments], terminal_width=100)
+
+
+def refused(result: Result) -> str:
+    """The message of a user's mistake: status 2, nothing on stdout, no traceback."""
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("error: ")
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+    return result.stderr.removeprefix("error: ").replace("\n       ", "\n").strip()
+
+
+@pytest.fixture
+def study(tmp_path):
+    """A small valid study whose methods every installation has; edit it with replacements."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = DEMO.replace('name = "metameric"\n', 'name = "metameric"\nmethod = "telea"\n', 1)
+        text = text.replace('name = "push-pull"\n', 'name = "push-pull"\nmethod = "telea"\n', 1)
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "pilot.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_check_says_in_order_and_names_the_hash(study):
+    path = study()
+    result = metamerlab("protocol", "check", path)
+
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("demo: in order. 24 decisions on fhd27-60hz, protocol ")
+    assert load_protocol(path).sha256[:12] in result.stdout
+
+
+def test_check_tells_every_mistake_of_the_file_at_once(study):
+    path = study(("gap_s = 0.5", "gap_ms = 500"), ("window_deg = 1.5", "window_deg = 0"))
+    message = refused(metamerlab("protocol", "check", path))
+
+    assert message.splitlines() == [
+        f"{path}: trial.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?",
+        f"{path}: gaze.window_deg: must be greater than 0 degrees (got 0)",
+    ]
+
+
+def test_check_tells_unknown_methods_and_parameters_and_what_the_display_cannot_do(study):
+    path = study(
+        ('method = "telea"', 'method = "telae"'),
+        ('label = "Metameric"', 'label = "Metameric"\nparameters = { radiuss_px = 3.0 }'),
+        ("gap_s = 0.5", "gap_s = 0.513"),
+    )
+    lines = refused(metamerlab("protocol", "check", path)).splitlines()
+
+    assert len(lines) == 3
+    assert "methods[1].method: must be a known method" in lines[0]
+    assert "did you mean 'telea'?" in lines[0]
+    assert "methods[2].parameters.radiuss_px: must be a parameter of telea" in lines[1]
+    assert "trial.gap_s: must be whole frames at 60 Hz" in lines[2]
+
+
+def test_check_on_another_display_and_with_clips_that_are_not_there(study, tmp_path):
+    path = study()
+    message = refused(metamerlab("protocol", "check", path, "--display", "fhd24-144hz"))
+    assert "clips.fps: every clip frame must last whole refreshes at 144 Hz" in message
+    message = refused(metamerlab("protocol", "check", path, "--stimuli", tmp_path))
+    assert "must hold a finished batch of clips (there is no manifest.json)" in message
+
+
+def test_registry_names_are_passed_in_and_checked():
+    protocol = load_protocol(Path("demo"))
+    known = ["push-pull", "metameric", "onnx:FILE"]
+
+    assert check_methods(protocol, known) == []
+    (problem,) = check_methods(protocol, ["push-pull"])
+    assert problem.place == "methods[2].name"
+    plain = protocol.model_dump()
+    plain["methods"][2]["method"] = "onnx:net.onnx"
+    plain["methods"][0]["parameters"] = {"noise": 1.0}
+    odd = StudyProtocol.model_validate(plain)
+    (problem,) = check_methods(odd, known, lambda _: [])
+    assert str(problem) == (
+        "methods[0].parameters.noise: must be a parameter of reference (it has none)"
+    )
+    (scene,) = check_scenes(protocol, ["garden", "colonade"])
+    assert scene.place == "scenes[1].builtin"
+    assert "did you mean 'colonade'?" in scene.message
+
+
+@pytest.mark.parametrize("name", sorted(shipped("studies")))
+def test_show_prints_trials_duration_memory_and_every_display(name):
+    result = metamerlab("protocol", "show", name, "--slot", "1")
+
+    assert result.exit_code == 0, result.output
+    for word in ("decisions", "duration", "memory", "MiB", "Trials of slot 1", "main-0000"):
+        assert word in result.stdout
+    for display in shipped("displays"):
+        assert display in result.stdout
+    assert load_protocol(Path(name)).sha256[:20] in result.stdout
+
+
+@pytest.mark.parametrize("name", ["study", "display", "manifest", "journal"])
+def test_schema_prints_the_published_file(name):
+    result = metamerlab("protocol", "schema", name)
+
+    assert result.stdout == schema_path(name).read_text(encoding="utf-8")
+    jsonschema.Draft202012Validator.check_schema(json.loads(result.stdout))
+    assert "nothing to change" in metamerlab("protocol", "schema", "--write").stdout
+
+
+def test_schema_of_an_unknown_format_is_refused():
+    message = refused(metamerlab("protocol", "schema", "clip"))
+    assert message == "FORMAT: must be one of study, display, manifest, journal (got 'clip')"
+
+
+@pytest.mark.parametrize("suffix", [".md", ".html"])
+def test_preregister_writes_design_rules_and_hashes_once(study, tmp_path, suffix):
+    path, out = study(("against", "against")), tmp_path / f"prereg{suffix}"
+    result = metamerlab("protocol", "preregister", path, "--out", out)
+    text = out.read_text(encoding="utf-8")
+
+    assert result.exit_code == 0, result.output
+    protocol = load_protocol(path)
+    for part in (
+        protocol.sha256, protocol.stimuli_sha256, "24 decisions per participant",
+        "Primary comparison: metameric against push-pull", "less than 80 % of the decisions",
+        "alpha 0.05", "not built yet",
+    ):  # fmt: skip
+        assert part in text
+    assert "never written over" in refused(
+        metamerlab("protocol", "preregister", path, "--out", out)
+    )
+    assert out.read_text(encoding="utf-8") == text
+
+
+def test_preregister_escapes_what_the_protocol_says(study, tmp_path):
+    path = study(("A short version", "A <script>alert(1)</script> version"))
+    out = tmp_path / "prereg.html"
+    assert metamerlab("protocol", "preregister", path, "--out", out).exit_code == 0
+
+    text = out.read_text(encoding="utf-8")
+    assert "<script>" not in text
+    assert "&lt;script&gt;" in text
+    message = refused(metamerlab("protocol", "preregister", path, "--out", tmp_path / "a.pdf"))
+    assert "must end in .md or .html" in message
+
+
+def test_simulate_list_and_status_tell_one_story(tmp_path):
+    root = tmp_path / "sessions"
+    result = metamerlab("session", "simulate", "demo", "--out", root, "--participants", 2)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.strip().endswith("2 simulated sessions, 48 decisions")
+
+    listed = metamerlab("session", "list", root).stdout
+    for word in ("S001", "S002", "completed", "24 of 24", "simulated"):
+        assert word in listed
+    status = metamerlab("session", "status", root / "demo" / "S002").stdout
+    for word in ("SIMULATED", "slot", "24 of 24", "missed refreshes", "completed"):
+        assert word in status
+
+    again = metamerlab("session", "simulate", "demo", "--out", root, "--participants", 3)
+    assert again.stdout.strip().endswith("1 simulated sessions, 24 decisions")
+
+
+def test_simulated_journals_are_the_same_bytes_again(tmp_path):
+    for name in ("one", "two"):
+        arguments = ("demo", "--out", tmp_path / name, "--seed", 5, "--missed-per-1000", 20)
+        assert metamerlab("session", "simulate", *arguments).exit_code == 0
+    first, second = (
+        {path.relative_to(tmp_path / name): path.read_bytes()
+         for path in sorted((tmp_path / name).rglob("*")) if path.is_file()}
+        for name in ("one", "two")
+    )  # fmt: skip
+
+    assert first == second
+    assert len(first) > 28
+
+
+def test_status_and_list_show_damage_instead_of_failing(tmp_path):
+    metamerlab("session", "simulate", "demo", "--out", tmp_path, "--participants", 2)
+    journal = tmp_path / "demo" / "S001" / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines[:4], b"garbage\n", *lines[5:-1], lines[-1][:20]]))
+
+    assert "damaged" in metamerlab("session", "list", tmp_path).stdout
+    status = metamerlab("session", "status", journal.parent).stdout
+    assert "line 5: must be one JSON object" in status
+    assert "torn" in status
+
+
+def test_sessions_that_are_not_there_are_told(tmp_path):
+    assert "no such folder" in refused(metamerlab("session", "list", tmp_path / "none"))
+    assert "found no journal" in refused(metamerlab("session", "list", tmp_path))
+    assert "found no journal there" in refused(metamerlab("session", "status", tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("metamer=1", "METHOD must be one of reference, push-pull, metameric (got 'metamer')"),
+        ("metameric=high", "must be METHOD=LOGIT with a number (got 'metameric=high')"),
+        ("metameric", "must be METHOD=LOGIT (got 'metameric')"),
+    ],
+)
+def test_a_utility_that_is_none_is_refused(tmp_path, option, message):
+    result = metamerlab("session", "simulate", "demo", "--out", tmp_path, "--utility", option)
+    assert message in refused(result)
+    assert not list(tmp_path.iterdir())
+
+
+def test_simulate_goes_on_with_a_stopped_session_and_refuses_another_protocol(tmp_path, study):
+    root = tmp_path / "sessions"
+    path = study()
+    assert metamerlab("session", "simulate", path, "--out", root).exit_code == 0
+    journal = root / "demo" / "S001" / "journal.jsonl"
+    whole = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(whole[:10]) + whole[10][:50])
+
+    result = metamerlab("session", "simulate", path, "--out", root)
+
+    assert result.stdout.strip().endswith("1 simulated sessions, 24 decisions")
+    assert (journal.parent / "torn-line.txt").read_bytes() == whole[10][:50]
+    journal.write_bytes(b"".join(whole[:10]))
+    other = study(("repeats = 2", "repeats = 4"))
+    message = refused(metamerlab("session", "simulate", other, "--out", root))
+    assert "the protocol must be the one the session began with" in message
+    shutil.rmtree(root)
