@@ -1,0 +1,74 @@
+"""The pyramid's low bands on the GPU; its other bands are made where they are used.
+
+Twin: reference.py.
+"""
+
+import moderngl
+
+from pipeline.features.reference import fitted_kernels
+from pipeline.gl.shader import compile_compute
+from pipeline.gl.texture import create_texture
+from pipeline.inpaint.region import CELL
+from pipeline.inpaint.regions import WorkLists
+
+
+def band_constants() -> dict[str, float]:
+    """The 3x3 kernels as the constants that bands.glsl declares."""
+    kernels = fitted_kernels()
+    return {
+        "HIGH_EDGE": float(kernels.high[0, 1]),
+        "HIGH_CORNER": float(kernels.high[0, 0]),
+        "ORIENTED_EDGE": float(kernels.oriented[1, 2]),
+        "ORIENTED_CORNER": float(kernels.oriented[0, 2]),
+    }
+
+
+class LowBandPass:
+    """Halve a filled frame `levels` - 1 times, near holes only.
+
+    Alpha of a level is 1 where no tap, at any level, was a hole.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        sizes: list[tuple[int, int]],
+        lists: WorkLists,
+        levels: int,
+    ) -> None:
+        low = fitted_kernels().low
+        self._lists = lists
+        self._shader = compile_compute(
+            ctx,
+            "features/lowpass.comp.glsl",
+            TILE=CELL,
+            LOW_INNER=float(low[1, 1]),
+            LOW_MIXED=float(low[0, 1]),
+            LOW_OUTER=float(low[0, 0]),
+        )
+        self._coarser = [create_texture(ctx, sizes[k], "rgba32f") for k in range(1, levels)]
+
+    @property
+    def dispatches(self) -> int:
+        """How many dispatches one call makes."""
+        return len(self._coarser)
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory of the levels, bytes."""
+        return sum(16 * t.width * t.height for t in self._coarser)
+
+    def __call__(self, image: moderngl.Texture) -> list[moderngl.Texture]:
+        """Return the levels, `image` (rgba32f) first."""
+        levels = [image, *self._coarser]
+        for k, (fine, coarse) in enumerate(zip(levels, self._coarser, strict=False), start=1):
+            fine.use(0)
+            coarse.bind_to_image(0, read=False, write=True)
+            self._lists.run(self._shader, ("source", k))
+        return levels
+
+    def release(self) -> None:
+        """Free textures and shader."""
+        for texture in self._coarser:
+            texture.release()
+        self._shader.release()

@@ -1,0 +1,54 @@
+// Depth-guided pull and push of texels that lie in several planes.
+// First plane's w: validity. Last plane's w: guide. All else: values.
+// Twin: pull(), push(), interpolate() in inpaint/reference.py. Change both or neither.
+//
+// No local arrays here or in the passes: a driver that cannot unroll a loop over one keeps
+// it in memory (ten times slower with Mesa's software renderer).
+
+#define ONLY_NEARER (-1.0)
+
+uniform float depth_threshold;
+
+// What of four children goes into their parent.
+struct Pull {
+    vec4 share;        // of each child; sums to 1, or 0 if nothing is known
+    float confidence;  // the parent's validity
+};
+
+// `deepest`: the farthest of the four guides.
+Pull pull_shares(vec4 validity, vec4 guide, float deepest) {
+    vec4 behind = vec4(lessThanEqual(deepest - guide, vec4(depth_threshold)));
+    vec4 weight = behind * max(validity, 0.0);
+    float total = dot(weight, vec4(1.0));
+    float confidence = 0.25 * total;
+    if (total <= 0.0) {
+        weight = vec4(notEqual(validity, vec4(0.0)));
+        total = dot(weight, vec4(1.0));
+        confidence = total > 0.0 ? ONLY_NEARER : 0.0;
+    }
+    return Pull(total > 0.0 ? weight / total : vec4(0.0), confidence);
+}
+
+// Bilinear shares of a pixel's own parent and the next ones in x, in y and in both; nearer
+// ones are left out. `guides`: theirs, in that order.
+vec4 push_shares(float guide, vec4 guides) {
+    vec4 allowed = vec4(lessThanEqual(guide - guides, vec4(depth_threshold)));
+    vec4 share = allowed * vec4(9.0, 3.0, 3.0, 1.0);
+    return share / dot(share, vec4(1.0));
+}
+
+// How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma.
+float kept(float validity, float gamma) {
+    if (validity <= 0.0) return 0.0;
+    if (gamma == 0.0) return 1.0;
+    if (gamma == 0.25) return sqrt(sqrt(validity));
+    if (gamma == 0.5) return sqrt(validity);
+    if (gamma == 1.0) return validity;
+    return pow(validity, gamma);
+}
+
+vec4 mixed(vec4 share, vec4 a, vec4 b, vec4 c, vec4 d) {
+    return share.x * a + share.y * b + share.z * c + share.w * d;
+}
+
+float farthest(vec4 guide) { return max(max(guide.x, guide.y), max(guide.z, guide.w)); }

@@ -1,0 +1,56 @@
+#version 430
+// From inpainted moments to the noise each pixel lacks, in place: layers 0 to 2 of a chain
+// become the amplitudes of bands high, along x, along y in Y', Cb, Cr.
+// Twin: noise_amplitudes() in reference.py. Change both or neither.
+
+#constant CROSS              // 1: second moments are products with luma, else squares
+#constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
+
+#include "tiles.glsl"
+#include "bands.glsl"
+
+layout(binding = 0) uniform sampler2D level;  // rgb: filled colour
+layout(rgba32f, binding = 0) uniform image2DArray moments;
+
+uniform int first_layer;
+
+vec3 squared(vec3 v) { return v * v; }
+
+vec3 lacking(vec3 mean, vec3 second, vec3 present) {
+    vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
+    vec3 amplitude = sqrt(max(vec3(0.0), variance - present));
+#if CROSS
+    amplitude = amplitude.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
+#endif
+    return amplitude;
+}
+
+void work(ivec2 pixel) {
+    ivec2 size = textureSize(level, 0);
+    FETCH_WINDOW(level, pixel, size)
+    bvec2 whole = lessThan(inner_ + 1, size);
+    Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
+    Bands b = a, c = a, d = a;
+    if (whole.x) b = BANDS_AT(0, 1, 2, 1, 2, 3);
+    if (whole.y) c = BANDS_AT(1, 2, 3, 0, 1, 2);
+    if (whole.x && whole.y) d = BANDS_AT(1, 2, 3, 1, 2, 3);
+    else if (whole.x) d = b;
+    else if (whole.y) d = c;
+
+    vec4 plane_0 = imageLoad(moments, ivec3(pixel, first_layer));
+    vec4 plane_1 = imageLoad(moments, ivec3(pixel, first_layer + 1));
+    vec4 plane_2 = imageLoad(moments, ivec3(pixel, first_layer + 2));
+    vec4 plane_3 = imageLoad(moments, ivec3(pixel, first_layer + 3));
+    vec4 plane_4 = imageLoad(moments, ivec3(pixel, first_layer + 4));
+
+#define PRESENT(name, mean)                                                        \
+    (0.25 * (squared(a.name - (mean)) + squared(b.name - (mean)) + squared(c.name - (mean)) \
+             + squared(d.name - (mean))))
+    vec3 high = lacking(plane_0.rgb, vec3(plane_1.w, plane_2.w, plane_3.w),
+                        PRESENT(high, plane_0.rgb));
+    vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, PRESENT(along_x, plane_1.rgb));
+    vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, PRESENT(along_y, plane_2.rgb));
+    imageStore(moments, ivec3(pixel, first_layer), vec4(high, plane_0.w));
+    imageStore(moments, ivec3(pixel, first_layer + 1), vec4(along_x, plane_1.w));
+    imageStore(moments, ivec3(pixel, first_layer + 2), vec4(along_y, plane_2.w));
+}

@@ -1,0 +1,219 @@
+"""Metameric inpainting on the GPU. Twin: reference.py.
+
+Warp, then fill in place: lists of tiles near holes, the base colour, the pyramid's low
+bands, moments of every level pulled and pushed together, amplitudes, composite.
+"""
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.features.gpu import LowBandPass, band_constants
+from pipeline.features.reference import MAX_LEVELS
+from pipeline.gl.shader import compile_compute
+from pipeline.gl.texture import check_texture, create_array
+from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
+from pipeline.inpaint.region import CELL
+from pipeline.synthesis.noise import TILE as NOISE_TILE
+from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.reference import SMALLEST_VARIANCE
+from pipeline.synthesis.settings import MetamericSettings
+
+_ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
+
+
+class MetamericPass:
+    """Fill the holes of frames of one size with metamers of their background.
+
+    Compiles and allocates once, on construction and when the seed changes. A call binds
+    and dispatches `dispatches` times, reads nothing back, and writes hole pixels only.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Any from 1x1.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
+    ) -> None:
+        self._ctx = ctx
+        self.size = size
+        self.settings = settings
+        levels = settings.levels
+        self.base = GuidedBasePass(
+            ctx,
+            size,
+            levels=levels,
+            gamma=settings.base_gamma,
+            depth_threshold=settings.depth_threshold,
+        )
+        lists, resolutions = self.base.lists, self.base.resolutions
+        self.low_bands = LowBandPass(ctx, resolutions.sizes, lists, levels)
+        self.moments = ChainPass(
+            ctx,
+            resolutions,
+            lists,
+            planes=MOMENT_PLANES,
+            is_base=False,
+            gamma=settings.gamma,
+            depth_threshold=settings.depth_threshold,
+        )
+        cross = settings.channels == "correlated"
+        self._channels = 1 if cross else 3
+        bands = {**band_constants(), "TILE": CELL, "CROSS": cross}
+        self._first = [
+            compile_compute(
+                ctx,
+                "inpaint/moments_first.comp.glsl",
+                IS_FINEST=finest,
+                SKIP_DEPTH_EDGES=settings.skip_depth_edges,
+                **bands,
+            )
+            for finest in (False, True)
+        ]
+        for shader in self._first:
+            shader["depth_threshold"] = settings.depth_threshold
+        self._amplitudes = compile_compute(
+            ctx, "synthesis/amplitudes.comp.glsl", SMALLEST_VARIANCE=SMALLEST_VARIANCE, **bands
+        )
+        self._composite = compile_compute(
+            ctx,
+            "synthesis/composite.comp.glsl",
+            TILE=CELL,
+            LEVELS=levels,
+            MOST_LEVELS=levels,
+            CHANNELS=self._channels,
+            PLANES=MOMENT_PLANES,
+            NOISE_TILE=NOISE_TILE,
+            ANCHOR=_ANCHORS[settings.anchor],
+        )
+        self._composite["depth_threshold"] = settings.depth_threshold
+        self._composite["noise_scale"] = settings.noise
+        sizes = [resolutions.sizes[min(k, levels)] for k in range(1, MAX_LEVELS + 1)]
+        if levels == 1:  # moderngl takes an array of one for a scalar, and drivers shorten arrays
+            self._composite["level_size"] = sizes[0]
+        else:
+            self._composite["level_size"] = sizes[:levels]
+        self._noise = create_array(
+            ctx, (NOISE_TILE, NOISE_TILE, levels * self._channels), "rgba16f"
+        )
+        self._seed: int | None = None
+
+    @property
+    def dispatches(self) -> int:
+        """How many dispatches one call makes."""
+        levels = self.settings.levels
+        return (
+            self.base.dispatches
+            + self.low_bands.dispatches
+            + levels  # first pulls
+            + self.moments.dispatches
+            + levels  # amplitudes
+            + 1  # composite
+        )
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory beyond the caller's textures, bytes."""
+        noise = 8 * NOISE_TILE**2 * self._noise.layers
+        return self.base.held_bytes + self.low_bands.held_bytes + self.moments.held_bytes + noise
+
+    def set_seed(self, seed: int) -> None:
+        """Make the noise of `seed`, unless it is the one at hand."""
+        if seed == self._seed:
+            return
+        noise = noise_bands(seed, self.settings.levels, self._channels)
+        tiles = noise.tiles.reshape(-1, NOISE_TILE, NOISE_TILE, 3)
+        self._noise.write(np.pad(tiles, ((0, 0),) * 3 + ((0, 1),)).tobytes())
+        if "lag_correlation" in self._composite:  # on the screen, noise is never interpolated
+            self._composite["lag_correlation"] = [
+                tuple(lags) for lags in noise.lag_correlation.reshape(-1, 4).tolist()
+            ]
+        self._seed = seed
+
+    def __call__(
+        self,
+        image: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        *,
+        z_near_m: float,
+        seed: int,
+        source_from_target: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Fill `image` in place.
+
+        Parameters
+        ----------
+        image : rgba32f
+            rgb: encoded colour; alpha: 1 known, 0 hole. Alpha stays as it is.
+        depth_m : r32f
+            With the background's depth inside holes.
+        flow_px : rg32f
+            Warped motion.
+        z_near_m : float
+            The clip's nearest depth.
+        source_from_target : ndarray, shape (4, 4)
+            Needed by ``anchor="camera"``; see `camera.reprojection`.
+        """
+        check_texture(image, "image", self.size, "rgba32f")
+        check_texture(depth_m, "depth_m", self.size, "r32f")
+        check_texture(flow_px, "flow_px", self.size, "rg32f")
+        if self.settings.anchor == "camera":
+            if source_from_target is None:
+                raise InputError('anchor "camera" needs source_from_target (got None)')
+            self._composite["source_from_target"] = tuple(
+                source_from_target.T.astype(np.float32).ravel().tolist()
+            )
+        self.set_seed(seed)
+        self.base(image, depth_m, flow_px, z_near_m)
+        levels = self.low_bands(image)
+        for k, level in enumerate(levels):
+            self._measure(k, level, depth_m, z_near_m)
+        self.moments(self.base.chain)
+        for k, level in enumerate(levels):
+            self._amplify(k, level)
+        self._compose(image, depth_m, z_near_m)
+
+    def _measure(
+        self, k: int, level: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
+    ) -> None:
+        base = self.base.chain
+        shader = self._first[k == 0]
+        level.use(0)
+        base.array(k + 1).use(1)
+        if k == 0:
+            depth_m.use(2)
+            shader["z_near_m"] = z_near_m
+        else:
+            base.array(k).use(2)
+        self.moments.array(k + 1).bind_to_image(0, read=False, write=True)
+        shader["first_layer"] = k * MOMENT_PLANES
+        self.base.lists.run(shader, ("chain", k, k + 1))
+
+    def _amplify(self, k: int, level: moderngl.Texture) -> None:
+        level.use(0)
+        self.moments.array(k + 1).bind_to_image(0, read=True, write=True)
+        self._amplitudes["first_layer"] = k * MOMENT_PLANES
+        self.base.lists.run(self._amplitudes, ("push", k + 1))
+
+    def _compose(self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float) -> None:
+        depth_m.use(0)
+        self.base.chain.array(1).use(1)
+        self._noise.use(2)
+        for k in range(self.settings.levels):
+            self.moments.array(k + 1).use(3 + k)
+        image.bind_to_image(0, read=True, write=True)
+        self._composite["z_near_m"] = z_near_m
+        self.base.lists.run(self._composite, ("push", 0))
+
+    def release(self) -> None:
+        """Free everything this pass made."""
+        self.base.release()
+        self.low_bands.release()
+        self.moments.release()
+        self._noise.release()
+        for shader in (*self._first, self._amplitudes, self._composite):
+            shader.release()
