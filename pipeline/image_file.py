@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
 _NO_TIME = "1970:01:01 00:00:00"
+_PNG_END = b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
@@ -153,11 +154,24 @@ def write_pixels(
         done = target.open(str(temporary), spec) and target.write_image(np.ascontiguousarray(data))
         if not (target.close() and done):
             raise _write_error(path, _one_line(target.geterror()))
+        _check_whole(path, temporary, data.shape)
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:
+    """Read the file back: on a full disk OpenImageIO writes half of it and reports success."""
+    try:
+        whole = read_pixels(temporary).data.shape == shape
+    except InputError:
+        whole = False
+    if whole and path.suffix.lower() == ".png":
+        whole = temporary.read_bytes()[-len(_PNG_END) :] == _PNG_END
+    if not whole:
+        raise _write_error(path, "the file came out incomplete")
 
 
 def _write_error(path: Path, reason: str) -> Exception:

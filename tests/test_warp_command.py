@@ -1,5 +1,9 @@
 """`metamerlab warp` from the command line to the picture, and every mistake on the way."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -232,6 +236,20 @@ def test_unknown_and_impossible_parameters_are_refused(exr, tmp_path):
     assert "must lie in" in refusal(exr, out, "-m", "telea", "--set", "radius_px=0")
     assert "must be int or float" in refusal(exr, out, "-m", "telea", "--set", "radius_px=wide")
     assert not out.exists()
+
+
+def test_missing_opengl_is_one_message_with_the_cure(exr, tmp_path):
+    """In a process of its own, where EGL finds no driver."""
+    code = "from study_app.cli import main; main()"
+    command = [sys.executable, "-c", code, "warp", exr, tmp_path / "out.png", "-m", "telea"]
+    env = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=env)
+
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: OpenGL 4.3")
+    assert "install" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out.png").exists()
 
 
 @pytest.mark.parametrize("name", ["nowhere.exr", "nowhere"])

@@ -1,5 +1,7 @@
 """Pixels survive the way to a file and back, and bad files are told apart."""
 
+import resource
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,22 @@ def test_a_failed_write_keeps_the_file_that_was_there(tmp_path):
 
     assert (tmp_path / "a.pfm").read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_a_file_that_came_out_short_is_not_kept(tmp_path, rng, name):
+    """As on a full disk: the system takes no more bytes, and OpenImageIO reports success."""
+    data = rng.integers(0, 65535, (200, 200, 3), dtype=np.uint16)
+    pixels = data if name.endswith("png") else data.astype(np.float32)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, limit[1]))
+    try:
+        with pytest.raises(InputError, match=f"{name}: cannot be written"):
+            write_pixels(tmp_path / name, pixels, "RGB")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_three_channels_takes_grey_and_opaque_and_refuses_the_rest(tmp_path):
