@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
@@ -95,20 +96,42 @@ def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> ND
     nearness = 1.0 / warped.depth_m.astype(np.float64)
     clear = depth_threshold * _range(nearness)
     hole = warped.hole
-    # Hole depth that a known neighbour compares with: the hole pixel next to it.
-    beside, (row, column) = ndimage.distance_transform_edt(~hole, return_indices=True)
-    at_border = ~hole & (beside < 1.5)
-    foreground = at_border & (nearness > nearness[row, column] + clear)
-    toward_known = _direction_to_nearest(~hole)
-    result = np.where(hole[..., None], toward_known, 0.0)
-    if not foreground.any():
+    result = np.zeros((*hole.shape, 2))
+    if not hole.any() or hole.all():
         return result
-    distance, (row, column) = ndimage.distance_transform_edt(~foreground, return_indices=True)
-    relative = (warped.flow_px - warped.flow_px[row, column]).astype(np.float64)[..., ::-1]
-    length = np.linalg.norm(relative, axis=-1)
-    opened = hole & (length > 0) & (distance <= length + _MARGIN_PX)
-    result[opened] = relative[opened] / length[opened][:, None]
+    start = np.argwhere(hole)
+    border = _border(~hole)
+    toward_known = border[_nearest(border, start)] - start
+    direction = toward_known / np.linalg.norm(toward_known, axis=1, keepdims=True)
+
+    # How near the hole beside each known border pixel is.
+    beside = ndimage.minimum_filter(np.where(hole, nearness, np.inf), size=3)
+    foreground = border[(nearness > beside + clear)[border[:, 0], border[:, 1]]]
+    if len(foreground):
+        by = foreground[_nearest(foreground, start)]
+        relative = _motion(warped, start) - _motion(warped, by)
+        length = np.linalg.norm(relative, axis=1)
+        distance = np.linalg.norm(by - start, axis=1)
+        opened = (length > 0) & (distance <= length + _MARGIN_PX)
+        direction[opened] = relative[opened] / length[opened, None]
+    result[hole] = direction
     return result
+
+
+def _border(known: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Known pixels that touch an unknown one; the nearest known pixel is always one of them."""
+    return np.argwhere(known & ndimage.binary_dilation(~known, np.ones((3, 3), np.bool_)))
+
+
+def _nearest(points: NDArray[np.intp], to: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Index of the point nearest to each of `to`."""
+    _, index = cKDTree(points).query(to)
+    return np.asarray(index, np.intp)
+
+
+def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Motion (row, column) of each pixel."""
+    return warped.flow_px[pixel[:, 0], pixel[:, 1], ::-1].astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -152,8 +175,8 @@ def _background_end(
 
 def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> _Ends:
     """The nearest known pixel in any direction, which always exists."""
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    end = nearest[:, start[:, 0], start[:, 1]].T.astype(np.intp)
+    border = _border(known)
+    end = border[_nearest(border, start)] if len(start) else start
     steps = np.abs(end - start).max(axis=1, initial=0)
     step = (end - start) / np.maximum(steps, 1)[:, None]
     return _Ends(end, step, steps, np.ones(len(start), bool))
@@ -211,14 +234,6 @@ def _replace(ends: _Ends, where: NDArray[np.intp], by: _Ends, chosen: NDArray[np
         values[where] = getattr(by, name)[chosen]
         fields[name] = values
     return _Ends(**fields)
-
-
-def _direction_to_nearest(known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Unit vector (row, column) from each pixel to the nearest known one; 0 at known ones."""
-    distance, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
-    offset = np.moveaxis(nearest, 0, -1) - np.indices(known.shape).transpose(1, 2, 0)
-    unit: NDArray[np.float64] = offset / np.where(distance > 0, distance, 1.0)[..., None]
-    return unit
 
 
 def _range(nearness: NDArray[np.float64]) -> float:
