@@ -8,17 +8,20 @@ from study_app.doctor.findings import FOR_SESSIONS, FOR_STIMULI, Finding, Needs,
 from study_app.doctor.probes import Answer
 
 _GUESSED_DPI = 96.0
+_CURE_GL = (
+    "install the graphics card's driver, or Mesa's software renderer"
+    " (Debian, Ubuntu: apt-get install libegl1 libgl1)"
+)
 
 
 def check_gl(answer: Answer, needs: Needs) -> Finding:
     """OpenGL 4.3 without a window, as stimuli are made."""
     name, jobs = "OpenGL off-screen", FOR_STIMULI
     if "error" in answer:
-        cure = (
-            "install the graphics card's driver, or Mesa's software renderer"
-            " (Debian, Ubuntu: apt-get install libegl1 libgl1)"
-        )
-        return Finding(name, Status.FAIL, answer["error"], cure, jobs, answer)
+        # What the pipeline says ends with its own cure; a crash has none.
+        found, install, cure = answer["error"].partition("; install")
+        cure = f"install{cure}" if install else _CURE_GL
+        return Finding(name, Status.FAIL, found, cure, jobs, answer)
     found = f"{answer['renderer']}, OpenGL {answer['version']}"
     limits = answer["limits"]
     small = [

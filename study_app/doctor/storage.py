@@ -35,7 +35,7 @@ def check_disk(folder: Path, needs: Needs) -> list[Finding]:
     except OSError as error:
         cure = "choose another one with --folder, or make room and permission to write in it"
         reason = (error.strerror or "failed").lower()
-        return [Finding("disk", Status.FAIL, f"{folder}: {reason}", cure)]
+        return [Finding("disk", Status.FAIL, f"{folder.resolve()}: {reason}", cure)]
     append_s = statistics.median(appends_s)
     return [
         _judge_space(folder, free_gb, needs),
