@@ -289,8 +289,14 @@ def _analysis(protocol: StudyProtocol) -> Section:
                 f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",
                 f"sessions with less than {100 * rules.catch_min_share:g} % of the catch trials"
                 " right (where there are any);",
-                f"sessions with more than {100 * rules.same_side_max_share:g} % of the answers on"
-                " one side;",
+                *(
+                    [
+                        f"sessions with more than {100 * rules.same_side_max_share:g} % of the"
+                        " answers on one side;"
+                    ]
+                    if rules.same_side_max_share < 1
+                    else []
+                ),
                 f"answers faster than {rules.rt_min_s:g} s{slow}.",
             ],
         ),

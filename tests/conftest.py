@@ -85,6 +85,21 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two simulated sittings of the demo study: ``demo/S001`` and ``S002``.
+
+    Made by the real session code; every test reads the same files, so none may change them.
+    """
+    from protocols.load import load_display, load_protocol
+    from study_app.simulate import Simulation, simulate_study
+
+    root = tmp_path_factory.mktemp("sessions")
+    protocol = load_protocol(Path("demo"))
+    simulate_study(Simulation(protocol, load_display(protocol.display.display)), root, 2)
+    return root
+
+
+@pytest.fixture(scope="session")
 def shared_gl_context() -> Iterator[moderngl.Context]:
     """Yield one context for all tests; most want `gl_context`, which watches what it leaves."""
     try:

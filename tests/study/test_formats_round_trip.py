@@ -19,7 +19,7 @@ from protocols import journal
 from protocols.display import Display
 from protocols.hashing import canonical_json, sha256_bytes, sha256_file, sha256_json
 from protocols.journal import EVENT, Attempt, event_line
-from protocols.journal_file import read_journal
+from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
 from protocols.publish import json_schema, schema_names, schema_path, schema_text
@@ -262,3 +262,14 @@ def test_a_journal_reads_back_and_a_torn_last_line_is_told_apart(tmp_path):
         assert read.events == ((note, later) if whole else (note,))
         assert read.torn == (b"" if whole else lines[len(event_line(note)) : length])
         assert read.ends_open == (length == len(lines) - 1)
+
+
+def test_the_sample_sessions_are_two_complete_simulated_journals(sample_sessions):
+    journals = [read_journal(path) for path in find_journals(sample_sessions)]
+
+    assert [read.start.participant for read in journals] == ["S001", "S002"]
+    for read in journals:
+        assert read.start.simulated
+        done = [a for a in read.attempts if a.outcome == "completed"]
+        assert sum(not (a.practice or a.catch) for a in done) == read.start.trials == 24
+        assert all(a.expected == "reference" for a in done if a.catch)

@@ -1,0 +1,139 @@
+"""Time of a whole simulated session, and of the journal's writes: `python -m benchmarks.session`.
+
+The 72 decisions of the inpainting paper's study go through the real session, trial machine, gaze
+rules and recorder, on a virtual display; only drawing is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from protocols.journal import Note
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol
+from protocols.revision import code_revision
+from study_app.recorder import Recorder
+from study_app.simulate import Simulation, simulate_study
+from study_app.virtual import VirtualClock
+
+
+@dataclass(frozen=True)
+class SessionTiming:
+    """One session's cost."""
+
+    gaze_hz: float
+    decisions: int
+    attempts: int
+    flips: int
+    shown_s: float
+    """Duration on the virtual clock."""
+    wall_s: float
+    cpu_s: float
+    mib: float
+    """What it left on the disk."""
+
+    @property
+    def us_per_flip(self) -> float:
+        """Processor time of one pass through the loop: poll, judge, advance, log."""
+        return 1e6 * self.cpu_s / self.flips
+
+
+@dataclass(frozen=True)
+class AppendTiming:
+    """Milliseconds to append an event and have it on the disk."""
+
+    median_ms: float
+    p99_ms: float
+    max_ms: float
+
+
+def time_session(gaze_hz: float) -> SessionTiming:
+    """Run one session of `inpainting-2afc` and time it."""
+    protocol = load_protocol(Path("inpainting-2afc"))
+    display = load_display(protocol.display.display)
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        (outcome,) = simulate_study(
+            Simulation(protocol, display, gaze_rate_hz=gaze_hz), root, 1
+        ).values()
+        wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+        journal = read_journal(next(root.rglob("journal.jsonl")))
+        flips = [
+            len((journal.path.parent / attempt.flips_file.file).read_bytes().splitlines()) - 1
+            for attempt in journal.attempts
+            if attempt.flips_file
+        ]
+        size = sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
+    return SessionTiming(
+        gaze_hz=gaze_hz,
+        decisions=outcome.main_done,
+        attempts=len(journal.attempts),
+        flips=sum(flips),
+        shown_s=journal.events[-1].t_s,
+        wall_s=wall_s,
+        cpu_s=cpu_s,
+        mib=size / 2**20,
+    )
+
+
+def time_appends(count: int = 300) -> AppendTiming:
+    """Append events one by one, each synced."""
+    clock = VirtualClock()
+    times_ms = []
+    with (
+        tempfile.TemporaryDirectory(dir=".") as folder,  # a real disk, not one in memory
+        Recorder.create(Path(folder) / "P1", clock, clock.wall) as recorder,
+    ):
+        for _ in range(count):
+            event = Note(**recorder.stamps(), text="x" * 1000)
+            began = time.perf_counter()
+            recorder.append(event)
+            times_ms.append(1e3 * (time.perf_counter() - began))
+    ranked = sorted(times_ms)
+    return AppendTiming(statistics.median(ranked), ranked[int(0.99 * count)], ranked[-1])
+
+
+def main(argv: list[str]) -> int:
+    """Print a table; with ``--json FILE`` also write it."""
+    parser = argparse.ArgumentParser(prog="benchmarks.session", description=__doc__)
+    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    arguments = parser.parse_args(argv)
+    sessions = [time_session(gaze_hz) for gaze_hz in (60.0, 250.0, 1000.0)]
+    appends = time_appends()
+    print(f"{platform.platform()}, {os.cpu_count()} cores, revision {code_revision()}")
+    print("gaze Hz  decisions  attempts   flips  shown s  wall s   CPU s  us/flip    MiB")
+    for entry in sessions:
+        print(
+            f"{entry.gaze_hz:7.0f} {entry.decisions:10d} {entry.attempts:9d} {entry.flips:7d}"
+            f" {entry.shown_s:8.0f} {entry.wall_s:7.2f} {entry.cpu_s:7.2f}"
+            f" {entry.us_per_flip:8.0f} {entry.mib:6.1f}"
+        )
+    print(
+        f"append and sync of 1 KB: median {appends.median_ms:.2f} ms,"
+        f" 99 % {appends.p99_ms:.2f} ms, longest {appends.max_ms:.2f} ms"
+    )
+    if arguments.json:
+        result = {
+            "platform": platform.platform(),
+            "cores": os.cpu_count(),
+            "revision": code_revision(),
+            "sessions": [asdict(entry) for entry in sessions],
+            "append": asdict(appends),
+        }
+        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    import sys
+
+    sys.exit(main(sys.argv[1:]))
