@@ -26,6 +26,7 @@ from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.publish import publish, schema_names, schema_text
+from protocols.reference import reference_text
 from protocols.registries import check_methods, check_scenes
 from protocols.revision import code_revision, package_version
 from protocols.schema import Problem, StudyProtocol
@@ -116,10 +117,17 @@ def schema(
         bool,
         typer.Option("--write", help="Write the published files of all formats (for developers)."),
     ] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the reference for people instead.")
+    ] = False,
 ) -> None:
     """Print the JSON Schema of a format, for editors and other programs.
 
-    Example: metamerlab protocol schema journal > journal.schema.json
+    Examples:
+
+        metamerlab protocol schema journal > journal.schema.json
+
+        metamerlab protocol schema study --markdown
     """
     with user_errors():
         if write:
@@ -128,7 +136,7 @@ def schema(
             return
         if name not in schema_names():
             raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
-        print(schema_text(name), end="")
+        print(reference_text(name) if markdown else schema_text(name), end="")
 
 
 @app.command()

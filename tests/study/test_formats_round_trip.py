@@ -23,6 +23,7 @@ from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
 from protocols.publish import json_schema, schema_names, schema_path, schema_text
+from protocols.reference import reference_text
 from protocols.schema import ClipName, StudyProtocol
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]
@@ -273,3 +274,12 @@ def test_the_sample_sessions_are_two_complete_simulated_journals(sample_sessions
         done = [a for a in read.attempts if a.outcome == "completed"]
         assert sum(not (a.practice or a.catch) for a in done) == read.start.trials == 24
         assert all(a.expected == "reference" for a in done if a.catch)
+
+
+@pytest.mark.parametrize("name", schema_names())
+def test_the_reference_in_the_docs_is_in_step_with_the_model(name, repository):
+    page = repository / "docs" / "formats" / f"{name}.md"
+
+    assert page.read_text(encoding="utf-8") == reference_text(name), (
+        f"run 'metamerlab protocol schema {name} --markdown > docs/formats/{name}.md'"
+    )
