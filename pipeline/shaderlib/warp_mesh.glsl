@@ -1,5 +1,5 @@
 // The mesh that the warp draws: one quad between every four neighbouring vertices.
-// Twin: moved_mesh(), coverage() and inside() in warp/reference.py.
+// Twin: moved_mesh(), strips(), coverage() and inside() in warp/reference.py.
 //
 // Vertices are the source pixels and two more rings around them. Ring 1 ends the border
 // pixels' own footprint, half a pixel out. Ring 0 lies beyond the target's edge: its quads
@@ -8,6 +8,9 @@
 // Positions are integers in sub-pixels, so coverage is exact, and a pixel centre on a shared
 // edge belongs to one side only. Quads a b c d, clockwise from the top left, fall into the
 // triangles abc and acd; those turned over by the motion are not drawn.
+//
+// Part 0 of a quad is the quad. Part k + 1 of a torn quad is the strip along its side k (a b,
+// b c, c d, d a) that belongs to the whole quad beyond: half its extent, carried on.
 
 // Images, not samplers: llvmpipe loads them three times faster.
 layout(r32f, binding = 0) uniform readonly image2D depth_m;   // in the target's view; inf is
@@ -20,6 +23,7 @@ uniform ivec2 target_origin;  // in source pixels
 const int SUB = 256;              // sub-pixels per pixel
 const int GUARD = 16384 * SUB;    // vertices farther out are not drawn
 const int NARROW = 64 * SUB;      // products of narrower spans fit 32 bits
+const int REACH = 64 * SUB;       // how far beyond the view a torn quad's strips are looked for
 const int RINGS = 2;
 const uint NOTHING = 0xFFFFFFFFu;
 const uint STRETCHED = 0x80000000u;
@@ -53,21 +57,48 @@ ivec2 position(ivec2 vertex, vec2 flow) {
     return at;
 }
 
-Quad load_quad(ivec2 first) {
-    ivec2 b = first + ivec2(1, 0), c = first + 1, d = first + ivec2(0, 1);
-    ivec2 pa = pixel_of(first), pb = pixel_of(b), pc = pixel_of(c), pd = pixel_of(d);
+ivec2 corner(int k) { return ivec2((k & 3) == 1 || (k & 3) == 2, (k & 3) >= 2); }
+
+ivec2 outwards(int k) { return ivec2(k == 1 ? 1 : k == 3 ? -1 : 0, k == 0 ? -1 : k == 2 ? 1 : 0); }
+
+Quad load_quad(ivec2 first, int part) {
+    int k = part - 1;
+    bool strip = part > 0;
+    ivec2 va = first + (strip ? corner(k) : ivec2(0, 0));
+    ivec2 vb = first + (strip ? corner(k + 1) : ivec2(1, 0));
+    ivec2 vc = strip ? vb + outwards(k) : first + ivec2(1, 1);
+    ivec2 vd = strip ? va + outwards(k) : first + ivec2(0, 1);
+    ivec2 pa = pixel_of(va), pb = pixel_of(vb), pc = pixel_of(vc), pd = pixel_of(vd);
     Quad quad;
     quad.fa = imageLoad(flow_px, pa).xy;
     quad.fb = imageLoad(flow_px, pb).xy;
     quad.fc = imageLoad(flow_px, pc).xy;
     quad.fd = imageLoad(flow_px, pd).xy;
-    quad.a = position(first, quad.fa);
-    quad.b = position(b, quad.fb);
-    quad.c = position(c, quad.fc);
-    quad.d = position(d, quad.fd);
+    quad.a = position(va, quad.fa);
+    quad.b = position(vb, quad.fb);
+    quad.c = position(vc, quad.fc);
+    quad.d = position(vd, quad.fd);
     quad.depth = vec4(imageLoad(depth_m, pa).x, imageLoad(depth_m, pb).x,
                       imageLoad(depth_m, pc).x, imageLoad(depth_m, pd).x);
+    if (strip) {
+        quad.c = quad.b + ((quad.b - quad.c) >> 1);
+        quad.d = quad.a + ((quad.a - quad.d) >> 1);
+        quad.fc = quad.fb;
+        quad.fd = quad.fa;
+        quad.depth.zw = quad.depth.yx;
+    }
     return quad;
+}
+
+ivec2 lowest(Quad quad) { return min(min(quad.a, quad.b), min(quad.c, quad.d)); }
+
+ivec2 highest(Quad quad) { return max(max(quad.a, quad.b), max(quad.c, quad.d)); }
+
+// Not drawn is what has a corner behind the camera or beyond the guard.
+bool drawable(Quad quad) {
+    return all(greaterThan(quad.depth, vec4(0.0)))
+        && all(greaterThanEqual(lowest(quad), ivec2(-GUARD)))
+        && all(lessThanEqual(highest(quad), ivec2(GUARD)));
 }
 
 bool in_ring_0(ivec2 first) {

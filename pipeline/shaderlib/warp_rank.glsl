@@ -5,13 +5,16 @@
 // falls with inverse depth (nearest wins) and a stretched quad's rises (farthest wins).
 
 layout(std430, binding = 0) buffer Keys { uint keys[]; };        // per target pixel
-layout(std430, binding = 1) buffer Winners { uint winners[]; };  // per target pixel, a quad
+layout(std430, binding = 1) buffer Winners { uint winners[]; };  // per target pixel, quad + part * quads
 layout(std430, binding = 2) buffer Large {
     uint large_count;
     uint unreached;      // nonzero: some target pixel was reached by no quad
-    uint large[];        // quads left to large.comp.glsl; room for all there are. Top bit:
-                         // stretched, set by classify.comp.glsl
+    uint large[];        // quads left to large.comp.glsl; room for all there are
 };
+
+// Bits of large[] beside the quad, set by classify.comp.glsl: STRETCHED, and STRIP << k where
+// side k has a strip.
+const uint STRIP = 1u << 27;
 
 // 0: find the least key. 1: find the first quad that has it. One program does both, and the
 // key's arithmetic is `precise`, so that both compute the very same keys.

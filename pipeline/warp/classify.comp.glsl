@@ -1,6 +1,7 @@
 #version 430
-// Tell which of the listed quads are stretched: torn apart, or in ring 0.
-// Twin: torn_quads() in reference.py. Change both or neither.
+// Tell which of the listed quads are stretched (torn apart, or in ring 0), and along which
+// sides of a torn one the surface beyond reaches into it.
+// Twin: torn_quads() and strips() in reference.py. Change both or neither.
 
 #constant LANES       // work-group size
 #constant SURFACE_PX  // sides in line that must stretch alike to be one surface
@@ -39,15 +40,28 @@ bool torn(ivec2 vertex, ivec2 along) {
     return 1 + alike(pixel, along, along, side) + alike(pixel, along, -along, side) < SURFACE_PX;
 }
 
+bool torn(ivec2 first) {
+    ivec2 right = ivec2(1, 0), down = ivec2(0, 1);
+    return torn(first, right) || torn(first, down) || torn(first + down, right)
+        || torn(first + right, down);
+}
+
 void main() {
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;
     for (uint slot = gl_GlobalInvocationID.x; slot < large_count; slot += stride) {
         uint index = large[slot];
         ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-        ivec2 right = ivec2(1, 0), down = ivec2(0, 1);
-        if (in_ring_0(first) || torn(first, right) || torn(first, down)
-            || torn(first + down, right) || torn(first + right, down))
+        if (in_ring_0(first)) {
             large[slot] = index | STRETCHED;
+        } else if (torn(first)) {
+            uint found = STRETCHED;
+            for (int k = 0; k < 4; ++k) {
+                ivec2 beyond = first + outwards(k);
+                if (!in_ring_0(beyond) && drawable(load_quad(beyond, 0)) && !torn(beyond))
+                    found |= STRIP << k;
+            }
+            large[slot] = index | found;
+        }
     }
 }

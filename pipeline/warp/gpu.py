@@ -19,6 +19,7 @@ LANES = 32  # work-group size where one group takes one quad; a GPU's warp
 SOFTWARE_LANES = 8  # llvmpipe's vector
 SMALL = 16  # target pixels in the bounding box of a quad that one invocation draws
 GROUPS = 512  # work groups that share the listed quads
+MOST_QUADS = 2**27  # the list keeps five bits for what it knows of a quad
 _UNTOUCHED = b"\xff\xff\xff\xff"
 RINGS = 2  # of vertices around the source
 
@@ -279,9 +280,10 @@ def _list_bytes(source_size: tuple[int, int]) -> int:
 
 def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Window) -> None:
     limit = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+    limit = min(limit, 4 * MOST_QUADS)
     if max(_list_bytes(source_size), 4 * window.width_px * window.height_px) > limit:
         raise InputError(
-            f"source and window must fit this driver's shader buffers of {limit} bytes at 4 bytes"
+            f"source and window must fit the warp's shader buffers of {limit} bytes at 4 bytes"
             f" per pixel (got {source_size[0]}x{source_size[1]}"
             f" and {window.width_px}x{window.height_px}); use smaller images"
         )

@@ -4,7 +4,7 @@
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant LANES  // work-group size, a power of two
-#constant HIDE   // whether stretched quads are left out
+#constant HIDE   // whether stretched quads are left out, but for the strips of their neighbours
 #constant SMEAR  // whether they are drawn like any other
 
 layout(local_size_x = LANES) in;
@@ -22,38 +22,44 @@ void cross_edge(ivec2 from, ivec2 to, int y, inout vec2 span) {
     if (from.y == to.y) span = vec2(min(span.x, float(to.x)), max(span.y, float(to.x)));
 }
 
+void draw(Quad quad, uint index, bool stretched) {
+    int lane = int(gl_LocalInvocationIndex);
+    int low = max((lowest(quad).y + SUB / 2 - 1) >> 8, 0);
+    int high = min((highest(quad).y - SUB / 2) >> 8, target_size.y - 1);
+    int rows = 1;  // at once
+    while (rows < LANES && rows < high - low + 1) rows *= 2;
+    int across = LANES / rows;
+    for (int y = low + lane / across; y <= high; y += rows) {
+        int centre = y * SUB + SUB / 2;
+        vec2 span = vec2(2.0 * GUARD, -2.0 * GUARD);
+        cross_edge(quad.a, quad.b, centre, span);
+        cross_edge(quad.b, quad.c, centre, span);
+        cross_edge(quad.c, quad.d, centre, span);
+        cross_edge(quad.d, quad.a, centre, span);
+        cross_edge(quad.a, quad.c, centre, span);
+        ivec2 pixels = ivec2(floor(span / float(SUB)));
+        int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
+        for (int x = left + lane % across; x <= right; x += across) {
+            ivec2 at = ivec2(x, y) * SUB + SUB / 2;
+            Areas area = wide_areas(quad.a - at, quad.b - at, quad.c - at, quad.d - at);
+            rank(quad, area, index, stretched, ivec2(x, y));
+        }
+    }
+}
+
 void main() {
     ivec2 mesh = mesh_size();
-    int lane = int(gl_LocalInvocationIndex);
     for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
-        uint index = large[slot] & ~STRETCHED;
-        bool stretched = (large[slot] & STRETCHED) != 0u && !bool(SMEAR);
-        if (stretched && bool(HIDE)) continue;
-        Quad quad = load_quad(ivec2(int(index) % mesh.x, int(index) / mesh.x));
-
-        int low = min(min(quad.a.y, quad.b.y), min(quad.c.y, quad.d.y));
-        int high = max(max(quad.a.y, quad.b.y), max(quad.c.y, quad.d.y));
-        low = max((low + SUB / 2 - 1) >> 8, 0);
-        high = min((high - SUB / 2) >> 8, target_size.y - 1);
-
-        int rows = 1;  // at once
-        while (rows < LANES && rows < high - low + 1) rows *= 2;
-        int across = LANES / rows;
-        for (int y = low + lane / across; y <= high; y += rows) {
-            int centre = y * SUB + SUB / 2;
-            vec2 span = vec2(float(GUARD), -float(GUARD));
-            cross_edge(quad.a, quad.b, centre, span);
-            cross_edge(quad.b, quad.c, centre, span);
-            cross_edge(quad.c, quad.d, centre, span);
-            cross_edge(quad.d, quad.a, centre, span);
-            cross_edge(quad.a, quad.c, centre, span);
-            ivec2 pixels = ivec2(floor(span / float(SUB)));
-            int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
-            for (int x = left + lane % across; x <= right; x += across) {
-                ivec2 at = ivec2(x, y) * SUB + SUB / 2;
-                Areas area = wide_areas(quad.a - at, quad.b - at, quad.c - at, quad.d - at);
-                rank(quad, area, index, stretched, ivec2(x, y));
-            }
+        uint entry = large[slot];
+        uint index = entry & (STRIP - 1u);
+        bool stretched = (entry & STRETCHED) != 0u && !bool(SMEAR);
+        // One bit for each part.
+        uint parts = stretched ? (entry / STRIP & 15u) << 1 | (bool(HIDE) ? 0u : 1u) : 1u;
+        ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
+        for (; parts != 0u; parts &= parts - 1u) {
+            int part = findLSB(parts);
+            draw(load_quad(first, part), index + uint(part * mesh.x * mesh.y),
+                 stretched && part == 0);
         }
     }
 }

@@ -12,7 +12,7 @@ integers: both twins decide alike, and shared edges leave neither gaps nor doubl
 Twin: gpu.py with *.comp.glsl and shaderlib/warp_*.glsl. Change both or neither.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +23,7 @@ from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, check_inputs
 
 RINGS = 2  # of vertices around the source pixels
 GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
+REACH = 64 * SUBPIXELS  # how far beyond the window a torn quad's strips are looked for
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -74,6 +75,7 @@ def warp(
         drawn = mesh.drawable
     elif settings.variant == "remove":
         drawn &= ~stretched
+    mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     return resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
@@ -136,6 +138,51 @@ def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) ->
     )
 
 
+def with_strips(
+    mesh: Mesh, stretched: Bools, drawn: Bools, source_size: tuple[int, int], window: Window
+) -> tuple[Mesh, Bools, Bools]:
+    """Let surfaces reach into the torn quads beside them, by half of their last quad.
+
+    So a surface ends where its outermost pixels end, not at their centres. A torn quad gets a
+    strip along each side that it shares with a quad that is whole. Pixels between two torn
+    quads, as those inside a blurred step in depth, get none.
+    """
+    height, width = (length + 2 * RINGS - 1 for length in source_size)
+    row, column = np.divmod(np.arange(height * width), width)
+    whole = mesh.drawable & ~stretched
+    torn = mesh.drawable & stretched & ~mesh.ring_0
+    low, high = pixel_box(mesh.at, window, REACH)
+    torn &= (low <= high).all(axis=1)
+    parts = [mesh]
+    for k, (right, down) in enumerate(((0, -1), (1, 0), (0, 1), (-1, 0))):
+        # Torn quads are not in ring 0, so there is always a quad beyond.
+        quad = np.flatnonzero(torn)
+        beyond = (row[quad] + down) * width + column[quad] + right
+        quad, beyond = quad[whole[beyond]], beyond[whole[beyond]]
+        ends = [k, (k + 1) % 4]
+        side = mesh.at[quad[:, None], ends]
+        reach = side + (side - mesh.at[beyond[:, None], ends]) // 2
+        order = [*ends, *ends[::-1]]
+        parts.append(
+            Mesh(
+                at=np.concatenate([side, reach[:, ::-1]], axis=1),
+                pixel=mesh.pixel[quad[:, None], order],
+                depth_m=mesh.depth_m[quad[:, None], order],
+                drawable=np.ones(len(quad), np.bool_),
+                ring_0=np.zeros(len(quad), np.bool_),
+            )
+        )
+    added = sum(len(part.at) for part in parts[1:])
+    joined = Mesh(
+        *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Mesh))
+    )
+    return (
+        joined,
+        np.concatenate([stretched, np.zeros(added, np.bool_)]),
+        np.concatenate([drawn, np.ones(added, np.bool_)]),
+    )
+
+
 def displacement(flow_px: NDArray[np.float32]) -> Ints:
     """Round the flow to 1/256 px, ties to even."""
     subpixels: Ints = np.rint((flow_px * SUBPIXELS).clip(-2 * GUARD, 2 * GUARD)).astype(np.int64)
@@ -191,10 +238,7 @@ def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
     triangle turned over by the motion covers nothing; another surface always covers its place.
     """
     quads = np.flatnonzero(drawn)
-    low = (mesh.at[quads].min(axis=1) + SUBPIXELS // 2 - 1) // SUBPIXELS
-    high = (mesh.at[quads].max(axis=1) - SUBPIXELS // 2) // SUBPIXELS
-    low = np.maximum(low, 0)
-    high = np.minimum(high, (window.width_px - 1, window.height_px - 1))
+    low, high = pixel_box(mesh.at[quads], window)
     box = np.maximum(high - low + 1, 0)
     count = box.prod(axis=1)
     # One candidate for each pixel of each bounding box.
@@ -210,6 +254,14 @@ def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
         weight[np.flatnonzero(found)[:, None], triangle] = shares
     hit = weight.any(axis=1)
     return Hits(quads[which[hit]], (y * window.width_px + x)[hit], weight[hit])
+
+
+def pixel_box(at: Ints, window: Window, reach: int = 0) -> tuple[Ints, Ints]:
+    """Give the first and last pixel (x, y) of each quad's bounding box, grown by `reach`."""
+    low = (at.min(axis=1) - reach + SUBPIXELS // 2 - 1) // SUBPIXELS
+    high = (at.max(axis=1) + reach - SUBPIXELS // 2) // SUBPIXELS
+    last = (window.width_px - 1, window.height_px - 1)
+    return np.maximum(low, 0), np.minimum(high, last)
 
 
 def inside(corner: Ints) -> tuple[Bools, Floats]:

@@ -31,6 +31,12 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
+// Colour of a quad's corner; in a strip each end of its side has two.
+vec3 colour_at(ivec2 first, int part, int k) {
+    int source = part == 0 ? k : part - 1 + (k == 1 || k == 2 ? 1 : 0);
+    return imageLoad(colour, pixel_of(first + corner(source))).rgb;
+}
+
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, target_size))) return;
@@ -48,8 +54,10 @@ void main() {
         return;
     }
     ivec2 mesh = mesh_size();
+    int part = int(index / uint(mesh.x * mesh.y));
+    index -= uint(part * mesh.x * mesh.y);
     ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-    Quad quad = load_quad(first);
+    Quad quad = load_quad(first, part);
 
     vec4 shown = vec4(0.0);
     // In holes the farthest corner; the first of equals, in reading order.
@@ -70,9 +78,9 @@ void main() {
         bool upper;
         covers(quad, area, weight, upper);
 
-        vec3 base = imageLoad(colour, pixel_of(first)).rgb;
-        vec3 second = imageLoad(colour, pixel_of(first + ivec2(1, upper ? 0 : 1))).rgb;
-        vec3 third = imageLoad(colour, pixel_of(first + ivec2(upper ? 1 : 0, 1))).rgb;
+        vec3 base = colour_at(first, part, 0);
+        vec3 second = colour_at(first, part, upper ? 1 : 2);
+        vec3 third = colour_at(first, part, upper ? 2 : 3);
         vec3 mixed = base + weight.x * (second - base) + weight.y * (third - base);
         shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
         motion = quad.fa + weight.x * ((upper ? quad.fb : quad.fc) - quad.fa)

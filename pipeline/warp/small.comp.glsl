@@ -20,25 +20,24 @@ void main() {
     if (any(greaterThanEqual(first, mesh))) return;
     bool ring = in_ring_0(first);
     if (ring && !bool(EXTEND)) return;
-    Quad quad = load_quad(first);
-    ivec2 low = min(min(quad.a, quad.b), min(quad.c, quad.d));
-    ivec2 high = max(max(quad.a, quad.b), max(quad.c, quad.d));
-    // Not drawn: what has a corner behind the camera or beyond the guard.
-    if (any(lessThanEqual(quad.depth, vec4(0.0)))) return;
-    if (any(lessThan(low, ivec2(-GUARD))) || any(greaterThan(high, ivec2(GUARD)))) return;
-
-    // Pixels whose centres lie in the bounding box.
-    ivec2 start = max((low + SUB / 2 - 1) >> 8, ivec2(0));
-    ivec2 last = min((high - SUB / 2) >> 8, target_size - 1);
-    ivec2 box = last - start + 1;
-    if (any(lessThan(box, ivec2(1)))) return;
+    Quad quad = load_quad(first, 0);
+    if (!drawable(quad)) return;
+    ivec2 low = lowest(quad), high = highest(quad);
 
     int side = max(max(longest(quad.b - quad.a), longest(quad.c - quad.b)),
                    max(longest(quad.d - quad.c), longest(quad.a - quad.d)));
+    bool doubtful = side > stretch && !ring;
+    // Pixels whose centres lie in the bounding box. Strips of a torn quad reach beyond it.
+    int reach = doubtful ? REACH : 0;
+    ivec2 start = max((low - reach + SUB / 2 - 1) >> 8, ivec2(0));
+    ivec2 last = min((high + reach - SUB / 2) >> 8, target_size - 1);
+    ivec2 box = last - start + 1;
+    if (any(lessThan(box, ivec2(1)))) return;
+
     bool few = max(box.x, box.y) <= SMALL && box.x * box.y <= SMALL
             && longest(high - low) <= NARROW;
     uint index = uint(first.y * mesh.x + first.x);
-    if (ring || side > stretch || !few) {
+    if (ring || doubtful || !few) {
         if (round_index == 0) large[atomicAdd(large_count, 1u)] = index;
         return;
     }

@@ -21,6 +21,7 @@ from pipeline.warp.reference import (
     partitioned_depth,
     torn_quads,
     warp,
+    with_strips,
 )
 from pipeline.warp.settings import VARIANTS, WarpSettings, Window
 
@@ -139,7 +140,7 @@ def undecided(scene: Scene, settings: WarpSettings) -> NDArray[np.bool_]:
         )
     if settings.variant == "remove":
         drawn &= ~stretched
-    assert frame.size == depth.shape
+    mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
     hits = coverage(mesh, drawn, window)
     rank = partitioned_depth(mesh, stretched, hits)
     order = np.lexsort((rank, hits.pixel))
