@@ -45,15 +45,15 @@ class BackgroundExtension:
         How many more pixels to walk into the background, past the mixed colours of a
         silhouette; fewer where it is narrower.
     depth_threshold : float
-        How much nearer counts as clearly nearer: a share of the frame's range of ``1 / z``,
-        in which parallax is linear.
+        How much nearer counts as clearly nearer: by this share of the depth. It knows no
+        range of the frame, which would flicker from frame to frame.
     """
 
     def __init__(
         self,
         *,
         continuation: str = "repeat",
-        inset_px: int = 0,
+        inset_px: int = 1,
         depth_threshold: float = 0.04,
     ) -> None:
         if continuation not in _CONTINUATIONS:
@@ -73,7 +73,7 @@ class BackgroundExtension:
         check_some_known(warped.hole)
         if not warped.hole.any():
             return warped.colour.copy()
-        scene = _Scene.of(warped, self.depth_threshold)
+        scene = _Scene(~warped.hole, warped.depth_m, self.depth_threshold)
         start = np.argwhere(warped.hole)
         direction = parallax_direction(warped, self.depth_threshold)[warped.hole]
         ends = _background_end(scene, start, direction)
@@ -93,8 +93,6 @@ def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> ND
 
     Zero outside holes. See `BackgroundExtension`, step 1.
     """
-    nearness = 1.0 / warped.depth_m.astype(np.float64)
-    clear = depth_threshold * _range(nearness)
     hole = warped.hole
     result = np.zeros((*hole.shape, 2))
     if not hole.any() or hole.all():
@@ -104,9 +102,10 @@ def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> ND
     toward_known = border[_nearest(border, start)] - start
     direction = toward_known / np.linalg.norm(toward_known, axis=1, keepdims=True)
 
-    # How near the hole beside each known border pixel is.
-    beside = ndimage.minimum_filter(np.where(hole, nearness, np.inf), size=3)
-    foreground = border[(nearness > beside + clear)[border[:, 0], border[:, 1]]]
+    # How far the hole beside each known border pixel is.
+    beside_m = ndimage.maximum_filter(np.where(hole, warped.depth_m, 0), size=3)
+    nearer = _clearly_nearer(warped.depth_m, beside_m, depth_threshold)
+    foreground = border[nearer[border[:, 0], border[:, 1]]]
     if len(foreground):
         by = foreground[_nearest(foreground, start)]
         relative = _motion(warped, start) - _motion(warped, by)
@@ -137,13 +136,8 @@ def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> NDArray[np.float64]
 @dataclass(frozen=True)
 class _Scene:
     known: NDArray[np.bool_]
-    nearness: NDArray[np.float64]  # 1 / depth
-    clear: float  # the least difference of nearness that counts
-
-    @classmethod
-    def of(cls, warped: WarpedFrame, depth_threshold: float) -> "_Scene":
-        nearness = 1.0 / warped.depth_m.astype(np.float64)
-        return cls(~warped.hole, nearness, depth_threshold * _range(nearness))
+    depth_m: NDArray[np.float32]
+    depth_threshold: float
 
 
 @dataclass(frozen=True)
@@ -161,12 +155,12 @@ def _background_end(
 ) -> _Ends:
     """Walk to the background side, and the other way where that side is foreground or outside."""
     ahead = _walk_to_known(scene.known, start, direction)
-    guide = scene.nearness[start[:, 0], start[:, 1]]
-    nearness = scene.nearness[ahead.end[:, 0], ahead.end[:, 1]]
-    doubtful = ~ahead.found | (nearness > guide + scene.clear)
+    guide_m = scene.depth_m[start[:, 0], start[:, 1]]
+    ahead_m = scene.depth_m[ahead.end[:, 0], ahead.end[:, 1]]
+    doubtful = ~ahead.found | _clearly_nearer(ahead_m, guide_m, scene.depth_threshold)
     back = _walk_to_known(scene.known, start[doubtful], -direction[doubtful])
-    other = scene.nearness[back.end[:, 0], back.end[:, 1]]
-    better = back.found & (~ahead.found[doubtful] | (other < nearness[doubtful]))
+    back_m = scene.depth_m[back.end[:, 0], back.end[:, 1]]
+    better = back.found & (~ahead.found[doubtful] | (back_m > ahead_m[doubtful]))
     ends = _replace(ahead, np.flatnonzero(doubtful)[better], back, better)
 
     lost = np.flatnonzero(~ends.found)
@@ -208,7 +202,7 @@ def _walk_within(
     scene: _Scene, start: NDArray[np.intp], step: NDArray[np.float64], steps: NDArray[np.intp]
 ) -> NDArray[np.intp]:
     """Go on by up to `steps`, while the pixels are known and not clearly nearer than `start`."""
-    guide = scene.nearness[start[:, 0], start[:, 1]]
+    guide_m = scene.depth_m[start[:, 0], start[:, 1]]
     end = start.copy()
     walking = np.flatnonzero(steps > 0)
     count = 0
@@ -218,8 +212,8 @@ def _walk_within(
         inside = ((pixel >= 0) & (pixel < scene.known.shape)).all(axis=1)
         walking, pixel = walking[inside], pixel[inside]
         row, column = pixel[:, 0], pixel[:, 1]
-        same = scene.known[row, column] & (
-            scene.nearness[row, column] <= guide[walking] + scene.clear
+        same = scene.known[row, column] & ~_clearly_nearer(
+            scene.depth_m[row, column], guide_m[walking], scene.depth_threshold
         )
         walking, pixel = walking[same], pixel[same]
         end[walking] = pixel
@@ -236,5 +230,7 @@ def _replace(ends: _Ends, where: NDArray[np.intp], by: _Ends, chosen: NDArray[np
     return _Ends(**fields)
 
 
-def _range(nearness: NDArray[np.float64]) -> float:
-    return float(nearness.max() - nearness.min())
+def _clearly_nearer(
+    depth_m: NDArray[np.float32], than_m: NDArray[np.float32], threshold: float
+) -> NDArray[np.bool_]:
+    return np.asarray(depth_m < np.float32(1 - threshold) * than_m)

@@ -25,8 +25,13 @@ LEFT_IS_NEAR = [1, 1, 0, 0, 0, 0, 0, 0, 0]
 MOVED_LEFT = (-3.0, 0.0)
 
 
-def fill_row(frame: WarpedFrame, **parameters) -> list[float]:
-    return BackgroundExtension(**parameters).fill(frame, 0)[0, :, 0].round(6).tolist()
+def fill_row(frame: WarpedFrame, inset_px=0, **parameters) -> list[float]:
+    return (
+        BackgroundExtension(inset_px=inset_px, **parameters)
+        .fill(frame, 0)[0, :, 0]
+        .round(6)
+        .tolist()
+    )
 
 
 def test_a_row_takes_the_colour_of_its_end_on_the_background():
@@ -113,7 +118,7 @@ def test_the_direction_is_that_of_the_parallax_reversed(rng, direction):
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_foreground_never_bleeds_into_the_hole(rng, direction, continuation):
     frame = disc_frame(rng, direction)
-    filled = BackgroundExtension(continuation=continuation, inset_px=1).fill(frame, 0)
+    filled = BackgroundExtension(continuation=continuation).fill(frame, 0)
 
     inside = filled[frame.hole]
     assert frame.hole.sum() > 200
@@ -132,7 +137,7 @@ def test_fill_equals_a_plain_walk_pixel_by_pixel(rng, direction):
             count += 1
         expected[tuple(pixel)] = frame.colour[tuple(np.rint(pixel + count * step).astype(int))]
 
-    np.testing.assert_array_equal(BackgroundExtension().fill(frame, 0), expected)
+    np.testing.assert_array_equal(BackgroundExtension(inset_px=0).fill(frame, 0), expected)
 
 
 def test_a_zoom_continues_each_side_along_its_own_ray(rng):
