@@ -1,0 +1,124 @@
+"""Quality of every fill method on stereo pairs: `python -m benchmarks.quality --help`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pipeline.gl.context import create_context, describe, release_context
+from pipeline.methods.registry import METHODS
+from pipeline.quality import Quality
+from pipeline.warp.gpu import warp_frame
+from protocols.revision import code_revision, package_version
+from stimuli.one_frame import Choice, warp_and_fill
+from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
+
+# Pairs of the Middlebury benchmark, where a folder of them is given: no licence lets us ship them.
+PAIRS = {
+    "teddy": ("middlebury2003_teddy", "im2.png", "disp2.pgm", "im6.png", 4.0),
+    "aloe": ("middlebury2006_aloe", "aloeL.jpg", "aloeGT.png", "aloeR.jpg", 1.0),
+}
+VARIANTS = [
+    Choice("background-extension", {"continuation": continuation, "inset_px": inset_px})
+    for continuation in ("repeat", "mirror")
+    for inset_px in (0, 1, 2)
+]
+RESULTS = Path(__file__).parent / "results" / "quality.json"
+BEGIN, END = "<!-- quality table: begin -->", "<!-- quality table: end -->"
+
+
+def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Keep the holes that do not touch the image's border."""
+    labels, _ = ndimage.label(hole, np.ones((3, 3)))
+    at_border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    return hole & ~np.isin(labels, at_border)
+
+
+def measure(
+    ctx: moderngl.Context, pair: StereoPair, choices: list[Choice]
+) -> tuple[float, dict[str, Quality]]:
+    """Return the share of interior holes, and each method's quality inside them."""
+    frame = pair.warp_input()
+    mask = interior(warp_frame(ctx, frame.source, frame.flow_px).hole)
+    _, fills = warp_and_fill(ctx, frame, choices, truth=pair.right, truth_mask=mask)
+    found = {fill.choice.label: fill.quality for fill in fills if fill.quality is not None}
+    return float(mask.mean()), found
+
+
+def pairs(folder: Path | None) -> Iterator[tuple[str, StereoPair]]:
+    """The built-in pair, and those of `PAIRS` that `folder` holds."""
+    yield "motorcycle", built_in_pair("motorcycle")
+    for name, (place, left, disparity, right, units_per_px) in PAIRS.items():
+        if folder is not None and (folder / place).is_dir():
+            files = (folder / place / left, folder / place / disparity, folder / place / right)
+            yield name, load_pair(*files, units_per_px=units_per_px)
+
+
+def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
+    """Render as Markdown: one row per pair and method."""
+    lines = [
+        "| pair (interior holes) | method | PSNR dB | SSIM | high-frequency ratio | band error |",
+        "| --- | --- | ---: | ---: | ---: | ---: |",
+    ]
+    for pair, (share, fills) in results.items():
+        for method, quality in fills.items():
+            lines.append(
+                f"| {pair} ({100 * share:.1f} %) | {method} | {quality.psnr_db:.2f} |"
+                f" {quality.ssim:.3f} | {quality.high_frequency_ratio:.2f} |"
+                f" {quality.band_error:.3f} |"
+            )
+    return "\n".join(lines)
+
+
+def write_into(document: Path, text: str) -> None:
+    """Replace what stands between the markers of a document."""
+    before, found, rest = document.read_text(encoding="utf-8").partition(BEGIN)
+    _, ended, after = rest.partition(END)
+    if not (found and ended):
+        raise SystemExit(f"{document}: must hold the lines {BEGIN} and {END}")
+    document.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+def main() -> None:
+    """Measure, print, and store with what the numbers depend on."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    parser.add_argument("--variants", action="store_true", help="variants of one method instead")
+    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    arguments = parser.parse_args()
+    every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
+    choices = VARIANTS if arguments.variants else every
+    ctx = create_context()
+    try:
+        renderer = str(describe(ctx))
+        results = {name: measure(ctx, pair, choices) for name, pair in pairs(arguments.pairs)}
+    finally:
+        release_context(ctx)
+    print(table(results))
+    if arguments.variants:
+        return
+    record = {
+        "version": package_version(),
+        "revision": code_revision(),
+        "renderer": renderer,
+        "pairs": {
+            name: {"hole_share": share, "methods": {m: asdict(q) for m, q in fills.items()}}
+            for name, (share, fills) in results.items()
+        },
+    }
+    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if arguments.docs is not None:
+        write_into(arguments.docs, table(results))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""The table of fill quality in docs/ is made by a command that measures what it says."""
+
+import numpy as np
+import pytest
+
+from benchmarks.quality import BEGIN, END, interior, measure, table, write_into
+from pipeline.quality import Quality
+from stimuli.one_frame import Choice
+from stimuli.scenes.stereo import StereoPair
+
+
+def test_holes_that_touch_the_border_are_left_out_whole():
+    hole = np.zeros((6, 8), bool)
+    hole[2:4, 3:5] = True  # inside
+    hole[0, 6] = hole[1, 7] = True  # at the border, joined by a corner
+
+    kept = interior(hole)
+
+    assert np.argwhere(kept).tolist() == [[2, 3], [2, 4], [3, 3], [3, 4]]
+
+
+def test_a_pair_is_measured_inside_its_interior_holes(gl_context, rng):
+    """A plane in front of which a square moves; the truth is the plane's own constant colour."""
+    disparity = np.full((48, 64), 2.0, np.float32)
+    disparity[12:36, 24:48] = 10.0
+    left = np.where(disparity[..., None] > 5, 1.0, 0.5) + 0 * np.zeros(3)
+    truth = (0.5 + 0.01 * rng.standard_normal((48, 64, 3))).astype(np.float32)
+    pair = StereoPair(left.astype(np.float32), disparity, disparity > 0, 100.0, 0.1, right=truth)
+
+    share, found = measure(gl_context, pair, [Choice("background-extension")])
+
+    assert 24 * 7 / (48 * 64) < share < 24 * 12 / (48 * 64)  # not the 2 px at the right border
+    assert found["background-extension"].psnr_db > 35  # noise of 0.01 is 40 dB
+
+
+def test_the_table_replaces_what_stands_between_its_markers(tmp_path):
+    document = tmp_path / "page.md"
+    document.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    rows = table({"pair": (0.05, {"telea": Quality(15.0, 0.5, 0.4, 0.3)})})
+
+    write_into(document, rows)
+
+    text = document.read_text(encoding="utf-8")
+    assert "old" not in text
+    assert "| pair (5.0 %) | telea | 15.00 | 0.500 | 0.40 | 0.300 |" in text
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    (tmp_path / "bare.md").write_text("no markers", encoding="utf-8")
+    with pytest.raises(SystemExit, match="must hold the lines"):
+        write_into(tmp_path / "bare.md", rows)
