@@ -74,6 +74,14 @@ def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_missing_folders_are_made(exr, tmp_path):
+    out = tmp_path / "new" / "folder" / "out.png"
+
+    assert run(exr, out, "-m", "telea")[0] == 0
+    assert out.exists()
+
+
+@pytest.mark.usefixtures("gl_context")
 def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
     for name in ("a.png", "b.png"):
         assert run(exr, tmp_path / name, "-m", "weighted-pull-push")[0] == 0
@@ -218,7 +226,7 @@ def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, sai
     ("out", "said"),
     [
         ("out.jpg", "must end in .png or .exr"),
-        ("nowhere/out.png", "its folder must exist"),
+        ("frame.exr/out.png", "frame.exr is a file"),
         ("folder.png", "must be a file, and is a folder"),
     ],
 )

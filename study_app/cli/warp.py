@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -185,9 +186,11 @@ def _run(
     finally:
         release_context(ctx)
     _print_results(console, warped, fills)
+    out.parent.mkdir(parents=True, exist_ok=True)
     save_colour(out, fills[0].colour)
     console.print(f"wrote {out} ({fills[0].choice.label})")
     if compare is not None:
+        compare.parent.mkdir(parents=True, exist_ok=True)
         pictures.save_picture(compare, comparison(warped, fills, truth))
         console.print(f"wrote {compare} ({len(fills)} methods)")
     if steps is not None:
@@ -240,12 +243,20 @@ def _check_outputs(out: Path, compare: Path | None, steps: Path | None) -> None:
         ):
             endings = ".png" if path is compare else ".png or .exr"
             raise StudyError(f"{path}: must end in {endings}")
-        if not path.parent.is_dir():
-            raise StudyError(f"{path}: its folder must exist; make it first: {path.parent}")
         if path.is_dir():
             raise StudyError(f"{path}: must be a file, and is a folder")
-    if steps is not None and steps.exists() and not steps.is_dir():
-        raise StudyError(f"{steps}: must be a folder, and is a file")
+        _check_folder(path.parent)
+    if steps is not None:
+        _check_folder(steps)
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder that is not there and cannot be made."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
 
 
 def _load(
