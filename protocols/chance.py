@@ -42,10 +42,6 @@ class Chance:
             pass
         return drawn % bound
 
-    def uniform(self) -> float:
-        """Return a float in [0, 1) with 53 random bits."""
-        return (self._draw() >> 11) * 2.0**-53
-
     def shuffled(self, items: Iterable[T]) -> list[T]:
         """Return the items in random order (Fisher and Yates)."""
         order = list(items)

@@ -17,7 +17,6 @@ from protocols.hashing import canonical_json
 from protocols.session_schema import SideName
 from protocols.units import (
     Count,
-    Degrees,
     Hertz,
     LanguageCode,
     Model,
@@ -358,7 +357,6 @@ __all__ = [
     "Break",
     "Calibration",
     "Consent",
-    "Degrees",
     "DisplayReport",
     "Event",
     "GazeInfo",

@@ -91,6 +91,7 @@ def run_attempt(
                 watcher.monitor.watch(flip.t_s, planned_s)
             elif state.phase is Phase.RESPOND:
                 onset_s = flip.t_s
+        gaze = _read_gaze(watcher, stage, log, recording=not state.over)
         if watcher and log.quality is None and state.phase not in (Phase.FIXATE, *WATCHED):
             if any(phase is Phase.FIRST for phase, _, _ in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
@@ -101,7 +102,6 @@ def run_attempt(
         choice, interrupt = _read_keys(stage, state, planned, response, onset_s, log)
         if interrupt:
             interrupts.append(interrupt)
-        gaze = _read_gaze(watcher, stage, log, recording=not state.over)
         state = advance(
             state,
             Observed(flip.refreshes if log.flips[1:] else 1, gaze, choice, interrupt),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import types
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -17,6 +18,8 @@ from pydantic.fields import FieldInfo
 
 from protocols import journal
 from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
 from protocols.hashing import canonical_json, sha256_bytes, sha256_file, sha256_json
 from protocols.journal import EVENT, Attempt, event_line
 from protocols.journal_file import find_journals, read_journal
@@ -168,6 +171,61 @@ def test_a_manifest_survives_its_file(tmp_path, clips, data):
     assert read_manifest(tmp_path) == manifest
     assert manifest.sha256 == sha256_file(path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["manifest.json"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b'{"format": 1, "study"', "line 1: must be valid JSON"),
+        (b"\xff\xfe", "line 1: must be UTF-8 text (got byte 0xff)"),
+        (b'{"format": 2}', "format: must be 1 (got 2)"),
+        (b'{"format": 1}', "clips: missing"),
+        (b'{"format": 1, "clips": [{"size": 3}]}', "clips[0].size: must be text in quotes (got 3)"),
+    ],
+)
+def test_a_manifest_that_is_none_is_told(tmp_path, content, message):
+    path = tmp_path / "manifest.json"
+    path.write_bytes(content)
+
+    with pytest.raises(StudyError) as caught:
+        read_manifest(tmp_path)
+
+    assert message in str(caught.value)
+    assert all(line.startswith(f"{path}: ") for line in str(caught.value).splitlines())
+
+
+def test_a_manifest_is_written_whole_or_not_at_all(tmp_path, sample_manifest, monkeypatch):
+    write_manifest(tmp_path, sample_manifest)
+    before = (tmp_path / "manifest.json").read_bytes()
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StudyError, match=r"must be writable \(No space left on device\)"):
+        write_manifest(tmp_path, sample_manifest.model_copy(update={"revision": "other"}))
+    monkeypatch.undo()
+
+    assert [entry.name for entry in tmp_path.iterdir()] == ["manifest.json"]
+    assert (tmp_path / "manifest.json").read_bytes() == before
+    with pytest.raises(StudyError, match="must hold a finished batch of clips"):
+        read_manifest(tmp_path.parent)
+    with pytest.raises(StudyError, match="no such file"):
+        read_manifest(tmp_path / "none")
+
+
+@pytest.fixture
+def sample_manifest():
+    protocol = load_protocol(Path("demo"))
+    return virtual_manifest(protocol, load_display(protocol.display.display))
+
+
+def test_two_clips_of_one_name_are_refused(sample_manifest):
+    plain = sample_manifest.model_dump()
+    plain["clips"] = (plain["clips"][0], plain["clips"][0])
+
+    with pytest.raises(ValueError, match=r"differ in name \(got garden__small__reference 2 times"):
+        Manifest.model_validate(plain)
 
 
 @pytest.mark.parametrize("section", ["design", "trial", "gaze", "response", "clips", "privacy"])

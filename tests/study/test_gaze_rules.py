@@ -239,6 +239,87 @@ def test_real_blinks_are_pardoned(shared_data, name):
         assert monitor.quality(clock()).blinks >= 1
 
 
+def oracle(recording, dot_px, viewing, rules, start_s, end_s):
+    """When the rules say violation or loss, computed over whole arrays, without any state."""
+    inside = (recording.t_s >= start_s) & (recording.t_s <= end_s)
+    t_s, x, y = recording.t_s[inside], recording.x_px[inside], recording.y_px[inside]
+    sights = np.stack(
+        [(x - viewing.width_px / 2) * viewing.pitch_x_mm,
+         (y - viewing.height_px / 2) * viewing.pitch_y_mm,
+         np.full_like(x, viewing.distance_mm)]
+    )  # fmt: skip
+    dot = np.array(viewing.sight(*dot_px))
+    cosine = (sights * dot[:, None]).sum(0) / np.linalg.norm(sights, axis=0) / np.linalg.norm(dot)
+    lost = ~np.isfinite(x)
+    outside = ~lost & (np.degrees(np.arccos(np.clip(cosine, -1, 1))) > rules.window_deg)
+    ends = np.flatnonzero(lost[:-1] & ~lost[1:]) + 1
+    for end in ends:
+        outside &= ~((t_s >= t_s[end]) & (t_s <= t_s[end] + rules.blink_margin_s + 1e-9))
+
+    def first_run(mask, least_s, least_samples, strict):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            for i in range(begin, end):
+                ran_s = t_s[i] - t_s[begin]
+                enough = ran_s > least_s + 1e-9 if strict else ran_s >= least_s - 1e-9
+                if enough and i - begin + 1 >= least_samples:
+                    return t_s[i]
+        return math.inf
+
+    violation = first_run(outside, rules.violation_s, rules.violation_samples, strict=False)
+    loss = first_run(lost, rules.blink_s, 1, strict=True)
+    gaps = np.flatnonzero(np.diff([*t_s, end_s]) > rules.silence_s)
+    silence = t_s[gaps[0]] + rules.silence_s if len(gaps) else math.inf
+    return violation, min(loss, silence)
+
+
+@pytest.mark.parametrize("name", [entry[0] for entry in RECORDINGS])
+def test_real_gaze_is_judged_as_an_independent_computation_judges_it(shared_data, name):
+    """Twenty stretches of 2 s of each recording, the dot where gaze was at their start."""
+    recording = load_recording(shared_data / "gaze" / name)
+    width, height = recording.screen_px
+    viewing = Viewing(width, height, 400 / width, 300 / height, 600.0)
+    decided = 0
+    for start_s in np.linspace(0.3, recording.t_s[-1] - 2.5, 20):
+        before = (recording.t_s > start_s - 0.1) & (recording.t_s < start_s)
+        place = np.nanmedian(
+            np.stack([recording.x_px[before], recording.y_px[before]]), axis=1
+        ) if np.isfinite(recording.x_px[before]).any() else None  # fmt: skip
+        if place is None:
+            continue
+        dot_px = (float(place[0]), float(place[1]))
+        clock = VirtualClock()
+        source = ReplaySource(recording, clock)
+        source.open()
+        monitor = FixationMonitor(RULES, viewing, viewing.to_deg(*dot_px), recording.rate_hz)
+        clock.move_to(start_s)
+        if recording.t_s[recording.t_s <= start_s][-1] < start_s - 0.05:
+            continue  # between two trials of the recording
+        monitor.feed(source.poll()[-1:])
+        monitor.watch(start_s, 1000.0)  # so that the share of loss plays no part
+        judged_s, verdict = math.inf, None
+        while clock() < start_s + 2.0:
+            clock.move_to(clock() + 1 / 60)
+            monitor.feed(source.poll())
+            verdict = monitor.verdict(clock())
+            if verdict in (Watch.VIOLATION, Watch.LOSS):
+                judged_s = clock()
+                break
+        violation_s, loss_s = oracle(
+            recording, dot_px, viewing, RULES, recording.t_s[recording.t_s <= start_s][-1],
+            start_s + 2.0,
+        )  # fmt: skip
+        due_s = min(violation_s, loss_s)
+        if due_s > start_s + 2.0 - 1 / 60:
+            assert judged_s >= due_s - 1 / 60
+            continue
+        decided += 1
+        assert due_s - 1e-6 <= judged_s <= due_s + 1 / 60 + 1 / recording.rate_hz + 1e-6
+        if abs(violation_s - loss_s) > 1 / 60:
+            assert verdict is (Watch.VIOLATION if violation_s < loss_s else Watch.LOSS)
+    assert decided >= 1
+
+
 def test_replay_gives_every_sample_once_with_raw_stamps(shared_data):
     recording = load_recording(shared_data / "gaze" / "eyelink_mono250.asc.gz")
     clock = VirtualClock(100.0)

@@ -36,6 +36,8 @@ from study_app.attempt import Log, Watcher, run_attempt
 from study_app.conduct import begin, conduct, resume
 from study_app.gaze.fixation import FixationMonitor, persistence_s
 from study_app.gaze.geometry import Viewing
+from study_app.gaze.recording import load_recording
+from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.observer import ArtificialObserver, ObserverModel
 from study_app.recorder import DiskError, Recorder
@@ -295,6 +297,33 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
         assert at_s <= last_shown <= at_s + rule_s + 1 / 60 + 1 / rate_hz + 1e-6
         after = min(t_s for phase, t_s in flips if phase is Phase.ITI)
         assert after == pytest.approx(last_shown + 1 / 60)  # gone with the next flip
+
+
+def test_a_real_recording_drives_an_attempt_and_is_kept_as_it_was(shared_data):
+    """A person who fixated the centre, at 1000 Hz: the gate opens and the attempt completes."""
+    recording = load_recording(shared_data / "gaze" / "eyeris_memory_1000hz.asc.gz")
+    protocol = SHORT
+    plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
+    clock = VirtualClock(7.0)
+    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    stage = VirtualStage(clock, 60.0, observer)
+    source = ReplaySource(recording, clock)
+    source.open()
+    stage.prepare(plan.trials[0], 1)
+    monitor = FixationMonitor(protocol.gaze, Viewing.of(FHD), (0.0, 0.0), recording.rate_hz)
+
+    result = run_attempt(
+        plan.trials[0], Timeline.of(protocol, FHD), protocol.response, stage,
+        Watcher(source, monitor), lambda *_: None,
+    )  # fmt: skip
+
+    assert result.trial.completed
+    samples = result.log.samples
+    assert [sample.raw_t for sample in samples] == list(recording.raw_t[: len(samples)])
+    assert len(samples) > 600
+    assert result.log.quality.samples >= 499  # 0.5 s watched
+    assert result.log.quality.mean_deg < 1.5
+    assert result.log.quality.lost_share == 0.0
 
 
 # --- presented = planned -------------------------------------------------------------------

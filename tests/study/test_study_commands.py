@@ -232,6 +232,13 @@ def test_a_utility_that_is_none_is_refused(tmp_path, option, message):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    message = refused(metamerlab("session", "simulate", "demo", "--out", tmp_path / "file" / "x"))
+
+    assert message == f"{tmp_path / 'file' / 'x'}: must be a writable folder (Not a directory)"
+
+
 def test_simulate_goes_on_with_a_stopped_session_and_refuses_another_protocol(tmp_path, study):
     root = tmp_path / "sessions"
     path = study()
