@@ -62,8 +62,8 @@ class LowBandPass:
         """Return the levels, `image` (rgba32f) first."""
         levels = [image, *self._coarser]
         for k, (fine, coarse) in enumerate(zip(levels, self._coarser, strict=False), start=1):
-            fine.use(0)
-            coarse.bind_to_image(0, read=False, write=True)
+            fine.bind_to_image(0, read=True, write=False)
+            coarse.bind_to_image(1, read=False, write=True)
             self._lists.run(self._shader, ("source", k))
         return levels
 

@@ -8,16 +8,16 @@
 
 #include "tiles.glsl"
 
-layout(binding = 0) uniform sampler2D fine;
-layout(rgba32f, binding = 0) uniform writeonly image2D coarse;
+layout(rgba32f, binding = 0) uniform readonly image2D fine;
+layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
 
 void work(ivec2 pixel) {
-    ivec2 last = textureSize(fine, 0) - 1;
+    ivec2 last = imageSize(fine) - 1;
     ivec2 b = 2 * pixel;
     ivec2 a = max(b - 1, ivec2(0));
     ivec2 c = min(b + 1, last);
     ivec2 d = min(b + 2, last);
-#define AT(x, y) texelFetch(fine, ivec2(x, y), 0)
+#define AT(x, y) imageLoad(fine, ivec2(x, y))
     vec4 near = AT(b.x, b.y);
     vec4 inner_1 = AT(c.x, b.y), inner_2 = AT(b.x, c.y), inner_3 = AT(c.x, c.y);
     vec4 mixed_0 = AT(b.x, a.y), mixed_1 = AT(c.x, a.y), mixed_2 = AT(a.x, b.y);

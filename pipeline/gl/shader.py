@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from numbers import Integral
-from typing import TypeAlias
+from typing import Any, TypeAlias, cast
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 Constant: TypeAlias = int | float | bool
 
@@ -71,6 +72,17 @@ def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeSha
     except moderngl.Error as error:
         path = source.origin[0][0] if source.origin else "an empty shader"
         raise ShaderError(f"{path} does not compile:\n{_relocate(str(error), source)}") from error
+
+
+def set_array(shader: moderngl.ComputeShader, name: str, rows: NDArray[Any]) -> None:
+    """Set a uniform array, one row per element, in the uniform's own type.
+
+    Drivers shorten an array to what the shader uses; what is left over is not written. An
+    array that is not used at all is left alone.
+    """
+    if name in shader:
+        uniform = cast(moderngl.Uniform, shader[name])
+        uniform.write(np.ascontiguousarray(rows[: uniform.array_length]).tobytes())
 
 
 def flatten(

@@ -6,26 +6,25 @@
 #include "guided.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
-layout(binding = 0) uniform sampler2DArray coarse;   // complete
-layout(binding = 1) uniform sampler2D depth_m;
+layout(r32f, binding = 1) uniform readonly image2D depth_m;
+layout(std430, binding = 4) readonly buffer Coarse { vec4 coarse[]; };  // complete
+layout(std430, binding = 6) readonly buffer CoarseGuide { float coarse_guide[]; };
 
 uniform float z_near_m;
 uniform ivec2 coarse_size;
 
 void work(ivec2 pixel) {
     if (imageLoad(image, pixel).a >= 0.5) return;
-    float guide = max(0.0, 1.0 - z_near_m / texelFetch(depth_m, pixel, 0).r);
-    ivec2 a = pixel >> 1;
-    ivec2 d = clamp(a + 2 * (pixel & 1) - 1, ivec2(0), coarse_size - 1);
-    ivec2 b = ivec2(d.x, a.y);
-    ivec2 c = ivec2(a.x, d.y);
-    vec4 share = push_shares(guide, vec4(texelFetch(coarse, ivec3(a, 1), 0).w,
-                                         texelFetch(coarse, ivec3(b, 1), 0).w,
-                                         texelFetch(coarse, ivec3(c, 1), 0).w,
-                                         texelFetch(coarse, ivec3(d, 1), 0).w));
-    vec3 colour = mixed(share, texelFetch(coarse, ivec3(a, 0), 0),
-                        texelFetch(coarse, ivec3(b, 0), 0), texelFetch(coarse, ivec3(c, 0), 0),
-                        texelFetch(coarse, ivec3(d, 0), 0)).rgb;
+    float guide = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r);
+    ivec2 near = pixel >> 1;
+    ivec2 far = clamp(near + 2 * (pixel & 1) - 1, ivec2(0), coarse_size - 1);
+    int a = near.y * coarse_size.x + near.x;
+    int b = near.y * coarse_size.x + far.x;
+    int c = far.y * coarse_size.x + near.x;
+    int d = far.y * coarse_size.x + far.x;
+    vec4 share = push_shares(guide, vec4(coarse_guide[a], coarse_guide[b], coarse_guide[c],
+                                         coarse_guide[d]));
+    vec3 colour = mixed(share, coarse[a], coarse[b], coarse[c], coarse[d]).rgb;
     // A convex combination, but for rounding.
     imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }

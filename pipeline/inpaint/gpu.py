@@ -1,8 +1,8 @@
 """Guided pull and push on the GPU. Twin: reference.py.
 
-Resolution r has ceil(size / 2^r) pixels. `chains` of texels share one texture array per
-resolution, `planes` layers each; see guided.glsl for what a texel holds. Resolutions up to
-`Resolutions.top` are dispatched tile by tile, the rest inside one work group.
+Resolution r has ceil(size / 2^r) pixels. Chains of texels share one buffer per resolution;
+see guided.glsl for what a texel holds. Resolutions up to `Resolutions.top` are dispatched
+tile by tile, the rest inside one work group.
 """
 
 from dataclasses import dataclass, field
@@ -11,13 +11,13 @@ import moderngl
 
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_array
+from pipeline.gl.texture import check_size, check_texture
 from pipeline.inpaint.region import CELL
-from pipeline.inpaint.regions import WorkLists
+from pipeline.inpaint.regions import Key, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128
-BASE_PLANES = 2
+BASE_PLANES = 1
 MOMENT_PLANES = 5
 
 
@@ -33,15 +33,48 @@ class Resolutions:
     def __post_init__(self) -> None:
         sizes = [self.size]
         while sizes[-1] != (1, 1) or len(sizes) < self.levels + 2:
-            sizes.append(tuple((edge + 1) // 2 for edge in sizes[-1]))  # type: ignore[arg-type]
+            width, height = sizes[-1]
+            sizes.append(((width + 1) // 2, (height + 1) // 2))
         small = next(r for r, size in enumerate(sizes) if max(size) <= TAIL_EDGE)
         object.__setattr__(self, "sizes", sizes)
         object.__setattr__(self, "top", max(small, self.levels, 1))
 
+    def texels(self, resolution: int) -> int:
+        """Pixels of one resolution."""
+        width, height = self.sizes[resolution]
+        return width * height
+
     @property
     def tail_texels(self) -> int:
         """Texels of the top resolution and all coarser ones together."""
-        return sum(width * height for width, height in self.sizes[self.top :])
+        return sum(self.texels(r) for r in range(self.top, len(self.sizes)))
+
+
+class GuidePyramid:
+    """The guide of resolutions 1 to the top, one float per pixel: the farthest of each 2x2.
+
+    Written by the base chain, read by all.
+    """
+
+    def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
+        self._buffers = [
+            ctx.buffer(reserve=4 * resolutions.texels(r)) for r in range(1, resolutions.top + 1)
+        ]
+        self.scratch = ctx.buffer(reserve=4 * resolutions.tail_texels * MAX_LEVELS)
+
+    def at(self, resolution: int) -> moderngl.Buffer:
+        """The guide of one resolution, from 1 to the top."""
+        return self._buffers[resolution - 1]
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory, bytes."""
+        return sum(buffer.size for buffer in (*self._buffers, self.scratch))
+
+    def release(self) -> None:
+        """Free the buffers."""
+        for buffer in (*self._buffers, self.scratch):
+            buffer.release()
 
 
 class ChainPass:
@@ -52,7 +85,7 @@ class ChainPass:
     planes : int
         vec4 per texel.
     is_base : bool
-        The one chain of colour and motion, which also holds the guide for all others.
+        The one chain of colour, which also pulls the guide for all others.
     """
 
     def __init__(
@@ -60,6 +93,7 @@ class ChainPass:
         ctx: moderngl.Context,
         resolutions: Resolutions,
         lists: WorkLists,
+        guide: GuidePyramid,
         *,
         planes: int,
         is_base: bool,
@@ -69,10 +103,11 @@ class ChainPass:
         self._ctx = ctx
         self._resolutions = resolutions
         self._lists = lists
+        self._guide = guide
         self._is_base = is_base
-        constants = {"TILE": CELL, "PLANES": planes, "MOST_CHAINS": MAX_LEVELS}
+        constants = {"PLANES": planes, "MOST_CHAINS": MAX_LEVELS, "TILE": CELL}
         self._pull = compile_compute(ctx, "inpaint/pull.comp.glsl", IS_BASE=is_base, **constants)
-        self._push = compile_compute(ctx, "inpaint/push.comp.glsl", IS_BASE=is_base, **constants)
+        self._push = compile_compute(ctx, "inpaint/push.comp.glsl", **constants)
         self._tail = compile_compute(
             ctx,
             "inpaint/tail.comp.glsl",
@@ -84,101 +119,96 @@ class ChainPass:
             shader["depth_threshold"] = depth_threshold
         for shader in (self._push, self._tail):
             shader["gamma"] = gamma
-        self.arrays = [
-            create_array(ctx, (*resolutions.sizes[r], planes * self._chains(r)), "rgba32f")
-            for r in range(1, resolutions.top + 1)
+        top = resolutions.top
+        self._buffers = [
+            ctx.buffer(reserve=16 * planes * resolutions.texels(r) * self._chains(r))
+            for r in range(1, top + 1)
         ]
         self._scratch = ctx.buffer(
-            reserve=16 * planes * resolutions.tail_texels * self._chains(resolutions.top)
+            reserve=16 * planes * resolutions.tail_texels * self._chains(top)
         )
 
-    def array(self, resolution: int) -> moderngl.TextureArray:
-        """The texels of one resolution, from 1 to the top."""
-        return self.arrays[resolution - 1]
+    def at(self, resolution: int) -> moderngl.Buffer:
+        """The texels of one resolution, from 1 to the top: chain by chain, row by row."""
+        return self._buffers[resolution - 1]
 
     @property
     def dispatches(self) -> int:
-        """How many dispatches `__call__` makes."""
+        """How many dispatches one call makes."""
         return 2 * (self._resolutions.top - 1) + 1
 
     @property
     def held_bytes(self) -> int:
-        """Memory of textures and scratch, bytes."""
-        texels = sum(a.width * a.height * a.layers for a in self.arrays)
-        return 16 * texels + self._scratch.size
+        """Memory of texels and scratch, bytes."""
+        return sum(buffer.size for buffer in (*self._buffers, self._scratch))
 
-    def __call__(self, base: "ChainPass") -> None:
-        """Complete all resolutions from 1 up, given first pulls in `arrays`.
-
-        `base` holds the guide; the base chain passes itself.
-        """
+    def __call__(self) -> None:
+        """Complete all resolutions, given the first pull of each chain."""
         top = self._resolutions.top
         for r in range(1, top):
-            self._pull_step(r, base)
-        self._tail_step(base)
+            self._pull_step(r)
+        self._tail_step()
         for r in reversed(range(1, top)):
-            self._push_step(r, base)
+            self._push_step(r)
 
     def _chains(self, resolution: int) -> int:
         return 1 if self._is_base else min(resolution, self._resolutions.levels)
 
+    def _key(self, chain: int, resolution: int) -> Key:
+        return ("source", resolution) if self._is_base else ("chain", chain, resolution)
+
     def _firsts(self, resolution: int, chains: int) -> list[int]:
-        keys = [
-            ("source", resolution) if self._is_base else ("chain", k, resolution)
-            for k in range(chains)
-        ]
-        firsts = [self._lists.first(key) for key in keys]
+        firsts = [self._lists.first(self._key(chain, resolution)) for chain in range(chains)]
         return firsts + [0] * (MAX_LEVELS - chains)
 
-    def _pull_step(self, r: int, base: "ChainPass") -> None:
+    def _pull_step(self, r: int) -> None:
         chains = self._chains(r)
         shader = self._pull
-        self.array(r).use(0)
-        if not self._is_base:
-            base.array(r + 1).use(1)
-        self.array(r + 1).bind_to_image(0, read=False, write=True)
+        self._bind(r, r + 1)
         shader["fine_size"] = self._resolutions.sizes[r]
         shader["fine_columns"] = self._lists.columns(r)
-        shader["coarse_columns"] = self._lists.columns(r + 1)
         shader["fine_first"] = self._firsts(r, chains)
+        shader["coarse_columns"] = self._lists.columns(r + 1)
         shader["coarse_first"] = self._firsts(r + 1, chains)
         shader["chains"] = chains
         # The coarsest level's tiles include those of all finer ones.
-        key = ("source", r + 1) if self._is_base else ("chain", chains - 1, r + 1)
-        self._lists.run(shader, key)
+        self._lists.run(shader, self._key(chains - 1, r + 1))
 
-    def _push_step(self, r: int, base: "ChainPass") -> None:
+    def _push_step(self, r: int) -> None:
         chains = self._chains(r)
         shader = self._push
-        self.array(r + 1).use(0)
-        if not self._is_base:
-            base.array(r).use(1)
-        self.array(r).bind_to_image(0, read=True, write=True)
+        self._bind(r, r + 1)
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
         shader["fine_columns"] = self._lists.columns(r)
         shader["fine_first"] = self._firsts(r, chains)
         shader["chains"] = chains
         self._lists.run(shader, ("push", r))
 
-    def _tail_step(self, base: "ChainPass") -> None:
+    def _bind(self, fine: int, coarse: int) -> None:
+        self.at(fine).bind_to_storage_buffer(4)
+        self.at(coarse).bind_to_storage_buffer(5)
+        self._guide.at(fine).bind_to_storage_buffer(6)
+        self._guide.at(coarse).bind_to_storage_buffer(7)
+
+    def _tail_step(self) -> None:
         top = self._resolutions.top
         chains = self._chains(top)
         shader = self._tail
-        base.array(top).use(0)
-        self.array(top).bind_to_image(0, read=True, write=True)
+        self.at(top).bind_to_storage_buffer(4)
         self._scratch.bind_to_storage_buffer(5)
+        self._guide.at(top).bind_to_storage_buffer(6)
+        self._guide.scratch.bind_to_storage_buffer(7)
         shader["top_size"] = self._resolutions.sizes[top]
         shader["top_columns"] = self._lists.columns(top)
         shader["top_first"] = self._firsts(top, chains)
-        shader["base_first"] = self._lists.first(("source", top))
+        shader["guide_first"] = self._lists.first(("source", top))
         shader.run(chains)
         self._ctx.memory_barrier()
 
     def release(self) -> None:
-        """Free textures, scratch and shaders."""
-        for array in self.arrays:
-            array.release()
-        self._scratch.release()
+        """Free texels, scratch and shaders."""
+        for buffer in (*self._buffers, self._scratch):
+            buffer.release()
         for shader in (self._pull, self._push, self._tail):
             shader.release()
 
@@ -206,12 +236,15 @@ class GuidedBasePass:
         gamma: float = 0.25,
         depth_threshold: float = 0.04,
     ) -> None:
+        check_size(ctx, size)
         self.resolutions = Resolutions(size, levels)
         self.lists = WorkLists(ctx, self.resolutions.sizes[: self.resolutions.top + 1], levels)
+        self.guide = GuidePyramid(ctx, self.resolutions)
         self.chain = ChainPass(
             ctx,
             self.resolutions,
             self.lists,
+            self.guide,
             planes=BASE_PLANES,
             is_base=True,
             gamma=gamma,
@@ -230,42 +263,35 @@ class GuidedBasePass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        return self.lists.held_bytes + self.chain.held_bytes
+        return self.lists.held_bytes + self.guide.held_bytes + self.chain.held_bytes
 
-    def __call__(
-        self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
-        z_near_m: float,
-    ) -> None:
+    def __call__(self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float) -> None:
         """Fill `image` (rgba32f; alpha 1 known, 0 hole; alpha stays).
 
-        Parameters
-        ----------
-        depth_m : r32f
-            With the background's depth inside holes.
-        flow_px : rg32f
-            Warped motion.
+        `depth_m` (r32f) holds the background's depth inside holes.
         """
+        check_texture(image, "image", self.resolutions.size, "rgba32f")
+        check_texture(depth_m, "depth_m", self.resolutions.size, "r32f")
         self.lists(image)
         self._first["z_near_m"] = z_near_m
-        image.use(0)
-        depth_m.use(1)
-        flow_px.use(2)
-        self.chain.array(1).bind_to_image(0, read=False, write=True)
+        image.bind_to_image(0, read=True, write=False)
+        depth_m.bind_to_image(1, read=True, write=False)
+        self.chain.at(1).bind_to_storage_buffer(4)
+        self.guide.at(1).bind_to_storage_buffer(6)
         self.lists.run(self._first, ("source", 1))
-        self.chain(self.chain)
+        self.chain()
         self._last["z_near_m"] = z_near_m
         self._last["coarse_size"] = self.resolutions.sizes[1]
-        self.chain.array(1).use(0)
-        depth_m.use(1)
         image.bind_to_image(0, read=True, write=True)
+        depth_m.bind_to_image(1, read=True, write=False)
+        self.chain.at(1).bind_to_storage_buffer(4)
+        self.guide.at(1).bind_to_storage_buffer(6)
         self.lists.run(self._last, ("push", 0))
 
     def release(self) -> None:
         """Free everything this pass made."""
         self.lists.release()
+        self.guide.release()
         self.chain.release()
         self._first.release()
         self._last.release()

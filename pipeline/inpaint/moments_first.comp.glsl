@@ -6,24 +6,25 @@
 #constant IS_FINEST         // 1: level 0, whose guide comes from depth
 #constant CROSS             // 1: second moments are products with luma, else squares
 #constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing
+#constant PLANES
 
 #include "tiles.glsl"
 #include "guided.glsl"
 #include "bands.glsl"
 
-layout(binding = 0) uniform sampler2D level;             // rgb: filled colour; a: 1 clean of holes
-layout(binding = 1) uniform sampler2DArray coarse_base;  // the base at the written resolution
+layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled; a: 1 clean of holes
+layout(std430, binding = 4) writeonly buffer Moments { vec4 moments[]; };
+layout(std430, binding = 6) readonly buffer CoarseGuide { float coarse_guide[]; };
 #if IS_FINEST
-layout(binding = 2) uniform sampler2D depth_m;
+layout(r32f, binding = 1) uniform readonly image2D depth_m;
 uniform float z_near_m;
-#define GUIDE_AT(place) max(0.0, 1.0 - z_near_m / texelFetch(depth_m, place, 0).r)
+#define GUIDE_AT(place) max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r)
 #else
-layout(binding = 2) uniform sampler2DArray level_base;  // the base at this level's resolution
-#define GUIDE_AT(place) texelFetch(level_base, ivec3(place, 1), 0).w
+layout(std430, binding = 7) readonly buffer LevelGuide { float level_guide[]; };
+#define GUIDE_AT(place) level_guide[(place).y * size.x + (place).x]
 #endif
-layout(rgba32f, binding = 0) uniform writeonly image2DArray moments;
 
-uniform int first_layer;
+uniform int chain;
 
 // Smallest (x) and largest (y) guide of three neighbours in a row.
 vec2 extent(float a, float b, float c) { return vec2(min(min(a, b), c), max(max(a, b), c)); }
@@ -38,7 +39,7 @@ bool jumps(vec2 above, vec2 here, vec2 below, float centre) {
 vec3 second_moment(vec3 band) { return band * (CROSS == 1 ? band.xxx : band); }
 
 void work(ivec2 pixel) {
-    ivec2 size = textureSize(level, 0);
+    ivec2 size = imageSize(level);
     FETCH_WINDOW(level, pixel, size)
     bvec2 whole = lessThan(inner_ + 1, size);  // an odd border has no second child
 
@@ -76,8 +77,8 @@ void work(ivec2 pixel) {
     if (!whole.x) valid.yw = valid.xz;
     if (!whole.y) valid.zw = valid.xy;
 
-    float deepest = texelFetch(coarse_base, ivec3(pixel, 1), 0).w;
-    Pull p = pull_shares(valid, guide, deepest);
+    int place = pixel.y * work_size.x + pixel.x;
+    Pull p = pull_shares(valid, guide, coarse_guide[place]);
 
     Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
     Bands b = a, c = a, d = a;
@@ -93,9 +94,10 @@ void work(ivec2 pixel) {
     (p.share.x * second_moment(a.name) + p.share.y * second_moment(b.name)        \
      + p.share.z * second_moment(c.name) + p.share.w * second_moment(d.name))
     vec3 second = SECOND(high);
-    imageStore(moments, ivec3(pixel, first_layer), vec4(MEAN(high), p.confidence));
-    imageStore(moments, ivec3(pixel, first_layer + 1), vec4(MEAN(along_x), second.x));
-    imageStore(moments, ivec3(pixel, first_layer + 2), vec4(MEAN(along_y), second.y));
-    imageStore(moments, ivec3(pixel, first_layer + 3), vec4(SECOND(along_x), second.z));
-    imageStore(moments, ivec3(pixel, first_layer + 4), vec4(SECOND(along_y), deepest));
+    int to = (chain * work_size.x * work_size.y + place) * PLANES;
+    moments[to] = vec4(MEAN(high), p.confidence);
+    moments[to + 1] = vec4(MEAN(along_x), second.x);
+    moments[to + 2] = vec4(MEAN(along_y), second.y);
+    moments[to + 3] = vec4(SECOND(along_x), second.z);
+    moments[to + 4] = vec4(SECOND(along_y), 0.0);
 }

@@ -2,16 +2,21 @@
 // Pull: one resolution of one or more chains into the next coarser one.
 // Twin: pull() in reference.py. Change both or neither.
 
-#constant IS_BASE      // 1: the chain of colour and motion, which holds the guide for all
-#constant PLANES       // layers a chain
+#constant IS_BASE      // 1: the one chain of colour, which also pulls the guide for all
+#constant PLANES
 #constant MOST_CHAINS
 
 #include "tiles.glsl"
 #include "guided.glsl"
 
-layout(binding = 0) uniform sampler2DArray fine;
-layout(binding = 1) uniform sampler2DArray coarse_base;  // the base at the written resolution
-layout(rgba32f, binding = 0) uniform writeonly image2DArray coarse;
+layout(std430, binding = 4) readonly buffer Fine { vec4 fine[]; };
+layout(std430, binding = 5) writeonly buffer Coarse { vec4 coarse[]; };
+layout(std430, binding = 6) readonly buffer FineGuide { float fine_guide[]; };
+#if IS_BASE
+layout(std430, binding = 7) writeonly buffer CoarseGuide { float coarse_guide[]; };
+#else
+layout(std430, binding = 7) readonly buffer CoarseGuide { float coarse_guide[]; };
+#endif
 
 uniform ivec2 fine_size;
 uniform uint fine_columns;                // tiles per row
@@ -21,46 +26,42 @@ uniform uint coarse_first[MOST_CHAINS];
 uniform int chains;
 
 void work(ivec2 pixel) {
-    ivec2 a = 2 * pixel;
-    ivec2 d = min(a + 1, fine_size - 1);
-    ivec2 b = ivec2(d.x, a.y);
-    ivec2 c = ivec2(a.x, d.y);
+    ivec2 near = 2 * pixel;
+    ivec2 far = min(near + 1, fine_size - 1);
+    int a = near.y * fine_size.x + near.x;
+    int b = near.y * fine_size.x + far.x;
+    int c = far.y * fine_size.x + near.x;
+    int d = far.y * fine_size.x + far.x;
+    int place = pixel.y * work_size.x + pixel.x;
 #if !IS_BASE
-    float deepest = texelFetch(coarse_base, ivec3(pixel, 1), 0).w;
+    float deepest = coarse_guide[place];
 #endif
     for (int chain = 0; chain < chains; ++chain) {
         if (!is_active(coarse_first[chain], coarse_columns, pixel / TILE)) continue;
-        int layer = chain * PLANES;
-        int last = layer + PLANES - 1;
         vec4 validity = vec4(0.0);
         vec4 guide = vec4(0.0);
+        int base = chain * fine_size.x * fine_size.y;
+        int from_a = (base + a) * PLANES, from_b = (base + b) * PLANES;
+        int from_c = (base + c) * PLANES, from_d = (base + d) * PLANES;
         // All four children lie in one tile: tiles have even edges.
-        bool known = is_active(fine_first[chain], fine_columns, a / TILE);
-        if (known) {
-            validity = vec4(texelFetch(fine, ivec3(a, layer), 0).w,
-                            texelFetch(fine, ivec3(b, layer), 0).w,
-                            texelFetch(fine, ivec3(c, layer), 0).w,
-                            texelFetch(fine, ivec3(d, layer), 0).w);
-            guide = vec4(texelFetch(fine, ivec3(a, last), 0).w,
-                         texelFetch(fine, ivec3(b, last), 0).w,
-                         texelFetch(fine, ivec3(c, last), 0).w,
-                         texelFetch(fine, ivec3(d, last), 0).w);
+        if (is_active(fine_first[chain], fine_columns, near / TILE)) {
+            validity = vec4(fine[from_a].w, fine[from_b].w, fine[from_c].w, fine[from_d].w);
+            guide = vec4(fine_guide[a], fine_guide[b], fine_guide[c], fine_guide[d]);
         }
 #if IS_BASE
         float deepest = farthest(guide);
+        coarse_guide[place] = deepest;
 #endif
         Pull p = pull_shares(validity, guide, deepest);
-        for (int plane = layer; plane <= last; ++plane) {
+        int to = (chain * work_size.x * work_size.y + place) * PLANES;
+        for (int plane = 0; plane < PLANES; ++plane) {
             vec4 parent = vec4(0.0);
             if (p.confidence != 0.0) {
-                parent = mixed(p.share, texelFetch(fine, ivec3(a, plane), 0),
-                               texelFetch(fine, ivec3(b, plane), 0),
-                               texelFetch(fine, ivec3(c, plane), 0),
-                               texelFetch(fine, ivec3(d, plane), 0));
+                parent = mixed(p.share, fine[from_a + plane], fine[from_b + plane],
+                               fine[from_c + plane], fine[from_d + plane]);
             }
-            if (plane == layer) parent.w = p.confidence;
-            if (plane == last) parent.w = deepest;
-            imageStore(coarse, ivec3(pixel, plane), parent);
+            if (plane == 0) parent.w = p.confidence;
+            coarse[to + plane] = parent;
         }
     }
 }

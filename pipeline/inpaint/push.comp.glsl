@@ -2,16 +2,16 @@
 // Push: complete one resolution of one or more chains, in place.
 // Twin: push() in reference.py. Change both or neither.
 
-#constant IS_BASE      // 1: the chain of colour and motion, which holds the guide for all
-#constant PLANES       // layers a chain
+#constant PLANES
 #constant MOST_CHAINS
 
 #include "tiles.glsl"
 #include "guided.glsl"
 
-layout(rgba32f, binding = 0) uniform image2DArray fine;
-layout(binding = 0) uniform sampler2DArray coarse;     // complete
-layout(binding = 1) uniform sampler2DArray fine_base;  // the base at the written resolution
+layout(std430, binding = 4) buffer Fine { vec4 fine[]; };
+layout(std430, binding = 5) readonly buffer Coarse { vec4 coarse[]; };  // complete
+layout(std430, binding = 6) readonly buffer FineGuide { float fine_guide[]; };
+layout(std430, binding = 7) readonly buffer CoarseGuide { float coarse_guide[]; };
 
 uniform float gamma;
 uniform ivec2 coarse_size;
@@ -20,36 +20,30 @@ uniform uint fine_first[MOST_CHAINS];  // where a chain's active tiles start
 uniform int chains;
 
 void work(ivec2 pixel) {
-    ivec2 a = pixel >> 1;
-    ivec2 d = clamp(a + 2 * (pixel & 1) - 1, ivec2(0), coarse_size - 1);
-    ivec2 b = ivec2(d.x, a.y);
-    ivec2 c = ivec2(a.x, d.y);
+    ivec2 near = pixel >> 1;
+    ivec2 far = clamp(near + 2 * (pixel & 1) - 1, ivec2(0), coarse_size - 1);
+    int a = near.y * coarse_size.x + near.x;
+    int b = near.y * coarse_size.x + far.x;
+    int c = far.y * coarse_size.x + near.x;
+    int d = far.y * coarse_size.x + far.x;
+    int place = pixel.y * work_size.x + pixel.x;
+    vec4 share = push_shares(fine_guide[place], vec4(coarse_guide[a], coarse_guide[b],
+                                                     coarse_guide[c], coarse_guide[d]));
     for (int chain = 0; chain < chains; ++chain) {
-        int layer = chain * PLANES;
-        int last = layer + PLANES - 1;
-        float validity = is_active(fine_first[chain], fine_columns, pixel / TILE)
-                             ? imageLoad(fine, ivec3(pixel, layer)).w
-                             : 0.0;
+        int to = (chain * work_size.x * work_size.y + place) * PLANES;
+        float validity =
+            is_active(fine_first[chain], fine_columns, pixel / TILE) ? fine[to].w : 0.0;
         if (validity >= 1.0) continue;
-#if IS_BASE
-        float guide = imageLoad(fine, ivec3(pixel, last)).w;
-#else
-        float guide = texelFetch(fine_base, ivec3(pixel, 1), 0).w;
-#endif
-        vec4 share = push_shares(guide, vec4(texelFetch(coarse, ivec3(a, last), 0).w,
-                                             texelFetch(coarse, ivec3(b, last), 0).w,
-                                             texelFetch(coarse, ivec3(c, last), 0).w,
-                                             texelFetch(coarse, ivec3(d, last), 0).w));
         float keep = kept(validity, gamma);
-        for (int plane = layer; plane <= last; ++plane) {
-            vec4 texel = (1.0 - keep) * mixed(share, texelFetch(coarse, ivec3(a, plane), 0),
-                                              texelFetch(coarse, ivec3(b, plane), 0),
-                                              texelFetch(coarse, ivec3(c, plane), 0),
-                                              texelFetch(coarse, ivec3(d, plane), 0));
-            if (keep > 0.0) texel += keep * imageLoad(fine, ivec3(pixel, plane));
-            if (plane == layer) texel.w = validity;
-            if (plane == last) texel.w = guide;
-            imageStore(fine, ivec3(pixel, plane), texel);
+        int base = chain * coarse_size.x * coarse_size.y;
+        int from_a = (base + a) * PLANES, from_b = (base + b) * PLANES;
+        int from_c = (base + c) * PLANES, from_d = (base + d) * PLANES;
+        for (int plane = 0; plane < PLANES; ++plane) {
+            vec4 texel = (1.0 - keep) * mixed(share, coarse[from_a + plane], coarse[from_b + plane],
+                                              coarse[from_c + plane], coarse[from_d + plane]);
+            if (keep > 0.0) texel += keep * fine[to + plane];
+            if (plane == 0) texel.w = validity;
+            fine[to + plane] = texel;
         }
     }
 }

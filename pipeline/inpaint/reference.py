@@ -107,7 +107,6 @@ def near_a_hole(hole: NDArray[np.bool_], resolution: int, rings: int) -> NDArray
 
 def guided_base(
     colour: NDArray[np.floating],
-    flow_px: NDArray[np.floating],
     hole: NDArray[np.bool_],
     guide: NDArray[np.float64],
     *,
@@ -115,13 +114,13 @@ def guided_base(
     gamma: float,
     threshold: float,
 ) -> list[Level]:
-    """Fill colour and motion from the background; the levels, finest first.
+    """Fill colour from the background; the levels, finest first.
 
-    Values are colour (3) and flow (2). Pixels far from every hole take no part: unknown,
-    and nearest, so that no maximum sees them.
+    Pixels far from every hole take no part: unknown, and nearest, so that no maximum sees
+    them.
     """
     near = near_a_hole(hole, source_resolution(levels), SOURCE_RINGS)
-    values = np.concatenate([colour, flow_px], axis=-1).astype(np.float64)
+    values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
     return pull_push(Level(values, known, np.where(near, guide, 0.0)), gamma, threshold)
 

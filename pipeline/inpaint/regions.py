@@ -89,7 +89,7 @@ class WorkLists:
         self._counts.bind_to_storage_buffer(1)
         self._reset.run(self._reset_groups)
         self._ctx.memory_barrier()
-        image.use(0)
+        image.bind_to_image(0, read=True, write=False)
         _, columns, rows = self._grids[0]
         self._mark.run(-(-columns // 8), -(-rows // 8))
         self._ctx.memory_barrier()
@@ -173,10 +173,9 @@ class WorkLists:
         rows = []
         for item in self._lists:
             cell_first, cell_columns, cell_rows = self._grids[item.cell_resolution]
-            rows.append(
-                (item.resolution, item.columns, item.tiles, item.first)
-                + (item.cell_resolution, cell_first, cell_columns, cell_rows, item.rings)
-            )
+            tiles = (item.resolution, item.columns, item.tiles, item.first)
+            cells = (item.cell_resolution, cell_first, cell_columns, cell_rows)
+            rows.append((*tiles, *cells, item.rings))
         return np.array(rows, np.uint32)
 
 

@@ -33,22 +33,22 @@ Bands bands_of(vec3 nw, vec3 n, vec3 ne, vec3 w, vec3 c, vec3 e, vec3 sw, vec3 s
     ivec2 x_ = ivec2(max(inner_.x - 1, 0), min(inner_.x + 2, (size).x - 1));     \
     ivec2 y_ = ivec2(max(inner_.y - 1, 0), min(inner_.y + 2, (size).y - 1));     \
     ivec2 next_ = min(inner_ + 1, (size) - 1);                                   \
-    vec4 window_00 = texelFetch(level, ivec2(x_.x, y_.x), 0);                    \
-    vec4 window_01 = texelFetch(level, ivec2(inner_.x, y_.x), 0);                \
-    vec4 window_02 = texelFetch(level, ivec2(next_.x, y_.x), 0);                 \
-    vec4 window_03 = texelFetch(level, ivec2(x_.y, y_.x), 0);                    \
-    vec4 window_10 = texelFetch(level, ivec2(x_.x, inner_.y), 0);                \
-    vec4 window_11 = texelFetch(level, inner_, 0);                               \
-    vec4 window_12 = texelFetch(level, ivec2(next_.x, inner_.y), 0);             \
-    vec4 window_13 = texelFetch(level, ivec2(x_.y, inner_.y), 0);                \
-    vec4 window_20 = texelFetch(level, ivec2(x_.x, next_.y), 0);                 \
-    vec4 window_21 = texelFetch(level, ivec2(inner_.x, next_.y), 0);             \
-    vec4 window_22 = texelFetch(level, next_, 0);                                \
-    vec4 window_23 = texelFetch(level, ivec2(x_.y, next_.y), 0);                 \
-    vec4 window_30 = texelFetch(level, ivec2(x_.x, y_.y), 0);                    \
-    vec4 window_31 = texelFetch(level, ivec2(inner_.x, y_.y), 0);                \
-    vec4 window_32 = texelFetch(level, ivec2(next_.x, y_.y), 0);                 \
-    vec4 window_33 = texelFetch(level, ivec2(x_.y, y_.y), 0);
+    vec4 window_00 = imageLoad(level, ivec2(x_.x, y_.x));                    \
+    vec4 window_01 = imageLoad(level, ivec2(inner_.x, y_.x));                \
+    vec4 window_02 = imageLoad(level, ivec2(next_.x, y_.x));                 \
+    vec4 window_03 = imageLoad(level, ivec2(x_.y, y_.x));                    \
+    vec4 window_10 = imageLoad(level, ivec2(x_.x, inner_.y));                \
+    vec4 window_11 = imageLoad(level, inner_);                               \
+    vec4 window_12 = imageLoad(level, ivec2(next_.x, inner_.y));             \
+    vec4 window_13 = imageLoad(level, ivec2(x_.y, inner_.y));                \
+    vec4 window_20 = imageLoad(level, ivec2(x_.x, next_.y));                 \
+    vec4 window_21 = imageLoad(level, ivec2(inner_.x, next_.y));             \
+    vec4 window_22 = imageLoad(level, next_);                                \
+    vec4 window_23 = imageLoad(level, ivec2(x_.y, next_.y));                 \
+    vec4 window_30 = imageLoad(level, ivec2(x_.x, y_.y));                    \
+    vec4 window_31 = imageLoad(level, ivec2(inner_.x, y_.y));                \
+    vec4 window_32 = imageLoad(level, ivec2(next_.x, y_.y));                 \
+    vec4 window_33 = imageLoad(level, ivec2(x_.y, y_.y));
 
 #define BANDS_AT(r0, r1, r2, c0, c1, c2)                                                     \
     bands_of(window_##r0##c0.rgb, window_##r0##c1.rgb, window_##r0##c2.rgb,                  \

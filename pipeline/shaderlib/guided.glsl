@@ -1,9 +1,12 @@
-// Depth-guided pull and push of texels that lie in several planes.
-// First plane's w: validity. Last plane's w: guide. All else: values.
+// Depth-guided pull and push.
 // Twin: pull(), push(), interpolate() in inpaint/reference.py. Change both or neither.
 //
+// A chain's texels are PLANES vec4 next to each other in a buffer, validity in the first
+// one's w. The guide is a float in a buffer of its own: all chains share it.
+//
 // No local arrays here or in the passes: a driver that cannot unroll a loop over one keeps
-// it in memory (ten times slower with Mesa's software renderer).
+// it in memory (ten times slower with Mesa's software renderer). No arrays of textures: their
+// layers lie a power of two apart and push each other out of the cache (three times slower).
 
 #define ONLY_NEARER (-1.0)
 

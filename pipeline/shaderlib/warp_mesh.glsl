@@ -1,5 +1,5 @@
 // The mesh that the warp draws: one quad between every four neighbouring vertices.
-// Twin: moved_mesh(), strips(), coverage() and inside() in warp/reference.py.
+// Twin: moved_mesh(), with_strips(), coverage() and inside() in warp/reference.py.
 //
 // Vertices are the source pixels and two more rings around them. Ring 1 ends the border
 // pixels' own footprint, half a pixel out. Ring 0 lies beyond the target's edge: its quads

@@ -1,18 +1,22 @@
 #version 430
-// From inpainted moments to the noise each pixel lacks, in place: layers 0 to 2 of a chain
-// become the amplitudes of bands high, along x, along y in Y', Cb, Cr.
+// From one level's inpainted moments to the noise each pixel lacks: amplitudes of bands high,
+// along x, along y in Y', Cb, Cr.
 // Twin: noise_amplitudes() in reference.py. Change both or neither.
 
 #constant CROSS              // 1: second moments are products with luma, else squares
+#constant PLANES             // vec4 per texel of moments
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "tiles.glsl"
 #include "bands.glsl"
 
-layout(binding = 0) uniform sampler2D level;  // rgb: filled colour
-layout(rgba32f, binding = 0) uniform image2DArray moments;
+layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
+layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
+layout(std430, binding = 5) writeonly buffer Amplitudes { vec4 amplitudes[]; };  // w: guide, -, -
+layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
 
-uniform int first_layer;
+uniform int chain;
+uniform int first_texel;  // of this level's amplitudes
 
 vec3 squared(vec3 v) { return v * v; }
 
@@ -26,7 +30,7 @@ vec3 lacking(vec3 mean, vec3 second, vec3 present) {
 }
 
 void work(ivec2 pixel) {
-    ivec2 size = textureSize(level, 0);
+    ivec2 size = imageSize(level);
     FETCH_WINDOW(level, pixel, size)
     bvec2 whole = lessThan(inner_ + 1, size);
     Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
@@ -37,11 +41,10 @@ void work(ivec2 pixel) {
     else if (whole.x) d = b;
     else if (whole.y) d = c;
 
-    vec4 plane_0 = imageLoad(moments, ivec3(pixel, first_layer));
-    vec4 plane_1 = imageLoad(moments, ivec3(pixel, first_layer + 1));
-    vec4 plane_2 = imageLoad(moments, ivec3(pixel, first_layer + 2));
-    vec4 plane_3 = imageLoad(moments, ivec3(pixel, first_layer + 3));
-    vec4 plane_4 = imageLoad(moments, ivec3(pixel, first_layer + 4));
+    int place = pixel.y * work_size.x + pixel.x;
+    int from = (chain * work_size.x * work_size.y + place) * PLANES;
+    vec4 plane_0 = moments[from], plane_1 = moments[from + 1], plane_2 = moments[from + 2];
+    vec4 plane_3 = moments[from + 3], plane_4 = moments[from + 4];
 
 #define PRESENT(name, mean)                                                        \
     (0.25 * (squared(a.name - (mean)) + squared(b.name - (mean)) + squared(c.name - (mean)) \
@@ -50,7 +53,8 @@ void work(ivec2 pixel) {
                         PRESENT(high, plane_0.rgb));
     vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, PRESENT(along_x, plane_1.rgb));
     vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, PRESENT(along_y, plane_2.rgb));
-    imageStore(moments, ivec3(pixel, first_layer), vec4(high, plane_0.w));
-    imageStore(moments, ivec3(pixel, first_layer + 1), vec4(along_x, plane_1.w));
-    imageStore(moments, ivec3(pixel, first_layer + 2), vec4(along_y, plane_2.w));
+    int to = (first_texel + place) * 3;
+    amplitudes[to] = vec4(high, guide[place]);
+    amplitudes[to + 1] = vec4(along_x, 0.0);
+    amplitudes[to + 2] = vec4(along_y, 0.0);
 }

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.features.gpu import LowBandPass, band_constants
-from pipeline.features.reference import MAX_LEVELS
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import check_texture, create_array
+from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.texture import check_texture
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
+from pipeline.synthesis.noise import LAGS, noise_bands
 from pipeline.synthesis.noise import TILE as NOISE_TILE
-from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import SMALLEST_VARIANCE
 from pipeline.synthesis.settings import MetamericSettings
 
@@ -55,6 +54,7 @@ class MetamericPass:
             ctx,
             resolutions,
             lists,
+            self.base.guide,
             planes=MOMENT_PLANES,
             is_base=False,
             gamma=settings.gamma,
@@ -62,7 +62,7 @@ class MetamericPass:
         )
         cross = settings.channels == "correlated"
         self._channels = 1 if cross else 3
-        bands = {**band_constants(), "TILE": CELL, "CROSS": cross}
+        bands = {**band_constants(), "TILE": CELL, "PLANES": MOMENT_PLANES, "CROSS": cross}
         self._first = [
             compile_compute(
                 ctx,
@@ -83,22 +83,18 @@ class MetamericPass:
             "synthesis/composite.comp.glsl",
             TILE=CELL,
             LEVELS=levels,
-            MOST_LEVELS=levels,
             CHANNELS=self._channels,
-            PLANES=MOMENT_PLANES,
             NOISE_TILE=NOISE_TILE,
             ANCHOR=_ANCHORS[settings.anchor],
         )
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
-        sizes = [resolutions.sizes[min(k, levels)] for k in range(1, MAX_LEVELS + 1)]
-        if levels == 1:  # moderngl takes an array of one for a scalar, and drivers shorten arrays
-            self._composite["level_size"] = sizes[0]
-        else:
-            self._composite["level_size"] = sizes[:levels]
-        self._noise = create_array(
-            ctx, (NOISE_TILE, NOISE_TILE, levels * self._channels), "rgba16f"
-        )
+        texels = [resolutions.texels(k + 1) for k in range(levels)]
+        self._first_texel = [sum(texels[:k]) for k in range(levels + 1)]
+        sizes = [(*resolutions.sizes[k + 1], self._first_texel[k]) for k in range(levels)]
+        set_array(self._composite, "level_size", np.array(sizes, np.int32))
+        self._amplitude_texels = ctx.buffer(reserve=48 * sum(texels))
+        self._noise = ctx.buffer(reserve=16 * NOISE_TILE**2 * levels * self._channels)
         self._seed: int | None = None
 
     @property
@@ -117,20 +113,19 @@ class MetamericPass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        noise = 8 * NOISE_TILE**2 * self._noise.layers
-        return self.base.held_bytes + self.low_bands.held_bytes + self.moments.held_bytes + noise
+        passes = (self.base, self.low_bands, self.moments)
+        buffers = (self._amplitude_texels, self._noise)
+        return sum(p.held_bytes for p in passes) + sum(buffer.size for buffer in buffers)
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
         if seed == self._seed:
             return
         noise = noise_bands(seed, self.settings.levels, self._channels)
-        tiles = noise.tiles.reshape(-1, NOISE_TILE, NOISE_TILE, 3)
-        self._noise.write(np.pad(tiles, ((0, 0),) * 3 + ((0, 1),)).tobytes())
-        if "lag_correlation" in self._composite:  # on the screen, noise is never interpolated
-            self._composite["lag_correlation"] = [
-                tuple(lags) for lags in noise.lag_correlation.reshape(-1, 4).tolist()
-            ]
+        # (levels, channels, row, column, band) to one texel's levels and channels together.
+        texels = np.pad(noise.tiles.transpose(2, 3, 0, 1, 4), ((0, 0),) * 4 + ((0, 1),))
+        self._noise.write(texels.tobytes())
+        set_array(self._composite, "lag_correlation", noise.lag_correlation.reshape(-1, len(LAGS)))
         self._seed = seed
 
     def __call__(
@@ -168,44 +163,51 @@ class MetamericPass:
                 source_from_target.T.astype(np.float32).ravel().tolist()
             )
         self.set_seed(seed)
-        self.base(image, depth_m, flow_px, z_near_m)
+        self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image)
         for k, level in enumerate(levels):
             self._measure(k, level, depth_m, z_near_m)
-        self.moments(self.base.chain)
+        self.moments()
         for k, level in enumerate(levels):
             self._amplify(k, level)
-        self._compose(image, depth_m, z_near_m)
+        self._compose(image, depth_m, flow_px, z_near_m)
 
     def _measure(
         self, k: int, level: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
     ) -> None:
-        base = self.base.chain
         shader = self._first[k == 0]
-        level.use(0)
-        base.array(k + 1).use(1)
+        level.bind_to_image(0, read=True, write=False)
+        self.moments.at(k + 1).bind_to_storage_buffer(4)
+        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
         if k == 0:
-            depth_m.use(2)
+            depth_m.bind_to_image(1, read=True, write=False)
             shader["z_near_m"] = z_near_m
         else:
-            base.array(k).use(2)
-        self.moments.array(k + 1).bind_to_image(0, read=False, write=True)
-        shader["first_layer"] = k * MOMENT_PLANES
+            self.base.guide.at(k).bind_to_storage_buffer(7)
+        shader["chain"] = k
         self.base.lists.run(shader, ("chain", k, k + 1))
 
     def _amplify(self, k: int, level: moderngl.Texture) -> None:
-        level.use(0)
-        self.moments.array(k + 1).bind_to_image(0, read=True, write=True)
-        self._amplitudes["first_layer"] = k * MOMENT_PLANES
+        level.bind_to_image(0, read=True, write=False)
+        self.moments.at(k + 1).bind_to_storage_buffer(4)
+        self._amplitude_texels.bind_to_storage_buffer(5)
+        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
+        self._amplitudes["chain"] = k
+        self._amplitudes["first_texel"] = self._first_texel[k]
         self.base.lists.run(self._amplitudes, ("push", k + 1))
 
-    def _compose(self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float) -> None:
-        depth_m.use(0)
-        self.base.chain.array(1).use(1)
-        self._noise.use(2)
-        for k in range(self.settings.levels):
-            self.moments.array(k + 1).use(3 + k)
+    def _compose(
+        self,
+        image: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        z_near_m: float,
+    ) -> None:
         image.bind_to_image(0, read=True, write=True)
+        depth_m.bind_to_image(1, read=True, write=False)
+        flow_px.bind_to_image(2, read=True, write=False)
+        self._amplitude_texels.bind_to_storage_buffer(4)
+        self._noise.bind_to_storage_buffer(5)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("push", 0))
 
@@ -214,6 +216,7 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.moments.release()
+        self._amplitude_texels.release()
         self._noise.release()
         for shader in (*self._first, self._amplitudes, self._composite):
             shader.release()

@@ -25,11 +25,11 @@ LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 class NoiseBands:
     """One seed's noise.
 
-    `tiles`: (levels, channels, TILE, TILE, 3 bands), float16; `lag_correlation`:
+    `tiles`: (levels, channels, TILE, TILE, 3 bands); `lag_correlation`:
     (levels, 3 bands, 4 lags of `LAGS`), the mean over channels.
     """
 
-    tiles: NDArray[np.float16]
+    tiles: NDArray[np.float32]
     lag_correlation: NDArray[np.float32]
 
 
@@ -47,8 +47,7 @@ def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     kernels = fitted_kernels()
     pyramid = analyse(periodic, levels, kernels)
     tiles = np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
-    rounded = tiles.astype(np.float16)
-    return NoiseBands(rounded, lag_correlation(rounded))
+    return NoiseBands(tiles.astype(np.float32), lag_correlation(tiles))
 
 
 def lag_correlation(tiles: NDArray[np.floating]) -> NDArray[np.float32]:

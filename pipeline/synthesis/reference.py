@@ -20,7 +20,6 @@ from pipeline.inpaint.reference import (
     children,
     guide_from_depth,
     guided_base,
-    interpolate,
     means_and_variances,
     near_a_hole,
 )
@@ -71,7 +70,6 @@ def metameric_fill(
     guide = guide_from_depth(warped.depth_m, z_near_m)
     base_levels = guided_base(
         warped.colour,
-        warped.flow_px,
         warped.hole,
         guide,
         levels=settings.levels,
@@ -79,11 +77,11 @@ def metameric_fill(
         threshold=settings.depth_threshold,
     )
     hole = warped.hole[..., None]
-    base = np.where(hole, base_levels[0].values[..., :3], warped.colour)
+    base = np.where(hole, base_levels[0].values, warped.colour)
     statistics, amplitudes = inpainted_amplitudes(
         base, warped.hole, [level.guide for level in base_levels], settings
     )
-    anchor_px = _anchors(warped, base_levels, settings, source_from_target)
+    anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         amplitudes,
         guide,
@@ -234,7 +232,6 @@ def _taps(
 
 def _anchors(
     warped: WarpedFrame,
-    base_levels: list[Level],
     settings: MetamericSettings,
     source_from_target: NDArray[np.float64] | None,
 ) -> NDArray[np.float64]:
@@ -244,10 +241,7 @@ def _anchors(
     if settings.anchor == "screen":
         return here
     if settings.anchor == "flow":
-        motion = interpolate(base_levels[1], base_levels[0].guide, settings.depth_threshold)[
-            ..., 3:
-        ]
-        return here - motion
+        return here - warped.flow_px
     if source_from_target is None:
         raise ValueError('anchor "camera" needs source_from_target')
     inverse = 1.0 / warped.depth_m.astype(np.float64)

@@ -1,7 +1,7 @@
 #version 430
 // Tell which of the listed quads are stretched (torn apart, or in ring 0), and along which
 // sides of a torn one the surface beyond reaches into it.
-// Twin: torn_quads() and strips() in reference.py. Change both or neither.
+// Twin: torn_quads() and with_strips() in reference.py. Change both or neither.
 
 #constant LANES       // work-group size
 #constant SURFACE_PX  // sides in line that must stretch alike to be one surface
