@@ -215,6 +215,7 @@ def test_list_names_every_method_without_a_source():
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "belong to stereo pairs"),
+        (["-m", "telea", "--disparity", "d.png", "--clip"], "belong to files of RGBZ"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, said):
@@ -324,6 +325,23 @@ def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng
     assert "allow clipping" in refusal(*arguments)
     assert run(*arguments, "--clip")[0] == 0
     assert gl_context is not None
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_channels_and_encoded_colour_can_be_told(tmp_path):
+    """Encoded 0.5 is 128 of 255; the same number taken as linear light is 188."""
+    data = np.zeros((16, 16, 6), np.float32)
+    data[..., :3], data[..., 3] = 0.5, 2.0
+    write_pixels(tmp_path / "own.exr", data, ("R", "G", "B", "far", "move.x", "move.y"))
+    told = ["depth=far", "flow_x=move.x", "flow_y=move.y"]
+    arguments = [tmp_path / "own.exr", tmp_path / "out.png", "-m", "telea"]
+    named = [part for name in told for part in ("--channel", name)]
+
+    assert "must have a channel Z" in refusal(*arguments)
+    assert "must be WHAT=NAME" in refusal(*arguments, "--channel", "deep=far")
+    for more, value in (([], 188), (["--encoded"], 128)):
+        assert run(*arguments, *named, *more)[0] == 0
+        assert (read_pixels(tmp_path / "out.png").data == value).all()
 
 
 @pytest.mark.usefixtures("gl_context")

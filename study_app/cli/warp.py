@@ -27,6 +27,7 @@ _SOURCE_HELP = (
     "A file of RGBZ and flow (.exr), the left image of a stereo pair (with --disparity),"
     " or a built-in pair: motorcycle."
 )
+_FILE = "File of RGBZ and flow"
 _STEREO = "Stereo pair"
 _LOOK = "To look at"
 
@@ -62,9 +63,7 @@ def warp(
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", help="A parameter of the (one) method, as name=value.", metavar="P=V"
-        ),
+        typer.Option("--set", help="A parameter of the one method, as name=value.", metavar="P=V"),
     ] = None,
     _list: Annotated[
         bool,
@@ -77,8 +76,31 @@ def warp(
     ] = False,
     seed: Annotated[int, typer.Option(help="Of the noise; same seed, same picture.", min=0)] = 0,
     clip: Annotated[
-        bool, typer.Option(help="Clip light brighter than the display can show.")
+        bool,
+        typer.Option(
+            "--clip",
+            help="Clip light brighter than the display can show instead of refusing it.",
+            rich_help_panel=_FILE,
+        ),
     ] = False,
+    encoded: Annotated[
+        bool,
+        typer.Option(
+            "--encoded",
+            help="The file's colour is display-referred already, not scene-linear.",
+            rich_help_panel=_FILE,
+        ),
+    ] = False,
+    channels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--channel",
+            metavar="WHAT=NAME",
+            help="Which channel holds what, if not R, G, B, Z, flow.x, flow.y, target.Z: red,"
+            " green, blue, depth, flow_x, flow_y, target_depth.",
+            rich_help_panel=_FILE,
+        ),
+    ] = None,
     disparity: Annotated[
         Path | None,
         typer.Option(
@@ -149,16 +171,16 @@ def warp(
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
     """
+    from study_app.cli.warp_source import FileOptions, PairOptions, load
+
     with user_errors():
         choices = _choices(methods, settings, compare is not None)
         _check_outputs(out, compare, steps)
-        rig = {
-            "units_per_px": units_per_px,
-            "focal_px": focal_px,
-            "baseline_m": baseline_m,
-            "offset_px": offset_px,
-        }
-        frame, truth = _load(source, disparity, right, rig, amount, clip)
+        frame, truth = load(
+            source,
+            FileOptions(clip, encoded, tuple(channels or ())),
+            PairOptions(disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount),
+        )
         _run(frame, truth, choices, seed, out, compare, steps)
 
 
@@ -257,39 +279,6 @@ def _check_folder(folder: Path) -> None:
         raise StudyError(f"{folder}: must be a folder, and {there} is a file")
     if not os.access(there, os.W_OK | os.X_OK):
         raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
-
-
-def _load(
-    source: str,
-    disparity: Path | None,
-    right: Path | None,
-    rig: dict[str, float | None],
-    amount: float,
-    clip: bool,
-) -> tuple[WarpInput, NDArray[np.float32] | None]:
-    """Return what to warp, and the truth where it is known."""
-    from stimuli.exr import load_warp_input
-    from stimuli.scenes.stereo import BUILT_IN, built_in_pair, load_pair
-
-    path = Path(source)
-    if source in BUILT_IN and not path.exists():
-        pair = built_in_pair(source)
-    elif disparity is not None:
-        given = {name: value for name, value in rig.items() if value is not None}
-        pair = load_pair(path, disparity, right, **given)
-    elif path.suffix.lower() == ".exr":
-        if amount != 1.0 or right is not None:
-            raise StudyError("--amount and --right belong to stereo pairs: a file has its flow")
-        return load_warp_input(path, clip=clip), None
-    elif path.exists():
-        raise StudyError(
-            f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE"
-        )
-    else:
-        raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
-    # Half way between the cameras there is no photograph to compare with.
-    truth = pair.right if amount == 1.0 else None
-    return pair.warp_input(amount), truth
 
 
 def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled]) -> None:
