@@ -110,6 +110,15 @@ def passed_post() -> Scene:
     return Scene(scene.frame, scene.flow_px, target)
 
 
+def torn_beside_a_passed_post() -> Scene:
+    """Tear right beside what is behind the camera: no whole quad reaches into the tear."""
+    scene = random_scene(np.random.default_rng(12), 0, 6, 30)
+    scene.flow_px[:, 8:] = (10, 0)
+    target = np.full((6, 30), 3, np.float32)
+    target[:, 6] = 0
+    return Scene(scene.frame, scene.flow_px, target)
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "sideways": lambda: seen_from((0.25, 0.05, 0), np.eye(3)),
     "forward, past a box": lambda: seen_from((0, 0, 1.1), np.eye(3)),
@@ -121,6 +130,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "thrown far out": lambda: random_scene(np.random.default_rng(3), 9000, 12, 14),
     "stretched by halves": stretched_by_halves,
     "past a post": passed_post,
+    "torn beside a passed post": torn_beside_a_passed_post,
     "one pixel": lambda: random_scene(np.random.default_rng(4), 0.3, 1, 1),
     "one row": lambda: random_scene(np.random.default_rng(5), 3, 1, 50),
     "one column": lambda: random_scene(np.random.default_rng(6), 3, 50, 1),
