@@ -35,7 +35,7 @@ from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
-from study_app.attempt import Watcher, attempt_event, run_attempt
+from study_app.attempt import Log, Watcher, attempt_event, run_attempt
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.geometry import Viewing
 from study_app.gaze.source import GazeSource
@@ -323,10 +323,7 @@ class _Conductor:
             case StartBlock(block, trials, first):
                 if first and not self._instructions():
                     return False
-                page = ("practice", texts.practice) if block == 0 else ("start", texts.start)
-                if (block == 0 or block == min(self._plan.blocks, key=lambda b: (b == 0, b))) and (
-                    self._quit_pressed(self._page(*page))
-                ):
+                if not self._announce(block):
                     return False
                 recorder.append(BlockStart(**recorder.stamps(), block=block, trials=trials))
             case RunTrial():
@@ -379,18 +376,26 @@ class _Conductor:
             for text in self._texts.instructions
         )
 
+    def _announce(self, block: int) -> bool:
+        """Show the page before practice or before the first main block."""
+        if block == 0:
+            return not self._quit_pressed(self._page("practice", self._texts.practice))
+        if block == next(number for number in self._plan.blocks if number > 0):
+            return not self._quit_pressed(self._page("start", self._texts.start))
+        return True
+
     def _trial(self, step: RunTrial) -> bool:
         self._stage.prepare(step.trial, step.attempt)
         if self._watcher:
             self._watcher.source.mark(f"{step.trial.id} attempt {step.attempt}")
 
-        def write(trial: Trial, log: object) -> None:
+        def write(trial: Trial, log: Log) -> None:
             event = attempt_event(
                 step.trial,
                 step.attempt,
                 step.position,
                 trial,
-                log,  # type: ignore[arg-type]
+                log,
                 self._timeline,
                 self._setting.manifest,
                 self._recorder,

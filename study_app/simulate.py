@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt
@@ -37,7 +39,11 @@ class Simulation:
     gaze: GazeBehaviour = HUMAN
     gaze_rate_hz: float = 250.0
     missed_per_flip: float = 0.0
-    """Probability that a flip misses its refresh."""
+    """Probability that a flip misses one refresh."""
+    late_per_flip: float = 0.0
+    """Probability that a flip comes late within its refresh."""
+    doubled_per_flip: float = 0.0
+    """Probability that a flip does not wait for its refresh."""
     manifest: Manifest | None = None
     """Clips that were built; left out: clips without pixels."""
 
@@ -162,10 +168,22 @@ def _stage(
         rng = rng_of(simulation.seed, "attempt", participant, trial.id, attempt)
         if gaze is not None:
             gaze.restart(int(rng.integers(2**63)))
-        if not simulation.missed_per_flip:
-            return {}
-        missed = rng.uniform(size=flips) < simulation.missed_per_flip
-        return {int(flip): Fault("missed", 1.0) for flip in missed.nonzero()[0] if flip}
+        return _faults(simulation, flips, rng)
 
     stage = VirtualStage(clock, display.refresh_hz, observer, on_prepare=on_prepare)
     return stage, gaze
+
+
+def _faults(simulation: Simulation, flips: int, rng: np.random.Generator) -> Mapping[int, Fault]:
+    """Draw what goes wrong with the flips of one attempt; the first has none to be judged by."""
+    kinds: tuple[tuple[float, Fault], ...] = (
+        (simulation.missed_per_flip, Fault("missed", 1.0)),
+        (simulation.late_per_flip, Fault("late", 0.3)),
+        (simulation.doubled_per_flip, Fault("doubled")),
+    )
+    faults: dict[int, Fault] = {}
+    for probability, fault in kinds:
+        if probability > 0:
+            drawn = (rng.uniform(size=flips) < probability).nonzero()[0]
+            faults |= {int(flip): fault for flip in drawn if flip}
+    return faults

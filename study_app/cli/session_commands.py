@@ -64,6 +64,13 @@ def simulate(
     missed_per_1000: Annotated[
         float, typer.Option(min=0, max=1000, help="Flips of a thousand that miss their refresh.")
     ] = 0.0,
+    late_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips of a thousand that come late.")
+    ] = 0.0,
+    doubled_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips of a thousand that do not wait.")
+    ] = 0.0,
+    gaze_hz: Annotated[float, typer.Option(min=1, help="Samples per second of the eye.")] = 250.0,
     steady_gaze: Annotated[
         bool, typer.Option(help="An eye that never blinks or looks away.")
     ] = False,
@@ -94,7 +101,10 @@ def simulate(
                 order_bias=order_bias,
             ),
             gaze=STEADY if steady_gaze else HUMAN,
+            gaze_rate_hz=gaze_hz,
             missed_per_flip=missed_per_1000 / 1000,
+            late_per_flip=late_per_1000 / 1000,
+            doubled_per_flip=doubled_per_1000 / 1000,
             manifest=read_manifest(stimuli) if stimuli else None,
         )
         plan = make_plan(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 import types
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -262,6 +263,16 @@ def test_shipped_displays_are_named_as_their_files(name):
     jsonschema.Draft202012Validator(json_schema("display")).validate(
         json.loads(canonical_json(display))
     )
+
+
+@pytest.mark.parametrize("folder", ["studies", "displays"])
+def test_shipped_files_fit_the_schema_that_their_first_line_names(folder):
+    """Editors complete and check a TOML file by that line."""
+    for path in shipped(folder).values():
+        text = path.read_text(encoding="utf-8")
+        pointer = text.splitlines()[0].removeprefix("#:schema ")
+        schema = json.loads((path.parent / pointer).read_text(encoding="utf-8"))
+        jsonschema.Draft202012Validator(schema).validate(tomllib.loads(text))
 
 
 @pytest.mark.parametrize("name", schema_names())

@@ -168,6 +168,19 @@ def test_the_window_is_an_angle_off_the_centre_too():
         assert (monitor.verdict(0.0) is Watch.HELD) == inside
 
 
+def test_the_simulated_tracker_describes_and_calibrates_itself():
+    watching = Watching(500.0)
+    watching.gaze.open()
+    result = watching.gaze.calibrate([(960.0, 540.0), (100.0, 100.0)])
+
+    assert watching.gaze.info().source == "simulated"
+    assert watching.gaze.info().rate_hz == 500.0
+    assert result.points == 2
+    assert 0 < result.precision_deg < result.accuracy_deg < 1.0
+    watching.gaze.mark("start")
+    watching.gaze.close()
+
+
 def test_gaze_of_a_seed_is_the_same_however_often_it_is_polled():
     def samples(steps):
         watching = Watching(250.0, seed=5, behaviour=HUMAN)

@@ -181,6 +181,20 @@ def test_void_attempts_come_again_later_in_their_block_and_all_are_kept(tmp_path
             assert len(remaining(plan, late.block, before, SHORT.design.max_attempts)) == 1
 
 
+def test_every_kind_of_injected_fault_reaches_the_flip_log(tmp_path):
+    sim = simulation(NO_GAZE, missed_per_flip=0.01, late_per_flip=0.02, doubled_per_flip=0.03)
+    simulate_sitting(sim, tmp_path, "S001")
+    kinds: Counter[str] = Counter()
+    for path in sorted((tmp_path / "demo" / "S001" / "flips").iterdir()):
+        with path.open() as file:
+            kinds.update(row["kind"] for row in csv.DictReader(file))
+
+    assert set(kinds) == {"first", "on-time", "late", "missed", "doubled"}
+    flips = sum(kinds.values())
+    for kind, share in (("missed", 0.01), ("late", 0.02), ("doubled", 0.03)):
+        assert abs(kinds[kind] - share * flips) < 5 * math.sqrt(share * flips)
+
+
 def test_a_trial_is_given_up_after_the_allowed_attempts(tmp_path):
     blind = GazeBehaviour(jitter_deg=20.0)
     outcome = simulate_sitting(
