@@ -13,9 +13,10 @@ def binomial_bayes_factor(chosen: int, trials: int) -> float:
     return float(np.exp(min(log_marginal + trials * np.log(2.0), 700.0)))
 
 
-def t_bayes_factor(t: float, count: int, scale: float = CAUCHY_SCALE) -> float:
+def t_bayes_factor(t: float, count: float, scale: float = CAUCHY_SCALE) -> float:
     """Return BF10 of a one-sample t with a Cauchy prior on the standardised effect.
 
+    `count` is the number of participants; a clustered t enters with its df + 1.
     Rouder, Speckman, Sun, Morey and Iverson 2009, Psychonomic Bulletin & Review 16, eq. 1.
     """
     df = count - 1

@@ -6,6 +6,7 @@ the simulation of ten thousand studies is one call.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ EXACT_FLIPS = 16
 """Up to this many participants every sign pattern is enumerated."""
 
 MONTE_CARLO_FLIPS = 100_000
+
+FEW_SCENES = 5
+"""Below this the test leans to the safe side, and still cannot be trusted; results say so."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     V = max(V_p + V_s - V_e, V_p): the two-way cluster variance (Cameron, Gelbach and Miller
     2011; for a balanced design the quasi-F of Clark 1973), never below the variance between
     participants. The degrees of freedom lie between those of participants and of scenes,
-    weighted by what each contributes; choice and false-positive rates: docs/decisions/0051.
+    weighted by what each contributes. With fewer than five scenes both lean to the safe side.
+    Choice and false-positive rates: docs/decisions/0051.
     """
     chosen, shown = np.asarray(chosen, dtype=np.float64), np.asarray(shown, dtype=np.float64)
     shown = np.broadcast_to(shown, chosen.shape)
@@ -96,11 +101,14 @@ def combine(
 ) -> ClusteredShare:
     """Put the three variances of `two_way` together (also used by the power simulation)."""
     var_cell = np.where(scenes > 1, var_cell, 0.0)
-    variance = np.maximum(var_person + var_scene - var_cell, var_person)
+    few = (scenes > 1) & (scenes < FEW_SCENES)
+    # Two or three scenes that happen to agree say little: assume some variance between them.
+    assumed = np.where(few, 0.5 * var_cell / np.maximum(scenes - 1.0, 1.0), 0.0)
+    variance = np.maximum(var_person + var_scene - var_cell, var_person + assumed)
     # Rounding leaves about 1e-33 where all answers agree.
     variance = np.where(variance < 1e-20, 0.0, variance)
     weight_p = np.maximum(var_person, var_cell)
-    weight_s = np.maximum(var_scene - 0.5 * var_cell, 0.0)
+    weight_s = np.maximum(var_scene - np.where(few, 0.0, 0.5 * var_cell), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = weight_p**2 / (persons - 1.0)
         spread = spread + np.where(scenes > 1, weight_s**2 / (scenes - 1.0), 0.0)
@@ -171,10 +179,14 @@ def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:
         codes = np.arange(2 ** (count - 1))[:, None] >> np.arange(count)[None, :] & 1
         sums = (1.0 - 2.0 * codes) @ values
         return float((np.abs(sums) >= observed).mean())
-    rng = np.random.default_rng(seed)
-    flips = 2.0 * rng.integers(0, 2, (MONTE_CARLO_FLIPS, count)) - 1.0
-    hits = int((np.abs(flips @ values) >= observed).sum())
+    hits = int((np.abs(_flips(count, seed) @ values) >= observed).sum())
     return (hits + 1) / (MONTE_CARLO_FLIPS + 1)
+
+
+@lru_cache(maxsize=1)
+def _flips(count: int, seed: int) -> Floats:
+    """Random sign patterns; one study asks for the same ones again and again."""
+    return 2.0 * np.random.default_rng(seed).integers(0, 2, (MONTE_CARLO_FLIPS, count)) - 1.0
 
 
 def sign_flip_floor(participants: int) -> float:

@@ -118,7 +118,8 @@ def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.Data
     table = pd.DataFrame(rows, columns=[column.name for column in columns])
     for column in columns:
         if column.kind == "text":
-            table[column.name] = table[column.name].fillna("").astype(str)
+            values = table[column.name].astype(object)
+            table[column.name] = values.where(values.notna(), "").astype(str)
         elif column.kind in ("number", "share"):
             table[column.name] = pd.to_numeric(table[column.name]).astype("float64")
         elif column.kind in ("integer", "0/1"):

@@ -109,7 +109,7 @@ def solve_pairs(
         slope, curvature = _derivatives(
             parameters[active] @ design.T, first[active], second[active], model
         )
-        information = (curvature @ outer).reshape(-1, size, size)
+        information = (curvature @ outer).reshape(active.size, size, size)
         step = _solve(information, slope @ design)
         largest = np.abs(step).max(axis=-1, initial=0.0)
         # Far from the maximum a full step may overshoot; near it the limit is never reached.

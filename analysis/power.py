@@ -157,9 +157,8 @@ def default_participants(planned: int | None) -> tuple[int, ...]:
     """Return the numbers of participants a curve shows: 4 to 40, wider for larger plans."""
     top = max(40, 2 * (planned or 0))
     step = max(1, top // 40)
-    return tuple(
-        sorted({*range(4, top + 1, step), *([planned] if planned and planned > 1 else [])})
-    )
+    wanted = {*range(4, top, step), top, planned or top}
+    return tuple(sorted(people for people in wanted if people > 1))
 
 
 def mean_logit(rate: float, spread: float) -> float:

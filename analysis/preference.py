@@ -11,9 +11,9 @@ from scipy import stats
 
 from analysis.bayes import binomial_bayes_factor, t_bayes_factor
 from analysis.clustered import (
+    FEW_SCENES,
     ClusteredShare,
     holm,
-    participant_t,
     sign_flip_floor,
     sign_flip_p,
     two_sided_p,
@@ -27,7 +27,6 @@ Test = Literal["participant-scene", "participant", "pooled"]
 Verdict = Literal["preferred", "rejected", "equivalent", "undecided"]
 
 FEW_PARTICIPANTS = 6
-FEW_SCENES = 5
 ALL_SIZES = "all"
 
 
@@ -61,8 +60,8 @@ class Preference:
     odds_ratio, odds_lower, odds_upper : float
         Odds of choosing `method`; half a vote is added where all answers agree.
     bayes_factor : float
-        BF10 of participants' shares against one half (default t prior), or of participants as
-        single votes where all agree.
+        BF10 of the clustered t (default prior, as if of df + 1 participants), or of
+        participants as single votes where all answers agree.
     bayes_factor_pooled : float
         BF10 of all trials as independent, uniform prior.
     margin, equivalence_p : float
@@ -260,7 +259,11 @@ def preference(
         odds_ratio=odds_share / (1.0 - odds_share),
         odds_lower=_odds(lower, trials),
         odds_upper=_odds(upper, trials),
-        bayes_factor=_bayes(shares),
+        bayes_factor=(
+            t_bayes_factor(t, df + 1.0)
+            if t is not None
+            else binomial_bayes_factor(int((shares > 0.5).sum()), int((shares != 0.5).sum()))
+        ),
         bayes_factor_pooled=binomial_bayes_factor(wins, trials),
         margin=margin,
         equivalence_p=equivalence,
@@ -334,13 +337,6 @@ def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdic
     return "equivalent" if equivalence < alpha else "undecided"
 
 
-def _bayes(shares: Floats) -> float:
-    mean, error, _, _ = participant_t(shares - 0.5)
-    if shares.size > 1 and error > 0:
-        return t_bayes_factor(mean / error, shares.size)
-    return binomial_bayes_factor(int((shares > 0.5).sum()), int((shares != 0.5).sum()))
-
-
 def _odds(share: float, trials: int) -> float:
     """Odds of a limit, kept finite by half a vote where the limit is 0 or 1."""
     edge = 0.5 / (trials + 1.0)
@@ -363,7 +359,10 @@ def _notes(
     if scenes == 1:
         notes.append("one scene only: the result is about that scene")
     elif scenes < FEW_SCENES:
-        notes.append(f"only {scenes} scenes: variance between scenes is poorly known")
+        notes.append(
+            f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
+            " reach far beyond them"
+        )
     if wins in (0, trials):
         notes.append(
             "all answers agree: no variance to estimate; p is the sign-flip test's smallest"

@@ -16,6 +16,9 @@ WIDTH_EDGE = 0.05
 
 LAPSE_MAX = 0.1
 
+SATURATED = 0.01
+"""A level whose rise is this near 0 or 1 says nothing about the width."""
+
 
 @dataclass(frozen=True)
 class Psychometric:
@@ -199,25 +202,25 @@ class _Problem:
                 theta = np.insert(theta, *hold)
             return self.loss(theta)
 
-        best, value = None, np.inf
-        for point in self.starts() if start is None else [start]:
-            free = point if hold is None else np.delete(point, hold[0])
-            if free.size == 0:
-                return point, -run(free)
-            found = optimize.minimize(
-                run,
-                free,
-                method="Nelder-Mead",
-                options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000},
+        # The best few of a grid of starts, roughly; then the best of those, sharply.
+        points = sorted(self.starts(), key=self.loss)[:3] if start is None else [start]
+        free = [point if hold is None else np.delete(point, hold[0]) for point in points]
+        if free[0].size == 0:
+            return points[0], -run(free[0])
+        rough = [
+            optimize.minimize(
+                run, point, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}
             )
-            if best is None or found.fun < value - 1e-12:
-                best, value = found.x, float(found.fun)
-        assert best is not None
+            for point in free
+        ]
         found = optimize.minimize(
-            run, best, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-13}
+            run,
+            min(rough, key=lambda one: float(one.fun)).x,
+            method="Nelder-Mead",
+            options={"xatol": 1e-9, "fatol": 1e-11, "maxiter": 4000, "maxfev": 4000},
         )
-        best, value = found.x, float(found.fun)
-        return (best if hold is None else np.insert(best, *hold)), -value
+        best = np.asarray(found.x, dtype=np.float64)
+        return (best if hold is None else np.insert(best, *hold)), -float(found.fun)
 
     def profile(
         self, index: int, best: Floats, likelihood: float, drop: float
@@ -246,10 +249,10 @@ class _Problem:
 def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
     threshold, width, _, lapse = problem.unpack(best)
     notes = []
-    steps = float(np.min(np.diff(np.unique(problem.x))))
+    rise = sigmoid(problem.x, threshold, width, problem.shape)
     if np.ptp(share) == 0:
         notes.append("performance is the same at every level: no curve can be placed")
-    elif width < 0.1 * steps:
+    elif np.all((rise < SATURATED) | (rise > 1.0 - SATURATED)):
         notes.append("the answers jump between two levels: the width is only bounded above")
     elif not problem.x.min() <= threshold <= problem.x.max():
         notes.append("the threshold lies outside the levels shown: it is extrapolated")

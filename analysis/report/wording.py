@@ -72,8 +72,10 @@ def number(value: float, digits: int = 2) -> str:
 
 def comparison(method: str, against: str, size: str, settings: Settings) -> str:
     """Return a comparison's name: ``A / B, small disocclusion``."""
-    where = "all sizes" if size == "all" else settings.label(size)
-    return f"{settings.label(method)} / {settings.label(against)}, {where}"
+    pair = f"{settings.label(method)} / {settings.label(against)}"
+    if settings.sizes == ("all",):
+        return pair
+    return f"{pair}, {'all sizes' if size == 'all' else settings.label(size)}"
 
 
 def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
@@ -185,7 +187,7 @@ def methods_paragraph(
     text += (
         ". Intervals are Wilson score intervals with the effective number of trials and t"
         " quantiles. Participant-level sign-flip tests, pooled exact binomial tests, Bayes factors"
-        " (Rouder et al., 2009, on participants' proportions, Cauchy prior of scale .707) and"
+        " (Rouder et al., 2009, of the clustered t, Cauchy prior of scale .707) and"
         f" equivalence tests (two one-sided tests against ±{share(settings.margin)}) are given"
         " beside. Logit mixed models had crossed random intercepts of participants and scenes"
         " (Laplace approximation) and the order of presentation as a covariate. Quality in just"

@@ -1,0 +1,153 @@
+"""Inference on shares that respects participants and scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import expit
+
+from analysis.clustered import (
+    equivalence_p,
+    holm,
+    participant_t,
+    sign_flip_floor,
+    sign_flip_p,
+    two_way,
+    wilson,
+)
+
+STUDIES = 20_000
+PEOPLE, SCENES, REPEATS = 11, 6, 2
+
+
+def simulate(rng, participant_sd, scene_sd, studies=STUDIES):
+    logit = rng.normal(0, participant_sd, (studies, PEOPLE, 1)) + rng.normal(
+        0, scene_sd, (studies, 1, SCENES)
+    )
+    return rng.binomial(REPEATS, expit(np.broadcast_to(logit, (studies, PEOPLE, SCENES))))
+
+
+def test_one_scene_gives_the_textbook_t_of_participant_means():
+    chosen = np.array([[3.0], [5.0], [9.0], [8.0]])
+
+    found = two_way(chosen, np.full((4, 1), 10.0))
+    textbook = stats.ttest_1samp([0.3, 0.5, 0.9, 0.8], 0.5)
+
+    assert float(found.p_value()) == pytest.approx(textbook.pvalue, abs=1e-12)
+    assert float(found.df) == 3.0
+
+
+def test_balanced_variance_is_the_sum_of_mean_squares_worked_by_hand():
+    """Three people, five scenes; V = (MS_P + MS_S - MS_PS) / 15 where that is largest."""
+    effect = np.array([0.0, 1.0, 2.0])[:, None] + np.array([0.0, 0, 1, 2, 2])[None, :]
+    effect[0, 0] += 1.0
+    shares = effect / 5.0
+    mean = shares.mean()
+    people, scenes = shares.mean(axis=1) - mean, shares.mean(axis=0) - mean
+    rest = shares - mean - people[:, None] - scenes[None, :]
+    ms_p, ms_s = 5 * (people**2).sum() / 2, 3 * (scenes**2).sum() / 4
+    ms_e = (rest**2).sum() / 8
+
+    found = two_way(effect * 2, np.full((3, 5), 10.0))
+
+    assert float(found.standard_error) ** 2 == pytest.approx((ms_p + ms_s - ms_e) / 15, abs=1e-12)
+
+
+def test_variance_never_falls_below_the_one_between_participants(rng):
+    chosen = simulate(rng, 0.5, 0.0, 500)
+    found = two_way(chosen, REPEATS)
+    means = chosen.mean(axis=2) / REPEATS
+
+    assert np.all(found.standard_error >= means.std(axis=1, ddof=1) / np.sqrt(PEOPLE) - 1e-12)
+
+
+def test_unequal_cells_are_weighted_by_trials():
+    chosen = np.array([[1.0, 0.0], [4.0, 3.0], [2.0, 2.0]])
+    shown = np.array([[2.0, 0.0], [4.0, 4.0], [3.0, 4.0]])
+
+    found = two_way(chosen, shown)
+
+    assert float(found.share) == pytest.approx(12 / 17)
+    assert np.isfinite(float(found.p_value()))
+
+
+@pytest.mark.parametrize(
+    ("participant_sd", "scene_sd", "lowest", "highest"),
+    [(0.5, 0.0, 0.035, 0.060), (1.0, 0.0, 0.035, 0.060), (0.5, 0.5, 0.0, 0.060)],
+)
+def test_the_default_test_calls_chance_an_effect_as_often_as_it_says(
+    rng, participant_sd, scene_sd, lowest, highest
+):
+    p = two_way(simulate(rng, participant_sd, scene_sd), REPEATS).p_value()
+
+    assert lowest <= float(np.mean(p < 0.05)) <= highest
+
+
+def test_the_pooled_binomial_does_not(rng):
+    """FACTS of the field: .114 at a participant sd of .5, .248 at 1, instead of .05."""
+    totals = simulate(rng, 1.0, 0.0, 4000).sum(axis=(1, 2))
+    p = np.array([stats.binomtest(k, 132).pvalue for k in range(133)])[totals]
+
+    assert float(np.mean(p < 0.05)) > 0.2
+
+
+@pytest.mark.parametrize(("participant_sd", "scene_sd"), [(0.0, 0.0), (0.5, 0.0), (0.63, 0.43)])
+def test_wilson_limits_with_effective_n_cover(rng, participant_sd, scene_sd):
+    found = two_way(simulate(rng, participant_sd, scene_sd), REPEATS)
+    lower, upper = wilson(found.share, found.effective_n, found.df)
+
+    assert float(np.mean((lower <= 0.5) & (upper >= 0.5))) >= 0.945
+
+
+def test_wilson_limits_equal_the_textbook_ones_for_independent_trials():
+    lower, upper = wilson(np.array(0.3), np.array(40.0), np.array(1e9))
+    textbook = stats.binomtest(12, 40).proportion_ci(0.95, method="wilson")
+
+    assert (float(lower), float(upper)) == pytest.approx((textbook.low, textbook.high), abs=1e-6)
+
+
+def test_unanimous_answers_have_no_t_but_finite_limits():
+    found = two_way(np.full((11, 6), 2.0), 2.0)
+    lower, upper = wilson(found.share, found.effective_n, found.df)
+
+    assert np.isnan(float(found.p_value()))
+    assert 0.5 < float(lower) < 1.0
+    assert float(upper) == 1.0
+
+
+def test_sign_flips_of_three_people_by_hand():
+    """Patterns of (+.1, +.2, +.3): |sum| of .6 twice of eight, .0 twice, .2 twice, .4 twice."""
+    assert sign_flip_p(np.array([0.1, 0.2, 0.3])) == pytest.approx(2 / 8)
+    assert sign_flip_p(np.array([-0.1, 0.2, 0.3])) == pytest.approx(4 / 8)
+    assert sign_flip_p(np.zeros(5)) == 1.0
+
+
+def test_eleven_people_cannot_show_less_than_two_in_2048():
+    assert sign_flip_floor(11) == 2 / 2048
+    assert sign_flip_p(np.full(11, 0.5)) == 2 / 2048
+
+
+def test_many_people_are_flipped_at_random_but_reproducibly(rng):
+    values = rng.normal(0.1, 0.3, 30)
+
+    assert sign_flip_p(values) == sign_flip_p(values)
+    exact_t = stats.ttest_1samp(values, 0).pvalue
+    assert sign_flip_p(values) == pytest.approx(exact_t, abs=0.02)
+
+
+def test_holm_by_hand():
+    np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(holm(np.array([[0.9, 0.9], [0.01, 0.9]])), [[1, 1], [0.02, 0.9]])
+
+
+def test_equivalence_is_the_larger_one_sided_p():
+    p = equivalence_p(np.array(0.02), np.array(0.03), np.array(10.0), 0.1)
+
+    assert float(p) == pytest.approx(max(stats.t.sf(4.0, 10), stats.t.cdf(-0.08 / 0.03, 10)))
+    assert float(equivalence_p(np.array(0.5), np.array(0.0), np.array(10.0), 0.1)) == 1.0
+
+
+def test_participants_who_agree_exactly_give_no_t():
+    assert participant_t(np.full(4, 0.25))[3] != participant_t(np.full(4, 0.25))[3]  # NaN
+    assert participant_t(np.zeros(4))[3] == 1.0

@@ -1,0 +1,203 @@
+"""Logit models against values by hand, against R, and where no maximum exists."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.clustered import equivalence_p
+from analysis.logit import cluster_covariance, fit_logit, information, separated
+from analysis.models import TILDE_OPERATOR, firth_logit, gee_logit, glm_logit, glmm_logit
+
+ORACLES = Path(__file__).parent / "oracles"
+R = json.loads((ORACLES / "oracle.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def crossed() -> pd.DataFrame:
+    """Answers of 12 made-up participants to 8 items, as R saw them."""
+    return pd.read_csv(ORACLES / "crossed.csv")
+
+
+def column(fit, name):
+    return [getattr(row, name) for row in fit.coefficients]
+
+
+def test_intercept_of_one_group_is_the_log_odds():
+    """By hand: 30 of 40, log 3, error sqrt(1/30 + 1/10)."""
+    table = pd.DataFrame({"y": [1] * 30 + [0] * 10})
+
+    row = glm_logit("y ~ 1", table)["Intercept"]
+
+    assert row.estimate == pytest.approx(np.log(3), abs=1e-9)
+    assert row.standard_error == pytest.approx(np.sqrt(1 / 30 + 1 / 10), abs=1e-9)
+    assert row.odds_ratio == pytest.approx(3.0)
+
+
+def test_glm_equals_r(crossed):
+    fit = glm_logit("logit(y) ~ 1 + cond", crossed)
+
+    np.testing.assert_allclose(column(fit, "estimate"), R["glm"], atol=1e-8)
+    np.testing.assert_allclose(column(fit, "standard_error"), R["glm_se"], atol=1e-8)
+    assert fit.log_likelihood == pytest.approx(R["glm_loglik"][0], abs=1e-7)
+    assert any("independent" in note for note in fit.warnings)
+
+
+def test_crossed_glmm_equals_glmmtmb(crossed):
+    fit = glmm_logit("y ~ 1 + cond", crossed, groups=("participant", "item"))
+
+    np.testing.assert_allclose(column(fit, "estimate"), R["glmm"], atol=1e-4)
+    np.testing.assert_allclose(column(fit, "standard_error"), R["glmm_se"], atol=1e-4)
+    np.testing.assert_allclose(list(fit.random_sd.values()), R["glmm_sd"], atol=1e-4)
+    assert fit.log_likelihood == pytest.approx(R["glmm_loglik"][0], abs=1e-5)
+
+
+def test_gee_equals_geepack_with_t_in_the_place_of_z(crossed):
+    fit = gee_logit("y ~ 1 + cond", crossed, cluster="participant")
+
+    np.testing.assert_allclose(column(fit, "estimate"), R["gee"], atol=1e-6)
+    np.testing.assert_allclose(column(fit, "standard_error"), R["gee_se"], atol=1e-6)
+    assert fit.coefficients[0].df == 11.0
+
+
+def test_firth_equals_brglm2():
+    design = np.array([[1.0, -1], [-1, 0], [0, -1]])
+    solution = fit_logit(design, np.array([106.0, 125, 132]), np.full(3, 132.0), firth=True)
+
+    np.testing.assert_allclose(solution.beta, R["bt_firth"], atol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(solution.covariance)), R["bt_firth_se"], atol=1e-6)
+
+
+def test_unanimous_answers_get_firths_estimate_and_never_read_as_no_effect():
+    """By hand: log(132.5 / .5); Wald of plain maximum likelihood says p = .9996 here."""
+    fit = glm_logit("y ~ 1", pd.DataFrame({"y": [1] * 132}))
+    row = fit["Intercept"]
+
+    assert row.estimate == pytest.approx(np.log(132.5 / 0.5), abs=1e-8)
+    assert [row.estimate, row.standard_error] == pytest.approx(R["unanimous_firth"], abs=1e-7)
+    assert row.p < 1e-10
+    assert any("Firth" in note for note in fit.warnings)
+
+
+def test_separation_by_one_condition_is_seen():
+    design = np.array([[1.0, 0], [1, 0], [1, 1], [1, 1]])
+
+    assert separated(design, np.array([0.0, 1, 1, 1]), np.ones(4))
+    assert not separated(design, np.array([0.0, 1, 0, 1]), np.ones(4))
+
+
+def test_a_separated_mixed_model_falls_back_and_says_so(crossed):
+    table = crossed.assign(y=np.where(crossed["cond"] == "b", 1, crossed["y"]))
+    fit = glmm_logit("y ~ 1 + cond", table, groups=("participant", "item"))
+
+    assert all(np.isfinite(column(fit, "standard_error")))
+    assert any("separated" in note for note in fit.warnings)
+
+
+def test_people_who_always_answer_alike_do_not_run_the_mixed_model_off():
+    """Six of eight always say yes, two are mixed: the deviation has no finite maximum."""
+    rows = [
+        {"y": int(person < 6 or trial % 2), "participant": person, "scene": trial % 2}
+        for person in range(8)
+        for trial in range(4)
+    ]
+    fit = glmm_logit("y ~ 1", pd.DataFrame(rows), groups=("participant", "scene"))
+
+    assert abs(fit["Intercept"].estimate) < 10
+    assert 0 < fit["Intercept"].standard_error < 10
+
+
+def test_sandwich_of_single_row_clusters_is_the_robust_covariance_by_hand():
+    """Intercept only: V = G/(G-1) Σ (y - p)² / (n p q)²."""
+    y = np.array([1.0, 1, 1, 0, 0])
+    design = np.ones((5, 1))
+    beta = fit_logit(design, y, np.ones(5)).beta
+
+    found = cluster_covariance(design, y, np.ones(5), beta, (np.arange(5),))
+
+    by_hand = 5 / 4 * (3 * 0.4**2 + 2 * 0.6**2) / (5 * 0.6 * 0.4) ** 2
+    assert found[0, 0] == pytest.approx(by_hand, abs=1e-9)
+
+
+def test_clustered_standard_errors_use_t_of_the_smaller_number_of_clusters(crossed):
+    fit = glm_logit("y ~ 1 + cond", crossed, cluster=("participant", "item"))
+
+    assert fit.coefficients[0].df == 7.0
+    assert fit.coefficients[0].standard_error > R["glm_se"][0]
+    assert any("only 8 clusters" in note for note in fit.warnings)
+
+
+ECCENTRICITY = np.repeat([5.0, 10.0, 15.0, 20.0, 25.0], 6)
+METHOD = np.tile(np.arange(6), 5)  # reference, four blurs, ours
+PRINTED = np.array([0.105, -0.391, -0.611, -0.846, 0.258])  # [BB] Table 1
+
+
+def test_the_design_of_table_1_reproduces_the_printed_standard_errors():
+    """[BB] 6.1: 14 people x 5 eccentricities x 6 methods x 10; b0, b1 as its Fig. 17 reads."""
+    design = np.column_stack(
+        [np.ones(30), ECCENTRICITY, *(level == METHOD for level in range(1, 6))]
+    ).astype(float)
+    beta = np.concatenate([[2.976, -0.101], PRINTED])
+
+    errors = np.sqrt(np.diag(np.linalg.inv(information(design, beta, np.full(30, 140.0)))))
+
+    np.testing.assert_allclose(errors[2:].round(3), [0.138, 0.131, 0.129, 0.127, 0.141], atol=6e-4)
+
+
+def test_wilkinson_formula_with_a_reference_level_fits_a_study_like_table_1(rng):
+    rows = pd.DataFrame(
+        {
+            "eccentricity": np.repeat(ECCENTRICITY, 140),
+            "method": np.repeat(METHOD, 140).astype(str),
+        }
+    )
+    shift = np.concatenate([[0.0], PRINTED])[rows["method"].astype(int)]
+    logit = 2.976 - 0.101 * rows["eccentricity"] + shift
+    rows["correct"] = (rng.random(len(rows)) < 1 / (1 + np.exp(-logit))).astype(int)
+    rows["method"] = rows["method"].replace({"0": "z-reference"})
+
+    fit = glm_logit(
+        f"logit(correct) {TILDE_OPERATOR} 1 + eccentricity + method",
+        rows,
+        reference={"method": "z-reference"},
+    )
+
+    assert len(fit.coefficients) == 7
+    blur = fit["method[T.4]"]
+    assert abs(blur.estimate - -0.846) < 3.5 * blur.standard_error
+    assert blur.standard_error == pytest.approx(0.127, abs=0.006)
+
+
+def test_equivalence_of_an_odds_ratio_is_the_tost_of_the_coefficient():
+    """[BB] Table 1, ours: .258 (.141) against odds ratios of 1.25 and 2, normal law."""
+    p = [
+        float(equivalence_p(np.array(0.258), np.array(0.141), np.array(np.inf), np.log(ratio)))
+        for ratio in (1.25, 2.0)
+    ]
+
+    assert p == pytest.approx([0.6, 0.001], abs=0.003)
+
+
+@pytest.mark.parametrize(
+    ("formula", "message"),
+    [("z ~ 1", "left side"), ("y", "left side"), ("cond ~ 1", "0 and 1 only")],
+)
+def test_wrong_formulas_are_refused_in_words(crossed, formula, message):
+    with pytest.raises(ValueError, match=message):
+        glm_logit(formula, crossed)
+
+
+def test_an_unknown_reference_names_the_levels(crossed):
+    with pytest.raises(ValueError, match=r"one of \['a', 'b'\]"):
+        glm_logit("y ~ cond", crossed, reference={"cond": "x"})
+
+
+def test_firth_shrinks_towards_no_effect(crossed):
+    plain = glm_logit("y ~ 1 + cond", crossed)
+    shrunk = firth_logit("y ~ 1 + cond", crossed)
+
+    assert abs(shrunk.coefficients[1].estimate) < abs(plain.coefficients[1].estimate)

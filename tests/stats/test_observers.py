@@ -1,0 +1,73 @@
+"""The observer check finds who answers unlike the others, and seldom anyone else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.observers import check_observers
+from analysis.pairs import probability
+
+
+def study(rng, *, spread, odd=None, people=11, trials=24):
+    quality = np.array([1.0, 0.2, -1.2])
+    first, second = np.triu_indices(3, 1)
+    own = quality + rng.normal(0, spread, (people, 3))
+    if odd == "random":
+        own[0] = 0.0
+    if odd == "reversed":
+        own[0] = -quality
+    share = probability(own[:, first] - own[:, second], "thurstone")
+    answers = rng.binomial(trials, share)
+    votes = np.zeros((people, 3, 3))
+    votes[:, first, second], votes[:, second, first] = answers, trials - answers
+    return votes
+
+
+NAMES = [f"P{i}" for i in range(11)]
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.5])
+def test_clean_studies_flag_anyone_about_as_rarely_as_stated(rng, spread):
+    """Family-wise .05; 150 studies leave a standard error of .018."""
+    flagged = [
+        bool(check_observers(study(rng, spread=spread), NAMES, rng=rng, studies=200).flagged)
+        for _ in range(150)
+    ]
+
+    assert np.mean(flagged) <= 0.10
+
+
+def test_a_reversed_observer_is_flagged_and_the_others_are_not(rng):
+    found = [
+        check_observers(study(rng, spread=0.3, odd="reversed"), NAMES, rng=rng, studies=200)
+        for _ in range(15)
+    ]
+
+    assert np.mean([one.flagged == ("P0",) for one in found]) >= 0.8
+
+
+def test_an_observer_by_coin_is_flagged_where_others_agree(rng):
+    found = [
+        check_observers(study(rng, spread=0.0, odd="random"), NAMES, rng=rng, studies=200)
+        for _ in range(15)
+    ]
+
+    assert np.mean(["P0" in one.flagged for one in found]) >= 0.7
+
+
+def test_three_observers_are_too_few_to_judge(rng):
+    found = check_observers(study(rng, spread=0.3, people=3), NAMES[:3], rng=rng)
+
+    assert found.flagged == ()
+    assert "fewer than four" in found.warnings[0]
+
+
+def test_unanimous_answers_do_not_break_the_check(rng):
+    votes = np.zeros((6, 3, 3))
+    votes[:, 0, 1] = votes[:, 0, 2] = votes[:, 1, 2] = 12
+
+    found = check_observers(votes, NAMES[:6], rng=rng, studies=100)
+
+    assert np.all(np.isfinite(found.distance))
+    assert found.flagged == ()

@@ -1,0 +1,292 @@
+"""Figures: no text over text, nothing cut off, the same bytes, embedded fonts, colours, stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from analysis.bias import order_bias, side_bias
+from analysis.detection import detection
+from analysis.plots import (
+    ONE_COLUMN_IN,
+    TWO_COLUMNS_IN,
+    bias_bars,
+    detection_plot,
+    figure_bytes,
+    forest_plot,
+    heat_map,
+    jod_plot,
+    learning_plot,
+    power_plot,
+    preference_bars,
+    psychometric_plot,
+    reaction_plot,
+    save_figure,
+)
+from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
+from analysis.power import Assumptions, power_curve
+from analysis.preference import counts, pairing_rows, preferences
+from analysis.psychometric import fit_psychometric
+from analysis.reaction import reaction_times
+from analysis.scaling import bootstrap_scale, scale
+from analysis.settings import from_protocol
+from analysis.study import vote_tensor
+
+LABELS = {
+    "metameric": "Metameric (ours)",
+    "push-pull": "Push-pull, depth-aware",
+    "reference": "Reference",
+    "small": "small disocclusion",
+    "large": "large disocclusion",
+}
+PAIRINGS = [("metameric", "push-pull"), ("metameric", "reference"), ("push-pull", "reference")]
+KINDS = (
+    "preference",
+    "forest",
+    "scale",
+    "psychometric",
+    "detection",
+    "heat",
+    "learning",
+    "reaction",
+    "bias",
+    "power",
+)
+Draw = Callable[..., Figure]
+
+
+def label(name: str) -> str:
+    return LABELS.get(name, name)
+
+
+@pytest.fixture(scope="module")
+def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
+    """Every kind of figure, ready to draw at a width, from one study of eleven people."""
+    rows = make_decisions()
+    cells = preferences(rows, pairings=PAIRINGS, sizes=("small", "large")).cells
+    shares = {}
+    for cell in cells:
+        part = pairing_rows(rows, cell.method, cell.against, cell.size)
+        chosen, shown, people, _ = counts(part, cell.method)
+        shares[cell.method, cell.against, cell.size] = (chosen.sum(1) / shown.sum(1)).tolist()
+    names = ("metameric", "push-pull", "reference")
+    scales = {}
+    for size in ("small", "large"):
+        votes, _ = vote_tensor(rows[rows["size"] == size], names)
+        limits = bootstrap_scale(votes, rng=np.random.default_rng(0), samples=200)
+        scales[size] = (scale(votes.sum(axis=(0, 1)), names), limits)
+    x, trials = np.array([5.0, 10, 15, 20, 25]), np.full(5, 140)
+    rng = np.random.default_rng(1)
+    curves = {}
+    for name, place in (("Reference", 22), ("Blur 0.35", 20), ("Blur 0.70", 17), ("Ours", 21)):
+        good = rng.binomial(trials, 0.5 + 0.5 / (1 + np.exp((x - place) / 3)))
+        fit = fit_psychometric(x, good, trials, falling=True, shape="logistic", lapse=0.0)
+        curves[name] = (x, good, trials, fit)
+    said = [
+        {
+            "participant": p,
+            "scene": s,
+            "method": m,
+            "inconsistent": k % 2,
+            "answered_inconsistent": int(rng.random() < 0.2 + 0.2 * (k % 2)),
+        }
+        for p in range(8)
+        for s in range(4)
+        for m in ("blur", "ours", "F&S")
+        for k in range(6)
+    ]
+    found = detection(pd.DataFrame(said))
+    times = reaction_times(rows, ("size",))
+    medians = {
+        one.condition: rows[rows["size"] == one.condition]
+        .groupby("participant")["rt_s"]
+        .median()
+        .tolist()
+        for one in times
+    }
+    table = np.array(list(shares.values())).T
+    columns = [f"{label(c.method)} / {label(c.against)}\n{label(c.size)}" for c in cells]
+    chosen = rows.assign(y=(rows["chosen"] == "metameric").astype(float))
+    side = side_bias(rows)
+    assert side is not None
+    curve = power_curve(
+        from_protocol(demo_protocol), Assumptions(0.65), rng=np.random.default_rng(2), studies=200
+    )
+    return {
+        "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
+        "forest": lambda **k: forest_plot(cells, label=label, **k),
+        "scale": lambda **k: jod_plot(scales, label=label, **k),
+        "psychometric": lambda **k: psychometric_plot(curves, x_label="Eccentricity, deg", **k),
+        "detection": lambda **k: detection_plot(found, **k),
+        "heat": lambda **k: heat_map(table, list(people), columns, row_title="Participant", **k),
+        "learning": lambda **k: learning_plot(chosen, "y", y_label="Share", bounds=(0, 1), **k),
+        "reaction": lambda **k: reaction_plot(times, medians, label=label, **k),
+        "bias": lambda **k: bias_bars([order_bias(rows), side], **k),
+        "power": lambda **k: power_plot([curve], **k),
+    }
+
+
+def visible_texts(figure: Figure) -> list[tuple[str, object]]:
+    """Return every text that is drawn, with the box it fills in pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    ticks = {
+        id(text)
+        for axes in figure.axes
+        for axis in (axes.xaxis, axes.yaxis)
+        for text in axis.get_ticklabels(which="both")
+    }
+    shown = (
+        {
+            id(text)
+            for axes in figure.axes
+            for axis in (axes.xaxis, axes.yaxis)
+            for tick in axis._update_ticks()
+            for text in (tick.label1, tick.label2)
+        }
+        if figure.axes
+        else set()
+    )
+    found = []
+    for text in figure.findobj(Text):
+        if not text.get_visible() or not text.get_text().strip():
+            continue
+        if id(text) in ticks and id(text) not in shown:
+            continue
+        axes = text.axes
+        if axes is not None and not axes.axison and text not in axes.texts:
+            continue
+        found.append((text.get_text(), text.get_window_extent(renderer)))
+    return found
+
+
+def overlaps(figure: Figure) -> list[tuple[str, str]]:
+    """Return the pairs of texts whose boxes share more than a hair's breadth."""
+    hair = 1.0  # pixel at 150 dpi
+    texts = visible_texts(figure)
+    return [
+        (a, b)
+        for (a, box), (b, other) in combinations(texts, 2)
+        if min(box.x1, other.x1) - max(box.x0, other.x0) > hair
+        and min(box.y1, other.y1) - max(box.y0, other.y0) > hair
+    ]
+
+
+def test_the_overlap_measure_sees_text_over_text():
+    figure = Figure(figsize=(3, 2), dpi=150)
+    axes = figure.subplots()
+    axes.text(0.5, 0.5, "one")
+    axes.text(0.52, 0.5, "other")
+
+    assert ("one", "other") in overlaps(figure)
+
+
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+@pytest.mark.parametrize("simulated", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_text_overlaps_and_none_is_cut_off(draw, kind, simulated, width_in):
+    figure = draw[kind](width_in=width_in, simulated=simulated)
+    texts = visible_texts(figure)
+    width, height = figure.canvas.get_width_height()
+
+    assert len(texts) > 3
+    assert overlaps(figure) == []
+    for text, box in texts:
+        assert box.x0 >= -1, text
+        assert box.y0 >= -1, text
+        assert box.x1 <= width + 1, text
+        assert box.y1 <= height + 1, text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_figures_have_the_width_asked_for_and_legible_letters(draw, kind):
+    for width_in in (ONE_COLUMN_IN, TWO_COLUMNS_IN):
+        figure = draw[kind](width_in=width_in)
+        smallest = min(
+            text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()
+        )
+
+        assert figure.get_figwidth() == width_in
+        assert smallest >= 5.4
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_simulated_figures_say_so_and_others_do_not(draw, kind):
+    def stamped(figure: Figure) -> bool:
+        return any(text.get_text() == SIMULATED_TEXT for text in figure.findobj(Text))
+
+    assert stamped(draw[kind](width_in=ONE_COLUMN_IN, simulated=True))
+    assert not stamped(draw[kind](width_in=ONE_COLUMN_IN))
+
+
+@pytest.mark.parametrize("kind", ["svg", "pdf", "png"])
+def test_the_same_figure_has_the_same_bytes(draw, kind):
+    first, second = (
+        figure_bytes(draw["preference"](width_in=ONE_COLUMN_IN), kind) for _ in range(2)
+    )
+
+    assert first == second
+    assert len(first) > 2000
+
+
+def test_files_carry_their_fonts(draw, tmp_path):
+    svg, pdf, png = save_figure(draw["bias"](width_in=ONE_COLUMN_IN), tmp_path, "bias")
+
+    assert b"<text" not in svg.read_bytes()  # glyphs are outlines
+    assert b"/FontFile2" in pdf.read_bytes()  # TrueType inside
+    assert png.read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(ValueError, match="kind must be one of"):
+        figure_bytes(draw["bias"](width_in=ONE_COLUMN_IN), "bmp")
+
+
+def luminance(colour: str) -> float:
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+
+@pytest.mark.parametrize("colour", [BLUE, ORANGE])
+def test_colours_stand_out_from_paper(colour):
+    """WCAG 2.1, 1.4.11: at least 3:1 against white."""
+    assert (1.0 + 0.05) / (luminance(colour) + 0.05) >= 3.0
+
+
+def test_bars_show_share_limits_and_people_in_numbers(draw, make_decisions):
+    cells = preferences(make_decisions(), pairings=PAIRINGS, sizes=("small", "large")).cells
+    texts = [text for text, _ in visible_texts(draw["preference"](width_in=TWO_COLUMNS_IN))]
+
+    for cell in cells:
+        assert f"{cell.share:.2f}".lstrip("0") in texts
+        limits = f"[{f'{cell.lower:.2f}'.lstrip('0')}, {f'{cell.upper:.2f}'.lstrip('0')}]"
+        assert limits in texts
+
+
+def test_long_names_of_twelve_methods_still_fit():
+    rng = np.random.default_rng(0)
+    names = [f"A method with a long name {i}" for i in range(5)]
+    rows = [
+        {
+            "participant": p,
+            "scene": s,
+            "size": "all",
+            "first": a,
+            "second": b,
+            "chosen": a if rng.random() < 0.6 else b,
+        }
+        for p in range(5)
+        for s in range(5)
+        for a, b in combinations(names, 2)
+    ]
+    cells = preferences(pd.DataFrame(rows)).cells
+
+    for width_in in (ONE_COLUMN_IN, TWO_COLUMNS_IN):
+        assert overlaps(preference_bars(cells, {}, width_in=width_in)) == []
+        assert overlaps(forest_plot(cells, width_in=width_in)) == []

@@ -1,0 +1,133 @@
+"""Power by simulation of the protocol's own design and test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from analysis.clustered import two_way
+from analysis.power import Assumptions, _prefix, default_participants, mean_logit, power_curve
+from analysis.settings import Settings, from_decisions, from_protocol
+
+SCENES = tuple(f"s{i}" for i in range(6))
+
+
+@pytest.fixture(scope="module")
+def settings(demo_protocol) -> Settings:
+    """The demonstration study with six scenes and eleven people, as the paper's."""
+    found = from_protocol(demo_protocol)
+    wide = tuple(replace(entry, scenes=SCENES) for entry in found.comparisons)
+    return replace(found, comparisons=wide, planned_participants=11)
+
+
+def test_running_sums_give_what_the_test_gives_for_the_first_people(rng):
+    votes = rng.binomial(2, 0.6, (40, 12, 6)).astype(float)
+
+    at_once = _prefix(votes, 2, np.array([4, 11]))
+    alone = two_way(votes[:, :5], 2.0)
+
+    np.testing.assert_allclose(at_once.standard_error[:, 0], alone.standard_error, atol=1e-12)
+    np.testing.assert_allclose(at_once.df[:, 0], alone.df, rtol=1e-9)
+    np.testing.assert_allclose(at_once.share[:, 0], alone.share)
+
+
+def test_power_agrees_with_analysing_simulated_studies_one_by_one(settings):
+    """The same question asked of `two_way` directly, primary comparison over both sizes."""
+    rng = np.random.default_rng(3)
+    curve = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=2000)
+
+    spread, studies = np.hypot(0.6, 0.4), 2000
+    votes = np.zeros((studies, 11, 6))
+    for _size in range(2):
+        logit = mean_logit(0.65, spread) + rng.normal(0, 0.6, (studies, 11, 1))
+        logit = logit + rng.normal(0, 0.4, (studies, 1, 6))
+        votes += rng.binomial(2, expit(logit))
+    direct = np.mean(two_way(votes, 4.0).p_value() < 0.05)
+
+    assert curve.primary[0] == pytest.approx(direct, abs=0.05)
+
+
+def test_power_rises_with_participants_and_effect(settings, rng):
+    small = power_curve(settings, Assumptions(0.6), rng=rng, participants=[6, 12, 24], studies=600)
+    large = power_curve(settings, Assumptions(0.75), rng=rng, participants=[6, 12, 24], studies=600)
+
+    assert small.primary[0] < small.primary[1] < small.primary[2]
+    assert np.all(large.primary > small.primary)
+    assert np.all(small.every <= small.each)
+    assert np.all(small.each <= small.primary)  # one size, and corrected
+
+
+def test_without_an_effect_power_is_alpha(settings, rng):
+    curve = power_curve(
+        settings, Assumptions(0.5, 0.5, 0.0), rng=rng, participants=[11, 20], studies=3000
+    )
+
+    assert np.all(curve.primary < 0.065)
+    assert np.all(curve.false_positives < 0.065)
+
+
+def test_equivalence_needs_more_people_than_a_large_effect(settings, rng):
+    curve = power_curve(
+        settings, Assumptions(0.75, 0.3, 0.1), rng=rng, participants=[8, 40], studies=500
+    )
+
+    assert curve.equivalence[0] < curve.primary[0]
+    assert curve.equivalence[1] > curve.equivalence[0]
+
+
+def test_needed_participants_reach_the_goal_on_the_curve(settings, rng):
+    curve = power_curve(settings, Assumptions(0.7), rng=rng, studies=1000)
+    needed = {(name, goal): people for name, goal, people in curve.needed}
+    primary = dict(zip(curve.participants, curve.primary, strict=True))
+
+    eighty, ninety = needed["primary", 0.8], needed["primary", 0.9]
+    assert eighty is not None
+    assert ninety is not None
+    assert eighty <= ninety
+    assert primary[eighty] >= 0.8 - 3 * curve.standard_error(0.8)
+
+
+def test_population_rate_is_kept_whatever_the_spread(rng):
+    logit = mean_logit(0.7, 1.2)
+
+    assert expit(logit + rng.normal(0, 1.2, 400_000)).mean() == pytest.approx(0.7, abs=2e-3)
+    assert mean_logit(0.7, 0.0) == pytest.approx(np.log(0.7 / 0.3))
+
+
+def test_the_same_seed_gives_the_same_curve(settings):
+    one, two = (
+        power_curve(
+            settings, Assumptions(0.6), rng=np.random.default_rng(4), participants=[8], studies=200
+        )
+        for _ in range(2)
+    )
+
+    assert one.primary[0] == two.primary[0]
+
+
+def test_few_scenes_are_flagged(demo_protocol, rng):
+    curve = power_curve(
+        from_protocol(demo_protocol), Assumptions(0.6), rng=rng, participants=[4], studies=100
+    )
+
+    assert "2 scenes only" in curve.warnings[0]
+
+
+def test_impossible_assumptions_are_refused(settings, make_decisions, rng):
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        power_curve(settings, Assumptions(1.0), rng=rng)
+    with pytest.raises(ValueError, match="not be negative"):
+        power_curve(settings, Assumptions(0.6, -1.0), rng=rng)
+    with pytest.raises(ValueError, match="at least 2"):
+        power_curve(settings, Assumptions(0.6), rng=rng, participants=[1])
+    with pytest.raises(ValueError, match="declare comparisons"):
+        power_curve(from_decisions(make_decisions(), "x"), Assumptions(0.6), rng=rng)
+
+
+def test_curves_reach_past_the_plan():
+    assert max(default_participants(4)) == 40
+    assert max(default_participants(60)) >= 120
+    assert 61 in default_participants(61)

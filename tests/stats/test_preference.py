@@ -1,0 +1,198 @@
+"""Preferences: the counts of [MI] Fig. 10, unanimous cells, verdicts, warnings."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.preference import (
+    cohens_h,
+    counts,
+    pairing_rows,
+    preference,
+    preferences,
+)
+
+ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())
+
+
+def cell_with(chosen: int, people: int = 11, scenes: int = 6, repeats: int = 2) -> pd.DataFrame:
+    """Decisions with a given count, scattered over people and scenes."""
+    total = people * scenes * repeats
+    rows = [
+        {
+            "participant": f"P{i % people:02d}",
+            "scene": f"s{(i // people) % scenes}",
+            "size": "x",
+            "first": "ours",
+            "second": "pp",
+            "chosen": "ours" if (i * 35) % total < chosen else "pp",
+        }
+        for i in range(total)
+    ]
+    return pd.DataFrame(rows)
+
+
+@pytest.mark.parametrize("index", range(len(ORACLE["binom_counts"])))
+def test_counts_of_the_printed_figure_give_the_p_values_of_r(index):
+    found = preference(cell_with(ORACLE["binom_counts"][index]), "ours", "pp")
+
+    assert found.trials == 132
+    assert found.exact_p == pytest.approx(ORACLE["binom_p"][index], rel=1e-9)
+    assert found.exact_lower == pytest.approx(ORACLE["binom_low"][index], abs=1e-9)
+    assert found.exact_upper == pytest.approx(ORACLE["binom_high"][index], abs=1e-9)
+
+
+def test_the_participant_floor_is_shown_beside_a_p_that_lies_below_it():
+    found = preference(cell_with(106), "ours", "pp")
+
+    assert found.sign_flip_floor == 2 / 2**11
+    assert found.p < found.sign_flip_floor
+    assert any("0.00098, the least that 11 participants can show" in n for n in found.warnings)
+
+
+@pytest.mark.parametrize("chosen", [0, 132])
+def test_unanimous_cells_are_finite_and_significant(chosen):
+    found = preference(cell_with(chosen), "ours", "pp")
+
+    assert found.p == 2 / 2**11
+    assert found.test == "participant sign-flip"
+    assert any("all answers agree" in note for note in found.warnings)
+    for name, value in dataclasses.asdict(found).items():
+        if isinstance(value, float):
+            assert math.isfinite(value), name
+    assert found.verdict == ("preferred" if chosen else "rejected")
+    assert found.equivalence_p == 1.0
+    assert (found.lower > 0.6) if chosen else (found.upper < 0.4)
+
+
+def test_a_study_of_answers_by_coin_is_undecided_or_equivalent(make_decisions):
+    table = preferences(
+        make_decisions(quality={"a": 0.0, "b": 0.0}, people=30, participant_sd=0.1), margin=0.15
+    )
+
+    assert {cell.verdict for cell in table.cells} == {"equivalent"}
+
+
+def test_known_preferences_lie_within_their_limits(make_decisions):
+    """Twenty studies of three comparisons at two sizes: about 95 % of limits cover the truth."""
+    rng = np.random.default_rng(5)
+    quality = {"metameric": 0.6, "push-pull": -0.9, "reference": 1.6}
+    noise = rng.normal(0.0, 0.4 * np.sqrt(2), 200_000)
+    hits = []
+    for seed in range(20):
+        for cell in preferences(make_decisions(seed=seed)).cells:
+            gap = quality[cell.method] - quality[cell.against]
+            truth = float(np.mean(1 / (1 + np.exp(-(gap + noise)))))
+            hits.append(cell.lower <= truth <= cell.upper)
+
+    assert np.mean(hits) >= 0.9
+
+
+def test_holm_counts_every_pairing_at_every_size(make_decisions):
+    table = preferences(make_decisions())
+    p = np.array([cell.p for cell in table.cells])
+
+    assert len(table.cells) == 6
+    assert min(c.p_adjusted for c in table.cells) == pytest.approx(6 * p.min())
+    assert all(cell.p_adjusted >= cell.p for cell in table.cells)
+
+
+def test_the_protocols_test_decides_p(make_decisions):
+    rows = pairing_rows(make_decisions(), "metameric", "push-pull", "small")
+    by_test = {
+        name: preference(rows, "metameric", "push-pull", "small", test=name)
+        for name in ("participant-scene", "participant", "pooled")
+    }
+
+    assert by_test["pooled"].p == by_test["pooled"].exact_p
+    assert by_test["participant"].df == 10.0
+    assert by_test["pooled"].lower == by_test["pooled"].exact_lower
+    assert any("independent" in note for note in by_test["pooled"].warnings)
+
+
+def test_swapping_the_methods_mirrors_the_result(make_decisions):
+    rows = pairing_rows(make_decisions(), "metameric", "push-pull", "small")
+    one, other = (
+        preference(rows, "metameric", "push-pull"),
+        preference(rows, "push-pull", "metameric"),
+    )
+
+    assert one.share == pytest.approx(1 - other.share)
+    assert one.p == pytest.approx(other.p)
+    assert one.odds_ratio == pytest.approx(1 / other.odds_ratio)
+    assert one.cohens_h == pytest.approx(-other.cohens_h)
+
+
+@pytest.mark.parametrize(
+    ("people", "scenes", "wanted"),
+    [
+        (1, 6, "one participant only"),
+        (4, 6, "only 4 participants"),
+        (11, 1, "one scene only"),
+        (11, 3, "only 3 scenes"),
+    ],
+)
+def test_results_say_when_not_to_trust_them(people, scenes, wanted):
+    found = preference(cell_with(people * scenes, people, scenes), "ours", "pp")
+
+    assert any(wanted in note for note in found.warnings)
+    assert math.isfinite(found.p)
+
+
+def test_unbalanced_designs_are_flagged():
+    rows = cell_with(80).iloc[5:-3]
+
+    assert any("unbalanced" in note for note in preference(rows, "ours", "pp").warnings)
+
+
+def test_a_participant_with_three_trials_is_flagged_and_breaks_nothing():
+    rows = cell_with(80)
+    few = rows[rows["participant"] == "P00"].head(3)
+    found = preference(pd.concat([rows[rows["participant"] != "P00"], few]), "ours", "pp")
+
+    assert any("fewer than 4 trials" in note for note in found.warnings)
+    assert math.isfinite(found.p)
+
+
+def test_missing_columns_and_pairings_are_refused_in_words():
+    with pytest.raises(ValueError, match=r"missing: \['scene'\]"):
+        preferences(cell_with(3).drop(columns="scene"))
+    with pytest.raises(ValueError, match="at least one row"):
+        preferences(cell_with(3).head(0))
+    with pytest.raises(ValueError, match="at least one of the pairings"):
+        preferences(cell_with(3), pairings=[("x", "y")])
+
+
+def test_counts_lay_people_and_scenes_out():
+    chosen, shown, people, scenes = counts(cell_with(11), "ours")
+
+    assert shown.shape == (11, 6)
+    assert people[0] == "P00"
+    assert len(scenes) == 6
+    assert chosen.sum() == 11
+
+
+def test_cohens_h_by_hand():
+    """sin² of 60° is .75: h = 2 (60° - 45°) in radians."""
+    assert cohens_h(0.75) == pytest.approx(np.deg2rad(30))
+
+
+def test_bayes_factors_by_hand():
+    """One success in one trial: uniform prior gives ½ against ½; two of two gives ⅓ to ¼."""
+    assert binomial_bayes_factor(1, 1) == pytest.approx(1.0)
+    assert binomial_bayes_factor(2, 2) == pytest.approx((1 / 3) / (1 / 4))
+
+
+def test_t_bayes_factor_repeats_the_published_example():
+    """Rouder et al. 2009, p. 232: t = 2.03, N = 80, scale 1: B01 = 1.56."""
+    assert 1 / t_bayes_factor(2.03, 80, 1.0) == pytest.approx(1.56, abs=0.005)
+    assert t_bayes_factor(0.0, 20) < 0.3
+    assert t_bayes_factor(200.0, 11) > 1e10

@@ -1,0 +1,211 @@
+"""Scales: values worked by hand, limits, batches, and what must be refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ndtri
+
+from analysis.pairs import JOD_SIGMA, difference_design, has_maximum, probability, solve_pairs
+from analysis.scaling import (
+    bootstrap_scale,
+    bootstrap_scores,
+    contrasts,
+    expanded_tail,
+    scale,
+    scale_with_ties,
+)
+
+NAMES3 = ("a", "b", "c")
+
+
+def test_two_conditions_at_75_percent_are_one_jod_apart():
+    fitted = scale(np.array([[0, 75], [25, 0]]), ("a", "b"))
+
+    assert fitted.scores[0] - fitted.scores[1] == pytest.approx(1.0, abs=1e-9)
+    assert fitted.unit == "JOD"
+
+
+def test_bradley_terry_of_two_conditions_is_the_log_odds_with_its_textbook_error():
+    fitted = scale(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
+    scores, errors = fitted.relative_to("b")
+
+    assert scores[0] == pytest.approx(np.log(3.0), abs=1e-9)
+    assert errors[0] == pytest.approx(np.sqrt(1 / 30 + 1 / 10), abs=1e-9)
+
+
+def test_bradley_terry_solves_its_own_estimating_equations():
+    """By hand: at the maximum every condition's expected wins equal its observed wins."""
+    wins = np.array([[0, 7, 9], [3, 0, 6], [1, 4, 0]], dtype=float)
+    fitted = scale(wins, NAMES3, "bradley-terry")
+
+    share = probability(fitted.scores[:, None] - fitted.scores[None, :], "bradley-terry")
+    np.fill_diagonal(share, 0.0)
+    np.testing.assert_allclose(((wins + wins.T) * share).sum(axis=1), wins.sum(axis=1), atol=1e-8)
+
+
+def test_a_cycle_with_one_extra_vote_has_the_known_maximum():
+    """a over b twice, b over c, c over a: c in the middle by symmetry, a above b."""
+    fitted = scale(np.array([[0, 2, 0], [0, 0, 1], [1, 0, 0]]), NAMES3, "bradley-terry")
+
+    assert fitted.scores[2] == pytest.approx(0.0, abs=1e-9)
+    d = fitted.scores[0]  # 2 (1 - F(2d)) = 2 F(2d) - ... solved: 2 (1 - F(2d)) = F(d)
+    assert 2 * (1 - 1 / (1 + np.exp(-2 * d))) == pytest.approx(1 / (1 + np.exp(-d)), abs=1e-8)
+
+
+@pytest.mark.parametrize("votes", [1e2, 1e4, 1e6, 1e9])
+def test_scores_do_not_depend_on_how_many_votes_the_shares_come_from(votes):
+    shares = np.array([[0, 0.8, 0.999], [0.2, 0, 0.9], [0.001, 0.1, 0]])
+
+    few, many = scale(100 * shares, NAMES3), scale(votes * shares, NAMES3)
+
+    np.testing.assert_allclose(many.scores, few.scores, atol=1e-8)
+
+
+def test_a_tie_as_half_a_vote_each_way_pulls_scores_together():
+    wins = np.array([[0, 8.0], [2.0, 0]])
+    tied = wins + np.array([[0, 2.0], [2.0, 0]])
+
+    apart = scale(wins, ("a", "b")).scores
+    together = scale(tied, ("a", "b")).scores
+
+    assert 0 < together[0] < apart[0]
+
+
+def test_tie_threshold_of_two_conditions_reproduces_the_answer_shares():
+    """By hand, with two conditions the model is saturated: shares .6, .2, .2."""
+    fitted = scale_with_ties(np.array([[0, 6.0], [2.0, 0]]), np.array([[0, 2.0], [2.0, 0]]), "ab")
+    difference = (fitted.scores[0] - fitted.scores[1]) / JOD_SIGMA
+    threshold = fitted.threshold / JOD_SIGMA
+
+    assert difference - threshold == pytest.approx(ndtri(0.6), abs=1e-5)
+    assert -difference - threshold == pytest.approx(ndtri(0.2), abs=1e-5)
+
+
+def test_disconnected_designs_are_refused_with_their_groups_named():
+    wins = np.zeros((4, 4))
+    wins[0, 1] = wins[1, 0] = wins[2, 3] = wins[3, 2] = 5
+
+    with pytest.raises(ValueError, match=r"2 separate groups: \{a, b\}; \{c, d\}"):
+        scale(wins, ("a", "b", "c", "d"))
+
+
+@pytest.mark.parametrize(
+    ("wins", "names", "message"),
+    [
+        (np.zeros((2, 3)), ("a", "b"), "2x2"),
+        (np.array([[0, -1], [1, 0]]), ("a", "b"), "not negative"),
+        (np.array([[0, np.nan], [1, 0]]), ("a", "b"), "finite"),
+        (np.ones((2, 2)), ("a", "a"), "distinct"),
+    ],
+)
+def test_impossible_tables_are_refused_in_words(wins, names, message):
+    with pytest.raises(ValueError, match=message):
+        scale(wins, names)
+
+
+def test_a_condition_that_always_wins_stays_finite_and_is_flagged():
+    wins = np.array([[0, 132, 132], [0, 0, 100], [0, 32, 0]], dtype=float)
+
+    fitted = scale(wins, NAMES3)
+
+    assert np.all(np.isfinite(fitted.scores))
+    assert fitted.scores[0] > fitted.scores[1] > fitted.scores[2]
+    assert "lower bound" in fitted.warnings[0]
+
+
+def test_a_maximum_exists_exactly_where_the_win_graph_is_strongly_connected():
+    chain = np.array([[0, 1, 1], [0, 0, 1], [0, 0, 0]], dtype=bool)
+    circle = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], dtype=bool)
+
+    assert not has_maximum(chain)
+    assert has_maximum(circle)
+    np.testing.assert_array_equal(has_maximum(np.stack([chain, circle])), [False, True])
+
+
+@given(st.integers(0, 10_000))
+def test_a_batch_gives_what_its_entries_give_alone(seed):
+    rng = np.random.default_rng(seed)
+    won, lost = rng.integers(1, 20, (5, 6)).astype(float), rng.integers(1, 20, (5, 6)).astype(float)
+    design = difference_design(4)
+
+    together = solve_pairs(design, won, lost, "thurstone").parameters
+    alone = [
+        solve_pairs(design, k, n, "thurstone").parameters for k, n in zip(won, lost, strict=True)
+    ]
+
+    np.testing.assert_allclose(together, np.stack(alone), atol=1e-9)
+
+
+def test_likelihood_ratio_of_two_conditions_is_the_textbook_one():
+    """By hand: 30 of 40 against one half, G² = 2 Σ O log(O / E)."""
+    (found,) = contrasts(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
+
+    by_hand = 2 * (30 * np.log(30 / 20) + 10 * np.log(10 / 20))
+    assert found.statistic == pytest.approx(by_hand, abs=1e-8)
+    fitted = scale(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
+    assert fitted.equal_statistic == pytest.approx(by_hand, abs=1e-8)
+
+
+def test_contrast_of_merged_conditions_is_zero_where_they_are_alike():
+    wins = np.array([[0, 5, 8], [5, 0, 8], [2, 2, 0]], dtype=float)
+
+    alike, *others = contrasts(wins, NAMES3)
+
+    assert alike.statistic == pytest.approx(0.0, abs=1e-9)
+    assert all(other.p < 0.1 for other in others)
+
+
+def _votes(rng, people=11, scenes=6, repeats=2, spread=0.5, scene_spread=0.0):
+    quality = np.array([1.0, 0.0, -1.0])
+    own = (
+        quality
+        + rng.normal(0, spread, (people, 1, 3))
+        + rng.normal(0, scene_spread, (1, scenes, 3))
+    )
+    first, second = np.triu_indices(3, 1)
+    share = probability(own[..., first] - own[..., second], "thurstone")
+    answers = rng.binomial(repeats, share)
+    votes = np.zeros((people, scenes, 3, 3))
+    votes[..., first, second] = answers
+    votes[..., second, first] = repeats - answers
+    return votes
+
+
+def test_bootstrap_of_identical_participants_has_no_spread(rng):
+    one = np.array([[0, 3.0, 4.0], [1.0, 0, 3.0], [1.0, 1.0, 0]])
+    votes = np.broadcast_to(one, (5, 4, 3, 3))
+
+    scores = bootstrap_scores(votes, rng=rng, samples=50)
+
+    np.testing.assert_allclose(scores, np.tile(scale(one, NAMES3).scores, (50, 1)), atol=1e-5)
+
+
+def test_bootstrap_limits_are_wider_when_scenes_are_drawn_too(rng):
+    votes = _votes(rng, scene_spread=0.5)
+
+    both = bootstrap_scale(votes, rng=np.random.default_rng(1))
+    people = bootstrap_scale(votes, rng=np.random.default_rng(1), scenes=False)
+
+    assert np.all(both.upper - both.lower > people.upper - people.lower)
+    assert any("these scenes only" in note for note in people.warnings)
+
+
+def test_expanded_tail_is_wider_than_the_nominal_one_and_tends_to_it():
+    assert expanded_tail(0.95, 11) < 0.015
+    assert expanded_tail(0.95, 100_000) == pytest.approx(0.025, abs=1e-4)
+
+
+@pytest.mark.parametrize("scene_spread", [0.0, 0.4])
+def test_jod_limits_cover_the_truth_with_eleven_observers(rng, scene_spread):
+    """Moderate: 120 studies, 3 conditions; 1,000 and more in benchmarks/. Floor .93 there."""
+    wide = _votes(rng, people=60_000, scenes=1, repeats=1, spread=np.hypot(0.5, scene_spread))
+    truth = scale(wide.sum(axis=(0, 1)), NAMES3).scores
+    hits = []
+    for _ in range(120):
+        limits = bootstrap_scale(_votes(rng, scene_spread=scene_spread), rng=rng, samples=400)
+        hits.append((limits.lower <= truth) & (truth <= limits.upper))
+
+    assert np.mean(hits) >= 0.93
