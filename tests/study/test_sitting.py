@@ -181,6 +181,72 @@ def test_void_attempts_come_again_later_in_their_block_and_all_are_kept(tmp_path
             assert len(remaining(plan, late.block, before, SHORT.design.max_attempts)) == 1
 
 
+def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_sessions):
+    """For 60 participants the first trial of block 1 is void once."""
+    template = read_journal(sample_sessions / "demo" / "S001" / "journal.jsonl").attempts[0]
+    manifest = virtual_manifest(DEMO, FHD)
+    places = Counter()
+    for number in range(60):
+        plan = make_plan(DEMO, manifest, f"P{number}", number)
+        queue = list(plan.block(1))
+        void = template.model_copy(
+            update={"trial": queue[0].id, "block": 1, "void_reason": "gaze-break", "attempt": 1}
+        )
+        after = remaining(plan, 1, [void], 3)
+        assert after == remaining(plan, 1, [void], 3)
+        place = after.index(queue[0])
+        places[place] += 1
+        assert [trial for trial in after if trial is not queue[0]] == queue[1:]
+        assert all(early.pair != late.pair for early, late in pairwise(after))
+        assert remaining(plan, 1, [void], 1) == queue[1:]  # given up
+        quit_ = void.model_copy(update={"void_reason": "quit"})
+        assert queue[0] in remaining(plan, 1, [quit_], 1)  # not the participant's fault
+
+    assert 0 not in places
+    assert len(places) >= 8  # of 12
+    assert max(places.values()) <= 15
+
+
+def attempt_with_keys(*presses):
+    """Run one attempt of 0.1 + 0.2 + 0.1 + 0.2 s in which these keys go down at these times."""
+    plan = make_plan(NO_GAZE, virtual_manifest(NO_GAZE, FHD), "P1", 0)
+    observer = ArtificialObserver(ObserverModel(), NO_GAZE.response, 0, "P1")
+    stage = VirtualStage(VirtualClock(), 60.0, observer)
+    # Not prepared, the stage has nobody who answers but these keys.
+    patient = dataclasses.replace(Timeline.of(NO_GAZE, FHD), respond_timeout=60)
+    for key, t_s in presses:
+        stage.press(key, t_s)
+    return run_attempt(plan.trials[0], patient, NO_GAZE.response, stage, None, lambda *_: None)
+
+
+def test_only_an_answer_key_after_the_question_is_taken():
+    """The question is on at 37/60 s; what is pressed before, or means nothing, does not count."""
+    onset_s = 37 / 60
+    result = attempt_with_keys(
+        ("left", 0.0), ("left", 0.2), ("left", onset_s - 0.001), ("q", onset_s + 0.01),
+        ("space", onset_s + 0.02), ("right", onset_s + 0.1), ("left", onset_s + 0.2),
+    )  # fmt: skip
+
+    assert result.trial.choice == "second"
+    assert result.log.answer.key == "right"
+    assert result.log.answer.t_s - onset_s == pytest.approx(0.1)
+    assert attempt_with_keys(("left", 0.3)).trial.void_reason == "too-late"
+
+
+def test_the_first_of_two_answers_in_one_frame_counts():
+    result = attempt_with_keys(("j", 0.700), ("f", 0.701))
+
+    assert result.log.answer.key == "j"
+    assert result.trial.choice == "second"
+
+
+def test_quit_wins_over_pause_and_both_are_remembered():
+    result = attempt_with_keys(("p", 0.1), ("escape", 0.1))
+
+    assert result.trial.void_reason == "quit"
+    assert result.interrupts == ("quit",)
+
+
 def test_every_kind_of_injected_fault_reaches_the_flip_log(tmp_path):
     sim = simulation(NO_GAZE, missed_per_flip=0.01, late_per_flip=0.02, doubled_per_flip=0.03)
     simulate_sitting(sim, tmp_path, "S001")

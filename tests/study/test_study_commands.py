@@ -10,7 +10,10 @@ import jsonschema
 import pytest
 from typer.testing import CliRunner, Result
 
-from protocols.load import load_protocol, shipped
+from protocols.feasibility import virtual_manifest
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import write_manifest
 from protocols.publish import schema_path
 from protocols.registries import check_methods, check_scenes
 from protocols.schema import StudyProtocol
@@ -230,6 +233,37 @@ def test_a_utility_that_is_none_is_refused(tmp_path, option, message):
     result = metamerlab("session", "simulate", "demo", "--out", tmp_path, "--utility", option)
     assert message in refused(result)
     assert not list(tmp_path.iterdir())
+
+
+def test_built_clips_are_checked_and_their_manifest_is_in_every_header(study, tmp_path):
+    path, clips = study(), tmp_path / "clips"
+    clips.mkdir()
+    protocol = load_protocol(path)
+    manifest = virtual_manifest(protocol, load_display("fhd27-60hz"))
+    manifest = manifest.model_copy(update={"revision": "0.1.0 abcdef0"})
+    write_manifest(clips, manifest)
+
+    result = metamerlab("protocol", "check", path, "--stimuli", clips)
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "sessions"
+    result = metamerlab("session", "simulate", path, "--out", out, "--stimuli", clips)
+    assert result.exit_code == 0, result.output
+    journal = read_journal(out / "demo" / "S001" / "journal.jsonl")
+    assert journal.start.manifest_sha256 == manifest.sha256
+    result = metamerlab("protocol", "preregister", path, "--stimuli", clips)
+    assert manifest.sha256 in result.stdout
+
+    for command in (("protocol", "check", "demo"), ("session", "simulate", "demo", "--out", out)):
+        message = refused(metamerlab(*command, "--stimuli", clips))
+        assert "must be built from this protocol's" in message or "known method" in message
+
+
+def test_show_on_a_display_that_cannot_do_it_says_why():
+    result = metamerlab("protocol", "show", "demo", "--display", "fhd24-144hz")
+
+    assert result.exit_code == 0, result.output
+    assert "fhd24-144hz" in result.stdout
+    assert "nearest: 36 fps" in " ".join(result.stdout.replace("│", " ").split())
 
 
 def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path):
