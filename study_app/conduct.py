@@ -30,6 +30,7 @@ from protocols.journal import (
     SessionStart,
     VoidReason,
 )
+from protocols.journal_file import JOURNAL_NAME
 from protocols.manifest import Manifest, check_manifest
 from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
@@ -99,11 +100,11 @@ def begin(
     protocol = setting.protocol
     require_feasible(protocol, setting.display, setting.manifest)
     check_manifest(protocol, setting.manifest)
+    _check_rate(setting.display, stage)
     _texts(protocol, language)
     info = _gaze_info(protocol, gaze)
     folder = sitting_folder(setting.root, protocol, participant)
-    stillborn = is_stillborn(folder)
-    if folder.exists() and not stillborn:
+    if folder.exists() and not is_stillborn(folder):
         raise StudyError(
             f"participant: a code is used once (got {participant!r}, which has"
             f" {folder}); take another code, or 'metamerlab session resume' to go on"
@@ -111,7 +112,8 @@ def begin(
     with claimed(setting.root):
         slot = next_slot(setting.root, protocol.study.name)
         plan = make_plan(protocol, setting.manifest, participant, slot)
-        open_journal = Recorder.resume if stillborn else Recorder.create
+        torn = (folder / JOURNAL_NAME).exists()
+        open_journal = Recorder.resume if torn else Recorder.create
         recorder = open_journal(folder, stage.now, setting.wall_clock)
         recorder.append(
             SessionStart(
@@ -155,6 +157,7 @@ def resume(
     """
     protocol = setting.protocol
     require_feasible(protocol, setting.display, setting.manifest)
+    _check_rate(setting.display, stage)
     info = _gaze_info(protocol, gaze)
     folder = sitting_folder(setting.root, protocol, participant)
     recorder = Recorder.resume(folder, stage.now, setting.wall_clock)
@@ -213,6 +216,16 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[name] = "missing"
     return found
+
+
+def _check_rate(display: Display, stage: Stage) -> None:
+    off = stage.refresh_hz / display.refresh_hz - 1
+    if abs(off) > display.refresh_tolerance_share:
+        raise StudyError(
+            f"display {display.name!r}: must refresh at {display.refresh_hz:g} Hz within"
+            f" {100 * display.refresh_tolerance_share:g} % (got {stage.refresh_hz:.6g} Hz); set"
+            " the mode, or name the display that is there"
+        )
 
 
 def _texts(protocol: StudyProtocol, language: str) -> Texts:

@@ -106,9 +106,14 @@ def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
 
 
 def is_stillborn(folder: Path) -> bool:
-    """Return whether a sitting was killed before its first line was whole: nothing was recorded."""
+    """Return whether a sitting was killed before its first line was whole.
+
+    Nothing was recorded then, and the code is still free.
+    """
     path = folder / JOURNAL_NAME
-    return path.exists() and not read_journal(path, lenient=True).has_lines
+    if path.exists():
+        return not read_journal(path, lenient=True).has_lines
+    return folder.is_dir() and not any(folder.iterdir())
 
 
 def next_slot(root: Path, study: str) -> int:

@@ -660,11 +660,22 @@ def test_each_new_participant_gets_the_next_free_slot(tmp_path):
     assert {s.participant: s.state for s in find_sittings(tmp_path)}["S002"] == "withdrawn"
 
 
-def start(tmp_path, participant, protocol=SHORT, *, manifest=None, language="en", display=FHD):
+def start(
+    tmp_path,
+    participant,
+    protocol=SHORT,
+    *,
+    manifest=None,
+    language="en",
+    display=FHD,
+    true_hz=None,
+):
     clock = VirtualClock()
     sim = Simulation(protocol, display, gaze=STEADY, manifest=manifest)
     stage = VirtualStage(
-        clock, display.refresh_hz, ArtificialObserver(ObserverModel(), protocol.response, 0, "S")
+        clock,
+        true_hz or display.refresh_hz,
+        ArtificialObserver(ObserverModel(), protocol.response, 0, "S"),
     )
     recorder, _ = begin(sim.setting(tmp_path, clock), participant, language, stage, None)
     recorder.close()
@@ -676,6 +687,62 @@ def test_a_participant_code_is_used_once(tmp_path):
     with pytest.raises(StudyError, match=r"a code is used once \(got 'P1'"):
         start(tmp_path, "P1", NO_GAZE)
     assert journal_of(tmp_path, "P1").path.read_bytes() == before
+
+
+@pytest.mark.parametrize("left", [None, b"", b'{"kind":"session-st'])
+def test_a_sitting_killed_before_its_first_line_leaves_its_code_and_slot_free(tmp_path, left):
+    folder = tmp_path / "demo" / "P1"
+    folder.mkdir(parents=True)
+    if left is not None:
+        (folder / "journal.jsonl").write_bytes(left)
+    assert next_slot(tmp_path, "demo") == 0
+
+    start(tmp_path, "P2", NO_GAZE)
+    start(tmp_path, "P1", NO_GAZE)
+
+    assert journal_of(tmp_path, "P2").start.slot == 0
+    assert journal_of(tmp_path, "P1").start.slot == 1
+    assert [path.read_bytes() for path in folder.glob("torn-line*")] == ([left] if left else [])
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_sittings_begun_at_once_get_different_slots(tmp_path):
+    children = []
+    for number in range(6):
+        child = os.fork()
+        if child == 0:
+            try:
+                start(tmp_path, f"P{number}", NO_GAZE)
+            finally:
+                os._exit(0)
+        children.append(child)
+    for child in children:
+        os.waitpid(child, 0)
+
+    assert sorted(s.journal.start.slot for s in find_sittings(tmp_path)) == list(range(6))
+
+
+def test_a_display_at_another_rate_is_refused_and_one_slightly_off_is_not(tmp_path):
+    with pytest.raises(StudyError, match=r"must refresh at 60 Hz within 0.5 % \(got 75 Hz\)"):
+        start(tmp_path, "P1", NO_GAZE, true_hz=75.0)
+    start(tmp_path, "P1", NO_GAZE, true_hz=59.94)
+    assert journal_of(tmp_path, "P1").start.refresh_hz == 59.94
+
+
+def test_a_slow_tracker_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"must send at least 50 Hz \(got 30 Hz from simulated\)"):
+        simulate_sitting(simulation(gaze_rate_hz=30.0), tmp_path, "S001")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_leave_no_gaze_is_stored_and_without_need_no_consent_is_asked(tmp_path):
+    private = changed(SHORT, privacy={"store_gaze": False, "consent_required": False})
+    simulate_sitting(simulation(private), tmp_path, "S001")
+    journal = journal_of(tmp_path)
+
+    assert not (journal.path.parent / "gaze").exists()
+    assert all(a.gaze_file is None and a.gaze is not None for a in journal.attempts)
+    assert not any(isinstance(event, Consent) for event in journal.events)
 
 
 @pytest.mark.parametrize("code", ["", "Ada Lovelace", "../P1", "P1/..", "ä", "x" * 40, "-"])
