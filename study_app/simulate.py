@@ -18,10 +18,11 @@ from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.schema import StudyProtocol
-from study_app.conduct import Outcome, Setting, begin, conduct, resume
+from study_app.conduct import Outcome, conduct
 from study_app.gaze.geometry import Viewing
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observer import ArtificialObserver, ObserverModel, rng_of
+from study_app.opening import Setting, begin, resume
 from study_app.recorder import Recorder
 from study_app.sittings import find_sittings, is_stillborn
 from study_app.trial import Timeline

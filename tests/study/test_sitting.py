@@ -33,13 +33,14 @@ from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
 from study_app.attempt import Log, Watcher, run_attempt
-from study_app.conduct import begin, conduct, resume
+from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor, persistence_s
 from study_app.gaze.geometry import Viewing
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.observer import ArtificialObserver, ObserverModel
+from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
 from study_app.simulate import Simulation, simulate_sitting, simulate_study

@@ -1,0 +1,219 @@
+"""Opens a sitting: checks that everything fits, gives a slot, begins or resumes the journal."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import require_feasible
+from protocols.hashing import sha256_json
+from protocols.journal import (
+    DisplayReport,
+    GazeInfo,
+    SessionEnd,
+    SessionResume,
+    SessionStart,
+)
+from protocols.journal_file import JOURNAL_NAME
+from protocols.manifest import Manifest, check_manifest
+from protocols.plan import Plan, make_plan
+from protocols.revision import code_revision, package_version
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Texts
+from study_app.gaze.source import GazeSource
+from study_app.recorder import Recorder
+from study_app.sittings import claimed, is_stillborn, next_slot, sitting_folder
+from study_app.stage import Stage
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Everything a sitting depends on besides the participant."""
+
+    protocol: StudyProtocol
+    display: Display
+    manifest: Manifest
+    root: Path
+    """Folder of all sittings."""
+    wall_clock: Callable[[], str]
+    """UTC as ``2026-01-31T12:00:00Z``."""
+    simulated: bool = False
+    display_report: DisplayReport | None = None
+    timing_evidence: str = ""
+
+
+def begin(
+    setting: Setting, participant: str, language: str, stage: Stage, gaze: GazeSource | None
+) -> tuple[Recorder, Plan]:
+    """Give a new participant a slot and a plan, and write the first line.
+
+    Raises
+    ------
+    StudyError
+        If the display cannot do the protocol, the manifest is another study's, the code was
+        used, the language is missing, or the folder cannot be written. Nothing is written then.
+    """
+    protocol = setting.protocol
+    require_feasible(protocol, setting.display, setting.manifest)
+    check_manifest(protocol, setting.manifest)
+    _check_rate(setting.display, stage)
+    texts_of(protocol, language)
+    info = _gaze_info(protocol, gaze)
+    folder = sitting_folder(setting.root, protocol, participant)
+    if folder.exists() and not is_stillborn(folder):
+        raise StudyError(
+            f"participant: a code is used once (got {participant!r}, which has"
+            f" {folder}); take another code, or 'metamerlab session resume' to go on"
+        )
+    with claimed(setting.root):
+        slot = next_slot(setting.root, protocol.study.name)
+        plan = make_plan(protocol, setting.manifest, participant, slot)
+        torn = (folder / JOURNAL_NAME).exists()
+        open_journal = Recorder.resume if torn else Recorder.create
+        recorder = open_journal(folder, stage.now, setting.wall_clock)
+        recorder.append(
+            SessionStart(
+                **recorder.stamps(),
+                study=protocol.study.name,
+                participant=participant,
+                slot=slot,
+                language=language,
+                seed=protocol.design.seed,
+                simulated=setting.simulated,
+                protocol_sha256=protocol.sha256,
+                stimuli_sha256=protocol.stimuli_sha256,
+                manifest_sha256=setting.manifest.sha256,
+                plan_sha256=plan.sha256,
+                trials=plan.main_trials,
+                display=setting.display.name,
+                display_sha256=sha256_json(setting.display),
+                display_report=setting.display_report,
+                refresh_hz=stage.refresh_hz,
+                gaze_mode=protocol.gaze.mode,
+                gaze=info,
+                revision=f"{package_version()} {code_revision()}",
+                versions=versions(),
+                platform=platform.platform(),
+                timing_evidence=setting.timing_evidence,
+            )
+        )
+    return recorder, plan
+
+
+def resume(
+    setting: Setting, participant: str, stage: Stage, gaze: GazeSource | None
+) -> tuple[Recorder, Plan]:
+    """Go on with a sitting that stopped: same plan, same order.
+
+    Raises
+    ------
+    StudyError
+        If there is no such sitting, it is complete or withdrawn, its journal is damaged, or
+        protocol, clips or display are not what it was begun with.
+    """
+    protocol = setting.protocol
+    require_feasible(protocol, setting.display, setting.manifest)
+    _check_rate(setting.display, stage)
+    info = _gaze_info(protocol, gaze)
+    folder = sitting_folder(setting.root, protocol, participant)
+    recorder = Recorder.resume(folder, stage.now, setting.wall_clock)
+    try:
+        plan = _same_plan(setting, participant, recorder)
+        recorder.append(
+            SessionResume(
+                **recorder.stamps(),
+                revision=f"{package_version()} {code_revision()}",
+                versions=versions(),
+                display_report=setting.display_report,
+                gaze=info,
+                torn_file=recorder.torn_file,
+            )
+        )
+    except StudyError:
+        recorder.close()
+        raise
+    return recorder, plan
+
+
+def versions() -> dict[str, str]:
+    """Return the versions a session depends on."""
+    found = {"python": sys.version.split()[0]}
+    for name in ("moderngl", "glfw", "numpy", "pydantic", "pillow"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def _check_rate(display: Display, stage: Stage) -> None:
+    off = stage.refresh_hz / display.refresh_hz - 1
+    if abs(off) > display.refresh_tolerance_share:
+        raise StudyError(
+            f"display {display.name!r}: must refresh at {display.refresh_hz:g} Hz within"
+            f" {100 * display.refresh_tolerance_share:g} % (got {stage.refresh_hz:.6g} Hz); set"
+            " the mode, or name the display that is there"
+        )
+
+
+def texts_of(protocol: StudyProtocol, language: str) -> Texts:
+    """Return everything a participant reads; `StudyError` if the language is missing."""
+    try:
+        return protocol.text.languages[language]
+    except KeyError:
+        raise StudyError(
+            f"language: must be one of {', '.join(protocol.text.languages)} (got {language!r})"
+        ) from None
+
+
+def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | None:
+    mode = protocol.gaze.mode
+    if mode == "none":
+        return None
+    if gaze is None:
+        raise StudyError(
+            f"gaze: mode {mode!r} needs a gaze source; connect one, or set gaze.mode = 'none'"
+        )
+    info = gaze.info()
+    if info.rate_hz < protocol.gaze.rate_min_hz:
+        raise StudyError(
+            f"gaze: the source must send at least {protocol.gaze.rate_min_hz:g} Hz"
+            f" (got {info.rate_hz:g} Hz from {info.source})"
+        )
+    return GazeInfo(source=info.source, description=info.description, rate_hz=info.rate_hz)
+
+
+def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
+    """Return the plan the sitting was begun with, or say what has changed since."""
+    events = recorder.events
+    if not events or not isinstance(events[0], SessionStart):
+        raise StudyError(f"{recorder.path}: must begin with a session-start event; start anew")
+    start = events[0]
+    last = events[-1]
+    if isinstance(last, SessionEnd) and last.reason in {"completed", "consent-refused"}:
+        raise StudyError(f"{recorder.path}: the session is over ({last.reason})")
+    for what, now, then in (
+        ("protocol", setting.protocol.sha256, start.protocol_sha256),
+        ("manifest of the clips", setting.manifest.sha256, start.manifest_sha256),
+        ("display", sha256_json(setting.display), start.display_sha256),
+    ):
+        if now != then:
+            raise StudyError(
+                f"{recorder.path}: the {what} must be the one the session began with (hash"
+                f" {then[:12]}, got {now[:12]}); restore it to go on"
+            )
+    if start.simulated != setting.simulated:
+        raise StudyError(f"{recorder.path}: simulated and real sessions must not be mixed")
+    plan = make_plan(setting.protocol, setting.manifest, participant, start.slot)
+    if plan.sha256 != start.plan_sha256:
+        raise StudyError(
+            f"{recorder.path}: the plan must come out as it did (hash {start.plan_sha256[:12]},"
+            f" got {plan.sha256[:12]}); resume with revision {start.revision}"
+        )
+    return plan
