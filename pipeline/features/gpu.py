@@ -7,7 +7,7 @@ import moderngl
 
 from pipeline.features.reference import fitted_kernels
 from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture
+from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import WorkLists
 
@@ -56,7 +56,7 @@ class LowBandPass:
     @property
     def held_bytes(self) -> int:
         """Memory of the levels, bytes."""
-        return sum(16 * t.width * t.height for t in self._coarser)
+        return sum(texture_bytes(level) for level in self._coarser)
 
     def __call__(self, image: moderngl.Texture) -> list[moderngl.Texture]:
         """Return the levels, `image` (rgba32f) first."""
@@ -64,7 +64,7 @@ class LowBandPass:
         for k, (fine, coarse) in enumerate(zip(levels, self._coarser, strict=False), start=1):
             fine.bind_to_image(0, read=True, write=False)
             coarse.bind_to_image(1, read=False, write=True)
-            self._lists.run(self._shader, ("source", k))
+            self._lists.run(self._shader, ("source", k + 1))  # 2x2 results each
         return levels
 
     def release(self) -> None:

@@ -1,8 +1,9 @@
 #version 430
-// Low-pass and halve. a: 1 where no tap, at any level, was a hole.
+// Low-pass and halve; a call makes 2x2 results from 6x6 pixels. a: 1 where no tap, at any
+// level, was a hole.
 // Twin: halve() and spoiled_levels() in reference.py. Change both or neither.
 
-#constant LOW_INNER   // taps of the 4x4 kernel: both offsets inner,
+#constant LOW_INNER   // taps of the 4x4 kernel, all positive: both offsets inner,
 #constant LOW_MIXED   // one outer,
 #constant LOW_OUTER   // both outer
 
@@ -11,26 +12,43 @@
 layout(rgba32f, binding = 0) uniform readonly image2D fine;
 layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
 
-void work(ivec2 pixel) {
+// One row of pixels, weighed as an inner and as an outer row of the kernel.
+struct Row {
+    vec4 inner_left, outer_left, inner_right, outer_right;
+};
+
+// Differences from `origin` keep a constant exactly constant. a: 0 where clean.
+Row weigh(int y, int x, ivec2 last, vec4 origin) {
+    y = clamp(y, 0, last.y);
+    vec4 a = imageLoad(fine, ivec2(max(x - 1, 0), y)) - origin;
+    vec4 b = imageLoad(fine, ivec2(x, y)) - origin;
+    vec4 c = imageLoad(fine, ivec2(min(x + 1, last.x), y)) - origin;
+    vec4 d = imageLoad(fine, ivec2(min(x + 2, last.x), y)) - origin;
+    vec4 e = imageLoad(fine, ivec2(min(x + 3, last.x), y)) - origin;
+    vec4 f = imageLoad(fine, ivec2(min(x + 4, last.x), y)) - origin;
+    return Row(LOW_MIXED * (a + d) + LOW_INNER * (b + c), LOW_OUTER * (a + d) + LOW_MIXED * (b + c),
+               LOW_MIXED * (c + f) + LOW_INNER * (d + e), LOW_OUTER * (c + f) + LOW_MIXED * (d + e));
+}
+
+void store(ivec2 place, vec4 sum, vec4 origin) {
+    if (all(lessThan(place, imageSize(coarse)))) {
+        imageStore(coarse, place, vec4(origin.rgb + sum.rgb, sum.a == 0.0 ? 1.0 : 0.0));
+    }
+}
+
+// `block` covers 2x2 pixels of the written resolution.
+void work(ivec2 block) {
     ivec2 last = imageSize(fine) - 1;
-    ivec2 b = 2 * pixel;
-    ivec2 a = max(b - 1, ivec2(0));
-    ivec2 c = min(b + 1, last);
-    ivec2 d = min(b + 2, last);
-#define AT(x, y) imageLoad(fine, ivec2(x, y))
-    vec4 near = AT(b.x, b.y);
-    vec4 inner_1 = AT(c.x, b.y), inner_2 = AT(b.x, c.y), inner_3 = AT(c.x, c.y);
-    vec4 mixed_0 = AT(b.x, a.y), mixed_1 = AT(c.x, a.y), mixed_2 = AT(a.x, b.y);
-    vec4 mixed_3 = AT(d.x, b.y), mixed_4 = AT(a.x, c.y), mixed_5 = AT(d.x, c.y);
-    vec4 mixed_6 = AT(b.x, d.y), mixed_7 = AT(c.x, d.y);
-    vec4 outer_0 = AT(a.x, a.y), outer_1 = AT(d.x, a.y), outer_2 = AT(a.x, d.y);
-    vec4 outer_3 = AT(d.x, d.y);
-    // Differences keep a constant exactly constant; alpha counts the clean taps.
-    vec4 inner = (inner_1 - near) + (inner_2 - near) + (inner_3 - near);
-    vec4 mixed = (mixed_0 - near) + (mixed_1 - near) + (mixed_2 - near) + (mixed_3 - near)
-               + (mixed_4 - near) + (mixed_5 - near) + (mixed_6 - near) + (mixed_7 - near);
-    vec4 outer = (outer_0 - near) + (outer_1 - near) + (outer_2 - near) + (outer_3 - near);
-    vec3 low = near.rgb + LOW_INNER * inner.rgb + LOW_MIXED * mixed.rgb + LOW_OUTER * outer.rgb;
-    bool clean = near.a == 1.0 && inner.a + mixed.a + outer.a == 0.0;
-    imageStore(coarse, pixel, vec4(low, clean ? 1.0 : 0.0));
+    int x = min(4 * block.x, last.x), y = min(4 * block.y, last.y);
+    vec4 origin = vec4(imageLoad(fine, ivec2(x, y)).rgb, 1.0);
+    Row r0 = weigh(y - 1, x, last, origin), r1 = weigh(y, x, last, origin);
+    Row r2 = weigh(y + 1, x, last, origin), r3 = weigh(y + 2, x, last, origin);
+    Row r4 = weigh(y + 3, x, last, origin), r5 = weigh(y + 4, x, last, origin);
+    ivec2 place = 2 * block;
+    store(place, r0.outer_left + r1.inner_left + r2.inner_left + r3.outer_left, origin);
+    store(place + ivec2(1, 0), r0.outer_right + r1.inner_right + r2.inner_right + r3.outer_right,
+          origin);
+    store(place + ivec2(0, 1), r2.outer_left + r3.inner_left + r4.inner_left + r5.outer_left,
+          origin);
+    store(place + 1, r2.outer_right + r3.inner_right + r4.inner_right + r5.outer_right, origin);
 }

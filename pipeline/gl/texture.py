@@ -115,34 +115,9 @@ def create_texture(
     return texture
 
 
-def create_array(
-    ctx: moderngl.Context, size: tuple[int, int, int], format_name: str
-) -> moderngl.TextureArray:
-    """Make an uninitialised texture array of size (width, height, layers).
-
-    Raises
-    ------
-    InputError
-        If the size is outside the driver's limits or the format unknown.
-    GLUnavailableError
-        If the driver refuses (out of memory, for one).
-    """
-    fmt = _format_named(format_name)
-    check_size(ctx, size[:2])
-    limit = int(ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
-    if not 1 <= size[2] <= limit:
-        raise InputError(f"texture layers must lie in 1..{limit} on this driver (got {size[2]})")
-    ctx.clear_errors()  # forget what earlier calls left behind
-    array = ctx.texture_array(size, fmt.components, dtype=fmt.gl_dtype)
-    if (error := ctx.error) != "GL_NO_ERROR":
-        array.release()
-        raise GLUnavailableError(
-            f"the driver must hold {size[2]} layers of {size[0]}x{size[1]} {format_name}"
-            f" (it answered {error}); use smaller images or free GPU memory"
-        )
-    array.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    array.repeat_x = array.repeat_y = False
-    return array
+def texture_bytes(texture: moderngl.Texture) -> int:
+    """Memory of a texture that `create_texture` made."""
+    return texture.width * texture.height * format_of(texture).bytes_per_texel
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:

@@ -7,8 +7,8 @@
 
 layout(rgba32f, binding = 0) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;   // background's inside holes
-layout(std430, binding = 4) writeonly buffer Coarse { vec4 coarse[]; };
-layout(std430, binding = 6) writeonly buffer CoarseGuide { float coarse_guide[]; };
+layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
+layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
 
 uniform float z_near_m;
 
@@ -27,7 +27,6 @@ void work(ivec2 pixel) {
     float deepest = farthest(guide);
     Pull p = pull_shares(validity, guide, deepest);
     vec4 parent = mixed(p.share, colour_a, colour_b, colour_c, colour_d);
-    int place = pixel.y * work_size.x + pixel.x;
-    coarse[place] = vec4(parent.rgb, p.confidence);
-    coarse_guide[place] = deepest;
+    imageStore(coarse, pixel, vec4(parent.rgb, p.confidence));
+    imageStore(coarse_guide, pixel, vec4(deepest));
 }

@@ -94,15 +94,29 @@ def pull_push(level: Level, gamma: float, threshold: float) -> list[Level]:
     return levels
 
 
-def near_a_hole(hole: NDArray[np.bool_], resolution: int, rings: int) -> NDArray[np.bool_]:
-    """Tell which pixels lie in a cell of `resolution` within `rings` cells of a hole."""
-    edge = CELL << resolution
+def near_a_hole(
+    hole: NDArray[np.bool_], cell_resolution: int, rings: int, tile_resolution: int
+) -> NDArray[np.bool_]:
+    """Tell which pixels lie in a work tile near a hole.
+
+    A tile takes part if it overlaps a cell within `rings` cells of one that holds a hole
+    pixel. Cells and tiles of resolution r are squares of ``CELL << r`` pixels.
+    """
+    edge = CELL << cell_resolution
+    near = grow(_blocks(hole, edge), rings).repeat(edge, axis=0).repeat(edge, axis=1)
+    tile = CELL << tile_resolution
     height, width = hole.shape
+    tiles = _blocks(near[:height, :width], tile)
+    return tiles.repeat(tile, axis=0).repeat(tile, axis=1)[:height, :width]
+
+
+def _blocks(mask: NDArray[np.bool_], edge: int) -> NDArray[np.bool_]:
+    """Tell which squares of `edge` pixels hold a True."""
+    height, width = mask.shape
     rows, columns = -(-height // edge), -(-width // edge)
-    padded = np.pad(hole, ((0, rows * edge - height), (0, columns * edge - width)))
-    cells = np.logical_or.reduce(padded.reshape(rows, edge, columns, edge), axis=(1, 3))
-    near = grow(cells, rings).repeat(edge, axis=0).repeat(edge, axis=1)
-    return near[:height, :width]
+    padded = np.pad(mask, ((0, rows * edge - height), (0, columns * edge - width)))
+    blocks = padded.reshape(rows, edge, columns, edge)
+    return np.asarray(np.logical_or.reduce(blocks, axis=(1, 3)))
 
 
 def guided_base(
@@ -119,7 +133,8 @@ def guided_base(
     Pixels far from every hole take no part: unknown, and nearest, so that no maximum sees
     them.
     """
-    near = near_a_hole(hole, source_resolution(levels), SOURCE_RINGS)
+    source = source_resolution(levels)
+    near = near_a_hole(hole, source, SOURCE_RINGS, source)
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
     return pull_push(Level(values, known, np.where(near, guide, 0.0)), gamma, threshold)

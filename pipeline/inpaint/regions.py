@@ -8,6 +8,8 @@ Three kinds, by key:
     Tiles of resolution r that hold moments of pyramid level k (r > k).
 ``("push", r)``
     Tiles of resolution r with pixels that some hole pixel needs completed.
+``("holes", 1)``
+    Tiles of resolution 1 with a hole pixel in them.
 """
 
 from dataclasses import dataclass
@@ -151,13 +153,13 @@ class WorkLists:
         source = source_resolution(levels)
         self._index: dict[Key, int] = {}
         self._lists: list[_List] = []
-        self._add(("push", 0), 0, 0, 0)
+        self._add(("holes", 1), 1, 0, 0)
         for r in range(1, last + 1):
             self._add(("source", r), r, source, SOURCE_RINGS)
             # Finer cells, one ring: at least four pixels around every hole.
             self._add(("push", r), r, min(r - 1, source), 1)
             for k in range(min(r, levels)):
-                self._add(("chain", k, r), r, k + 1, STATISTICS_RINGS)
+                self._add(("chain", k, r), r, k, STATISTICS_RINGS)
 
     def _add(self, key: Key, resolution: int, cell_resolution: int, rings: int) -> None:
         width, height = self.sizes[resolution]

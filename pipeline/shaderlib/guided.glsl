@@ -1,12 +1,12 @@
 // Depth-guided pull and push.
 // Twin: pull(), push(), interpolate() in inpaint/reference.py. Change both or neither.
 //
-// A chain's texels are PLANES vec4 next to each other in a buffer, validity in the first
-// one's w. The guide is a float in a buffer of its own: all chains share it.
+// A chain's texels are PLANES neighbours in a row of an image, validity in the first one's w;
+// chains lie below each other. The guide is an image of its own: all chains share it.
 //
-// No local arrays here or in the passes: a driver that cannot unroll a loop over one keeps
-// it in memory (ten times slower with Mesa's software renderer). No arrays of textures: their
-// layers lie a power of two apart and push each other out of the cache (three times slower).
+// What Mesa's software renderer taught: no local arrays here or in the passes (one that is
+// not unrolled lives in memory, 10x slower); no layers (they lie a power of two apart and push
+// each other out of the cache, 3x); image loads, not texel fetches or buffers (3x).
 
 #define ONLY_NEARER (-1.0)
 

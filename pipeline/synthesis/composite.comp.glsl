@@ -16,14 +16,15 @@ layout(r32f, binding = 1) uniform readonly image2D depth_m;
 #if ANCHOR == 1
 layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
 #endif
-// Per texel high, along x, along y; w of the first: guide. Level k at resolution k + 1.
-layout(std430, binding = 4) readonly buffer Amplitudes { vec4 amplitudes[]; };
-// Per texel LEVELS x CHANNELS; rgb: bands.
-layout(std430, binding = 5) readonly buffer Noise { vec4 noise[]; };
+// Three neighbours per texel: high, along x, along y; w of the first: guide. Levels, of
+// resolution level + 1, below each other.
+layout(rgba32f, binding = 3) uniform readonly image2D amplitudes;
+// LEVELS x CHANNELS neighbours per texel; rgb: bands.
+layout(rgba32f, binding = 4) uniform readonly image2D noise;
 
 uniform float z_near_m;
 uniform float noise_scale;
-uniform ivec3 level_size[LEVELS];          // columns, rows, first texel
+uniform ivec3 level_size[LEVELS];          // columns, rows, first row
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #if ANCHOR == 2
 uniform mat4 source_from_target;
@@ -57,71 +58,127 @@ vec2 anchor(ivec2 pixel, float depth) {
 #endif
 }
 
-int noise_texel(ivec2 place) {
-    ivec2 wrapped = place & (NOISE_TILE - 1);
-    return (wrapped.y * NOISE_TILE + wrapped.x) * LEVELS * CHANNELS;
+ivec2 noise_texel(ivec2 place) {
+    return (place & (NOISE_TILE - 1)) * ivec2(LEVELS * CHANNELS, 1);
 }
 
-void work(ivec2 pixel) {
-    vec4 texel = imageLoad(image, pixel);
-    if (texel.a >= 0.5) return;
-    float depth = imageLoad(depth_m, pixel).r;
-    float guide = max(0.0, 1.0 - z_near_m / depth);
+// A hole pixel and where its noise comes from.
+struct Pixel {
+    ivec2 place;
+    bool hole;
+    float guide;
+    vec3 colour;
+    ivec2 noise_corner;
+    vec4 noise_share;
+    vec3 noise;  // the sum so far: Y', Cb, Cr
+};
 
-    vec2 noise_place = anchor(pixel, depth) - 0.5;
-    ivec2 corner = ivec2(floor(noise_place));
-    vec4 w = bilinear(noise_place - vec2(corner));
-    bool between = w.x < 1.0;
-    int noise_a = noise_texel(corner), noise_b = noise_texel(corner + ivec2(1, 0));
-    int noise_c = noise_texel(corner + ivec2(0, 1)), noise_d = noise_texel(corner + 1);
-    float self = dot(w, w);
+Pixel pixel_at(ivec2 place) {
+    Pixel p;
+    p.place = place;
+    p.hole = false;
+    p.noise = vec3(0.0);
+    if (any(greaterThanEqual(place, imageSize(image)))) return p;
+    vec4 texel = imageLoad(image, place);
+    if (texel.a >= 0.5) return p;
+    p.hole = true;
+    p.colour = texel.rgb;
+    float depth = imageLoad(depth_m, place).r;
+    p.guide = max(0.0, 1.0 - z_near_m / depth);
+    vec2 noise_place = anchor(place, depth) - 0.5;
+    p.noise_corner = ivec2(floor(noise_place));
+    p.noise_share = bilinear(noise_place - floor(noise_place));
+    return p;
+}
+
+// One level's noise of all bands at a pixel; interpolated noise has less variance, which
+// the gain restores. See look_up().
+vec3 noise_bands(Pixel p, int level, int channel) {
+    ivec2 next = ivec2(level * CHANNELS + channel, 0);
+    vec3 bands = imageLoad(noise, noise_texel(p.noise_corner) + next).rgb;
+    vec4 w = p.noise_share;
+    if (w.x == 1.0) return bands;
+    bands = w.x * bands
+          + w.y * imageLoad(noise, noise_texel(p.noise_corner + ivec2(1, 0)) + next).rgb
+          + w.z * imageLoad(noise, noise_texel(p.noise_corner + ivec2(0, 1)) + next).rgb
+          + w.w * imageLoad(noise, noise_texel(p.noise_corner + 1) + next).rgb;
     vec4 lag = 2.0 * vec4(w.x * w.y + w.z * w.w, w.x * w.z + w.y * w.w, w.x * w.w, w.y * w.z);
+    vec3 variance = dot(w, w) + vec3(dot(lag, lag_correlation[3 * level]),
+                                     dot(lag, lag_correlation[3 * level + 1]),
+                                     dot(lag, lag_correlation[3 * level + 2]));
+    return bands * inversesqrt(variance);
+}
 
-    vec3 total = vec3(0.0);
-    float scale = 0.5;
-    for (int level = 0; level < LEVELS; ++level) {
-        ivec3 size = level_size[level];
-        vec2 place = (vec2(pixel) + 0.5) * scale - 0.5;
-        scale *= 0.5;
-        vec2 floored = floor(place);
-        ivec2 near = clamp(ivec2(floored), ivec2(0), size.xy - 1);
-        ivec2 far = clamp(ivec2(floored) + 1, ivec2(0), size.xy - 1);
-        int a = 3 * (size.z + near.y * size.x + near.x);
-        int b = 3 * (size.z + near.y * size.x + far.x);
-        int c = 3 * (size.z + far.y * size.x + near.x);
-        int d = 3 * (size.z + far.y * size.x + far.x);
-        vec4 high_a = amplitudes[a], high_b = amplitudes[b];
-        vec4 high_c = amplitudes[c], high_d = amplitudes[d];
-        vec4 share = guided(bilinear(place - floored), guide,
-                            vec4(high_a.w, high_b.w, high_c.w, high_d.w));
-        vec3 high = mixed(share, high_a, high_b, high_c, high_d).rgb;
-        vec3 along_x = mixed(share, amplitudes[a + 1], amplitudes[b + 1], amplitudes[c + 1],
-                             amplitudes[d + 1]).rgb;
-        vec3 along_y = mixed(share, amplitudes[a + 2], amplitudes[b + 2], amplitudes[c + 2],
-                             amplitudes[d + 2]).rgb;
-        // Interpolated noise has less variance; see look_up().
-        vec3 gain = vec3(1.0);
-        if (between) {
-            gain = inversesqrt(self + vec3(dot(lag, lag_correlation[3 * level]),
-                                           dot(lag, lag_correlation[3 * level + 1]),
-                                           dot(lag, lag_correlation[3 * level + 2])));
-        }
-        for (int channel = 0; channel < CHANNELS; ++channel) {
-            int offset = level * CHANNELS + channel;
-            vec3 bands = noise[noise_a + offset].rgb;
-            if (between) {
-                bands = w.x * bands + w.y * noise[noise_b + offset].rgb
-                      + w.z * noise[noise_c + offset].rgb + w.w * noise[noise_d + offset].rgb;
-            }
-            bands *= gain;
-            vec3 shaped = bands.x * high + bands.y * along_x + bands.z * along_y;
+// Amplitudes of one texel.
+struct Texel {
+    float guide;
+    vec3 high, along_x, along_y;
+};
+
+Texel amplitudes_at(ivec2 place, ivec3 size) {
+    ivec2 at = ivec2(3 * clamp(place.x, 0, size.x - 1), size.z + clamp(place.y, 0, size.y - 1));
+    vec4 high = imageLoad(amplitudes, at);
+    return Texel(high.w, high.rgb, imageLoad(amplitudes, at + ivec2(1, 0)).rgb,
+                 imageLoad(amplitudes, at + ivec2(2, 0)).rgb);
+}
+
+void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
+    if (!p.hole) return;
+    share = guided(share, p.guide, vec4(a.guide, b.guide, c.guide, d.guide));
+#define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
+    vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
-            total += shaped;
+    p.noise += bands.x * MIXED(high) + bands.y * MIXED(along_x) + bands.z * MIXED(along_y);
 #else
-            total += shaped * vec3(equal(ivec3(channel), ivec3(0, 1, 2)));
+    vec3 blue = noise_bands(p, level, 1), red = noise_bands(p, level, 2);
+    p.noise += vec3(bands.x, blue.x, red.x) * MIXED(high)
+             + vec3(bands.y, blue.y, red.y) * MIXED(along_x)
+             + vec3(bands.z, blue.z, red.z) * MIXED(along_y);
 #endif
-        }
+}
+
+void finish(Pixel p) {
+    if (!p.hole) return;
+    vec3 colour = p.colour + noise_scale * (RGB_FROM_YCBCR * p.noise);
+    imageStore(image, p.place, vec4(clamp(colour, 0.0, 1.0), 0.0));
+}
+
+// `parent` is a pixel of resolution 1; its four children share most of what they read.
+void work(ivec2 parent) {
+    Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
+    Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
+    if (!(p00.hole || p01.hole || p10.hole || p11.hole)) return;
+
+    // Level 0: 3x3 texels around the parent, each child between the four on its side.
+    {
+        ivec3 size = level_size[0];
+        Texel t00 = amplitudes_at(parent - 1, size), t02 = amplitudes_at(parent + ivec2(1, -1), size);
+        Texel t01 = amplitudes_at(parent + ivec2(0, -1), size);
+        Texel t10 = amplitudes_at(parent + ivec2(-1, 0), size);
+        Texel t11 = amplitudes_at(parent, size), t12 = amplitudes_at(parent + ivec2(1, 0), size);
+        Texel t20 = amplitudes_at(parent + ivec2(-1, 1), size);
+        Texel t21 = amplitudes_at(parent + ivec2(0, 1), size), t22 = amplitudes_at(parent + 1, size);
+        add_level(p00, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
+        add_level(p01, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
+        add_level(p10, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
+        add_level(p11, 0, bilinear(vec2(0.25, 0.25)), t11, t12, t21, t22);
     }
-    vec3 colour = texel.rgb + noise_scale * (RGB_FROM_YCBCR * total);
-    imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));
+    // Coarser levels: all four children lie between the same four texels.
+    float scale = 0.25;
+    for (int level = 1; level < LEVELS; ++level, scale *= 0.5) {
+        ivec3 size = level_size[level];
+        vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
+        ivec2 corner = ivec2(floor(first));
+        vec2 near = first - floor(first), far = near + scale;
+        Texel a = amplitudes_at(corner, size), b = amplitudes_at(corner + ivec2(1, 0), size);
+        Texel c = amplitudes_at(corner + ivec2(0, 1), size), d = amplitudes_at(corner + 1, size);
+        add_level(p00, level, bilinear(near), a, b, c, d);
+        add_level(p01, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
+        add_level(p10, level, bilinear(vec2(near.x, far.y)), a, b, c, d);
+        add_level(p11, level, bilinear(far), a, b, c, d);
+    }
+    finish(p00);
+    finish(p01);
+    finish(p10);
+    finish(p11);
 }

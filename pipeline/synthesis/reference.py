@@ -106,7 +106,7 @@ def inpainted_amplitudes(
     spoiled = spoiled_levels(hole, settings.levels)
     statistics, amplitudes = [], []
     for level in range(settings.levels):
-        near = near_a_hole(hole, level + 1, STATISTICS_RINGS)[:: 1 << level, :: 1 << level]
+        near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
         inpainted = band_statistics(
             pyramid.bands[level],
             spoiled[level],
