@@ -8,10 +8,12 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from analysis.bias import order_bias, side_bias
 from analysis.detection import detection
@@ -134,39 +136,20 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     }
 
 
-def visible_texts(figure: Figure) -> list[tuple[str, object]]:
-    """Return every text that is drawn, with the box it fills in pixels."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    ticks = {
-        id(text)
-        for axes in figure.axes
-        for axis in (axes.xaxis, axes.yaxis)
-        for text in axis.get_ticklabels(which="both")
-    }
-    shown = (
-        {
-            id(text)
-            for axes in figure.axes
-            for axis in (axes.xaxis, axes.yaxis)
-            for tick in axis._update_ticks()
-            for text in (tick.label1, tick.label2)
-        }
-        if figure.axes
-        else set()
-    )
-    found = []
-    for text in figure.findobj(Text):
-        if not text.get_visible() or not text.get_text().strip():
-            continue
-        if id(text) in ticks and id(text) not in shown:
-            continue
-        axes = text.axes
-        if axes is not None and not axes.axison and text not in axes.texts:
-            continue
-        found.append((text.get_text(), text.get_window_extent(renderer)))
-    return found
+def visible_texts(figure: Figure) -> list[tuple[str, Bbox]]:
+    """Return every text that is really drawn, with the box it fills in pixels."""
+    found: dict[int, tuple[str, Bbox]] = {}
+    original = Text.draw
+
+    def spy(text: Text, renderer: RendererBase, *args: object, **kwargs: object) -> None:
+        if text.get_visible() and text.get_text().strip():
+            found[id(text)] = (text.get_text(), text.get_window_extent(renderer))
+        original(text, renderer, *args, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Text, "draw", spy)
+        FigureCanvasAgg(figure).draw()
+    return list(found.values())
 
 
 def overlaps(figure: Figure) -> list[tuple[str, str]]:

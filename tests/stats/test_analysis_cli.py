@@ -1,0 +1,138 @@
+"""`metamerlab analysis`: what a user types, sees, and is told when something is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from study_app.cli import app
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["analysis", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory, write_journals) -> Path:
+    return write_journals(tmp_path_factory.mktemp("cli") / "s", people=5)
+
+
+def test_report_says_the_result_and_where_it_lies(sessions, tmp_path):
+    out = tmp_path / "r"
+    result = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
+
+    assert result.exit_code == 0, result.output
+    assert "Metameric was chosen over Push-pull" in result.output
+    assert f"report: {out / 'report.html'}" in result.output
+    assert sorted(path.name for path in out.iterdir()) == ["report.html", "results.json", "tables"]
+    again = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
+    assert again.exit_code == 2
+    assert "--replace" in again.output
+    replaced = run(
+        "report", sessions, "--protocol", "demo", "--out", out, "--no-figures", "--replace"
+    )
+    assert replaced.exit_code == 0, replaced.output
+
+
+def test_tidy_writes_all_tables(sessions, tmp_path):
+    result = run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t")
+
+    assert result.exit_code == 0, result.output
+    assert "5 SIMULATED sittings, 120 of 120 main decisions kept" in result.output
+    assert {path.name for path in (tmp_path / "t").iterdir()} == {
+        "answers.csv",
+        "attempts.csv",
+        "decisions.csv",
+        "dictionary.csv",
+        "flow.csv",
+        "pwcmp.csv",
+        "sessions.csv",
+    }
+
+
+def test_tables_go_on_to_a_report_with_the_same_shares(sessions, tmp_path):
+    run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t")
+    run("report", sessions, "--protocol", "demo", "--out", tmp_path / "a", "--no-figures")
+    result = run(
+        "report",
+        tmp_path / "t" / "decisions.csv",
+        "--protocol",
+        "demo",
+        "--out",
+        tmp_path / "b",
+        "--no-figures",
+    )
+
+    assert result.exit_code == 0, result.output
+    one, other = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
+    assert one["results"]["table"] == other["results"]["table"]
+    assert other["simulated"] is True
+
+
+def test_import_names_columns_and_says_what_to_do_next(tmp_path):
+    table = tmp_path / "old.csv"
+    rows = [f"{p},park,a,b,{int((p * 7 + k) % 3 > 0)}" for p in range(6) for k in range(8)]
+    table.write_text("who,where,one,two,pick\n" + "\n".join(rows) + "\n")
+    maps = [
+        f"--map={pair}"
+        for pair in (
+            "participant=who",
+            "scene=where",
+            "first=one",
+            "second=two",
+            "chose_first=pick",
+        )
+    ]
+
+    result = run("import", table, *maps, "--out", tmp_path / "i")
+
+    assert result.exit_code == 0, result.output
+    assert "48 decisions of 6 participants" in result.output
+    made = run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "r", "--no-figures")
+    assert made.exit_code == 0, made.output
+
+
+def test_power_prints_a_table_and_draws_the_curve(tmp_path):
+    result = run("power", "demo", "--rate", 0.7, "--studies", 200, "--out", tmp_path / "p")
+
+    assert result.exit_code == 0, result.output
+    assert "4 (planned)" in result.output
+    assert "primary, power 80%" in result.output
+    curve = json.loads((tmp_path / "p" / "power.json").read_text())
+    assert curve["studies"] == 200
+    assert (tmp_path / "p" / "power-1-column.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        (["report", "nowhere", "--protocol", "demo", "--out", "r"], "no such folder"),
+        (["report", "nowhere", "--out", "r"], "--protocol must name"),
+        (["report", "nowhere.csv", "--out", "r"], "must be a folder|--protocol must name"),
+        (["tidy", ".", "--protocol", "nothing", "--out", "t"], "must be a .toml file or one of"),
+        (["tidy", ".", "--protocol", "demo", "--out", "t"], "no journal.jsonl was found"),
+        (["import", "none.csv", "--out", "i"], "no such file"),
+        (["import", "none.csv", "--map", "x", "--out", "i"], "OURS=THEIRS"),
+        (["power", "nothing"], "must be a .toml file or one of"),
+    ],
+)
+def test_mistakes_get_one_message_and_status_2(tmp_path, monkeypatch, arguments, wanted):
+    monkeypatch.chdir(tmp_path)
+    import re
+
+    result = run(*arguments)
+
+    assert result.exit_code == 2
+    assert re.search(wanted, result.output), result.output
+    assert "Traceback" not in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_teaches_with_an_example():
+    for command in ("report", "tidy", "power", "import"):
+        result = run(command, "--help")
+        assert result.exit_code == 0
+        assert "Example" in result.output

@@ -1,0 +1,350 @@
+"""The report: whole or absent, the same numbers again, hostile text tamed, stamped, readable."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from analysis.report import report_decisions, report_sessions
+from analysis.report.folder import whole_folder
+from analysis.report.wording import big, number, p_number, p_text, printable, share
+from protocols.errors import StudyError
+
+HOSTILE = (
+    '<script>alert(1)</script><img src=x onerror="alert(2)"> {{ 7*7 }} \u202e\x00 "日本" &amp;'
+)
+VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, demo_protocol, write_journals) -> Path:
+    """A report of eight simulated sittings with a hostile free answer."""
+    folder = tmp_path_factory.mktemp("report")
+    write_journals(folder / "s", people=8, answer=HOSTILE)
+    report_sessions(folder / "s", demo_protocol, folder / "r", figure_files=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def html(made) -> str:
+    return (made / "r" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def numbers(made) -> dict[str, object]:
+    loaded: dict[str, object] = json.loads((made / "r" / "results.json").read_text())
+    return loaded
+
+
+def test_run_again_every_byte_is_the_same(made, demo_protocol):
+    report_sessions(made / "s", demo_protocol, made / "again", figure_files=False)
+
+    for name in ("report.html", "results.json", "tables/decisions.csv", "tables/preferences.csv"):
+        assert (made / "again" / name).read_bytes() == (made / "r" / name).read_bytes(), name
+
+
+def test_the_page_needs_nothing_from_outside(html):
+    assert "<link" not in html
+    assert "<script" not in html
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', html)
+    outside = set(re.findall(r"https?://[^\"' <)]+", html))
+    assert all("www.w3.org" in address for address in outside)  # names of SVG, never fetched
+
+
+def test_the_page_is_well_formed(html):
+    class Checker(HTMLParser):
+        def __init__(self) -> None:
+            super().__init__()
+            self.open: list[str] = []
+            self.ids: list[str] = []
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            self.ids += [value for key, value in attrs if key == "id" and value]
+            if tag not in VOID:
+                self.open.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            if tag not in VOID:
+                assert self.open.pop() == tag
+
+    checker = Checker()
+    checker.feed(html)
+    assert checker.open == []
+    assert len(checker.ids) == len(set(checker.ids))
+    for target in re.findall(r'href="#([^"]+)"', html):
+        assert target in checker.ids, target
+
+
+def test_hostile_answers_are_shown_as_text(html):
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+    assert "<img src=x" not in html
+    assert "{{ 7*7 }}" in html
+    assert "日本" in html
+    assert "\u202e" not in html
+    assert "\x00" not in html
+
+
+def test_simulated_data_is_stamped_on_page_and_every_figure(html, numbers):
+    assert numbers["simulated"] is True
+    assert '<div class="stamp">SIMULATED DATA</div>' in html
+    assert "<title>SIMULATED: " in html
+    figures = html.count("<figure ")
+    assert figures >= 8
+    assert html.count("<strong>Simulated data.</strong>") == figures
+
+
+def test_recorded_data_carries_no_stamp(tmp_path, demo_protocol, write_journals):
+    write_journals(tmp_path / "s", people=4, simulated=False)
+    report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+
+    assert "SIMULATED" not in (tmp_path / "r" / "report.html").read_text().replace("DATA\n", "")
+    assert json.loads((tmp_path / "r" / "results.json").read_text())["simulated"] is False
+
+
+def test_numbers_of_the_page_are_numbers_of_the_json(html, numbers):
+    cells = numbers["results"]["table"]["cells"]
+    assert len(cells) == 6
+    for cell in cells:
+        assert f"{cell['chosen']} / {cell['trials']}" in html
+        assert share(cell["share"]) in html
+    primary = numbers["results"]["primary"]
+    assert (primary["method"], primary["against"]) == ("metameric", "push-pull")
+    assert f"in {primary['chosen']} of {primary['trials']} trials" in html
+    assert sum(cell["trials"] for cell in cells) == 8 * 24
+
+
+def test_json_holds_no_number_that_is_not_finite(made):
+    text = (made / "r" / "results.json").read_text()
+
+    assert "NaN" not in text
+    assert "Infinity" not in text
+
+
+def test_page_says_methods_quality_flow_and_provenance(html, numbers, demo_protocol):
+    for wanted in (
+        "Holm-adjusted over 6",
+        "two-way clustered t",
+        "crossed random intercepts",
+        "Exclusions, by the rules",
+        "Dropped refreshes",
+        "Gaze lost",
+        "Sign-flip test of participants",
+        demo_protocol.sha256,
+        "We analysed 192",
+    ):
+        assert wanted in html, wanted
+    assert len(numbers["provenance"]["journals_sha256"]) == 8
+    assert {"numpy", "scipy", "matplotlib"} <= set(numbers["provenance"]["libraries"])
+    assert len(numbers["flow"]) == 5
+
+
+def test_nothing_on_the_page_reads_nan_or_none(html):
+    visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)
+
+    assert not re.search(r"\b(nan|NaN|inf|None|null|undefined)\b", visible)
+
+
+def test_a_folder_with_other_things_is_refused_and_left_alone(made, demo_protocol, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("precious")
+
+    with pytest.raises(StudyError, match="choose another folder"):
+        report_sessions(made / "s", demo_protocol, tmp_path / "mine", replace=True)
+    with pytest.raises(StudyError, match="--replace"):
+        report_sessions(made / "s", demo_protocol, made / "r")
+
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "precious"
+
+
+def test_a_result_appears_whole_or_not_at_all(tmp_path):
+    def stop_half_way() -> None:
+        with whole_folder(tmp_path / "out", "m.json") as work:
+            (work / "half.txt").write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        stop_half_way()
+
+    assert list(tmp_path.iterdir()) == []
+    with whole_folder(tmp_path / "out", "m.json") as work:
+        (work / "m.json").write_text("{}")
+        assert not (tmp_path / "out").exists()
+    assert (tmp_path / "out" / "m.json").exists()
+    with whole_folder(tmp_path / "out", "m.json", replace=True) as work:
+        (work / "m.json").write_text("new")
+    assert (tmp_path / "out" / "m.json").read_text() == "new"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_an_interrupted_replacement_keeps_the_earlier_report(tmp_path):
+    with whole_folder(tmp_path / "out", "m.json") as work:
+        (work / "m.json").write_text("old")
+
+    with pytest.raises(RuntimeError), whole_folder(tmp_path / "out", "m.json", replace=True):
+        raise RuntimeError
+
+    assert (tmp_path / "out" / "m.json").read_text() == "old"
+
+
+def test_two_protocols_and_no_decision_left_are_refused_without_a_trace(
+    tmp_path, demo_protocol, write_journals
+):
+    write_journals(tmp_path / "s", people=2, rt_s=0.01)
+
+    with pytest.raises(StudyError, match="at least one decision must remain"):
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r")
+
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize(
+    "choose",
+    [
+        lambda _f, _s, _rng: True,
+        lambda f, _s, _rng: f == "reference",
+        lambda f, s, _rng: (
+            ("push-pull", "metameric", "reference").index(f)
+            > ("push-pull", "metameric", "reference").index(s)
+        ),
+    ],
+    ids=["always the first", "reference or second", "unanimous"],
+)
+@pytest.mark.parametrize("people", [1, 2, 4])
+def test_degenerate_studies_give_flagged_reports(
+    tmp_path, demo_protocol, write_journals, choose, people
+):
+    write_journals(tmp_path / "s", people=people, choose=choose)
+    report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+    html = (tmp_path / "r" / "report.html").read_text()
+    numbers = json.loads((tmp_path / "r" / "results.json").read_text())
+
+    assert "When not to trust" in html
+    visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)
+    assert not re.search(r"\b(nan|inf|None)\b", visible)
+    for cell in numbers["results"]["table"]["cells"]:
+        if cell["chosen"] in (0, cell["trials"]):
+            assert cell["p"] == pytest.approx(min(1.0, 2 / 2**people))
+            assert any("agree" in note or "one participant" in note for note in cell["warnings"])
+
+
+def test_an_imported_table_is_reported_without_a_protocol(tmp_path, make_decisions):
+    make_decisions(people=5, sizes=("all",)).to_csv(tmp_path / "old.csv", index=False)
+
+    made = report_decisions(tmp_path / "old.csv", tmp_path / "r", figure_files=False)
+
+    html = made.html.read_text()
+    assert "imported table" in html
+    assert "5 participants" in html
+    assert "SIMULATED" not in html
+
+
+def test_a_protocol_given_for_a_table_must_know_its_methods(
+    tmp_path, make_decisions, demo_protocol
+):
+    rows = make_decisions(people=3, quality={"a": 0.0, "b": 1.0})
+    rows.to_csv(tmp_path / "old.csv", index=False)
+
+    with pytest.raises(StudyError, match="must be those of the protocol"):
+        report_decisions(tmp_path / "old.csv", tmp_path / "r", protocol=demo_protocol)
+
+
+def test_figure_files_come_at_both_widths_in_three_formats(tmp_path, make_decisions):
+    make_decisions(people=4, scenes=2, sizes=("all",)).to_csv(tmp_path / "d.csv", index=False)
+    report_decisions(tmp_path / "d.csv", tmp_path / "r")
+    names = {path.name for path in (tmp_path / "r" / "figures").iterdir()}
+
+    for figure in ("preference", "forest", "scale", "participants", "scenes", "bias", "reaction"):
+        for width in ("1-column", "2-column"):
+            for kind in ("svg", "pdf", "png"):
+                assert f"{figure}-{width}.{kind}" in names
+
+
+def test_apa_wording():
+    assert p_text(0.0004) == "p < .001"
+    assert p_text(0.0123) == "p = .012"
+    assert p_text(1.0) == "p > .999"
+    assert p_number(0.05) == ".050"
+    assert number(-0.001) == "0.00"
+    assert share(1.0) == "1.00"
+    assert big(12345678.0) == "1.2e7"
+    assert printable("a\x07b\u202ec\n") == "a\ufffdb\ufffdc\n"
+
+
+BROWSER = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+
+
+def browse(*arguments: str) -> subprocess.CompletedProcess[str]:
+    assert BROWSER is not None
+    return subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+
+
+@pytest.fixture
+def browser() -> None:
+    if BROWSER is None:
+        pytest.skip("needs Chromium (apt-get install chromium) to look at the page")
+
+
+@pytest.mark.usefixtures("browser")
+@pytest.mark.parametrize(("width", "shown"), [(390, "narrow"), (1280, "wide")])
+def test_the_page_fits_phone_and_desktop(html, tmp_path, width, shown):
+    """Measured in the browser: nothing sticks out sideways, the right figures show."""
+    probe = (
+        "<script>onload = () => { const d = document; parent.postMessage(JSON.stringify({"
+        "page: d.documentElement.scrollWidth, window: innerWidth,"
+        "narrow: [...d.querySelectorAll('.narrow')].filter(e => e.offsetHeight > 20).length,"
+        "wide: [...d.querySelectorAll('.wide')].filter(e => e.offsetHeight > 20).length,"
+        "figures: d.querySelectorAll('figure').length}), '*'); }</script>"
+    )
+    inner = re.sub(r"<meta http-equiv[^>]*>", "", html).replace("</body>", probe + "</body>")
+    (tmp_path / "inner.html").write_text(inner)
+    (tmp_path / "outer.html").write_text(
+        f"<body><iframe src=inner.html width={width} height=900 style='border:0'></iframe>"
+        "<p id=out>none</p><script>onmessage = e => { out.textContent = e.data; }</script>"
+    )
+    dump = browse(
+        "--virtual-time-budget=5000",
+        "--allow-file-access-from-files",
+        "--dump-dom",
+        f"file://{tmp_path / 'outer.html'}",
+    ).stdout
+    found = json.loads(re.search(r'<p id="out">(\{.*?\})</p>', dump).group(1))
+
+    assert found["window"] == width
+    assert found["page"] <= width
+    assert found[shown] == found["figures"] > 0
+    assert found["narrow" if shown == "wide" else "wide"] == 0
+
+
+@pytest.mark.usefixtures("browser")
+def test_every_printed_page_is_stamped(made, tmp_path):
+    if shutil.which("pdftotext") is None:
+        pytest.skip("needs pdftotext (apt-get install poppler-utils) to read the printed pages")
+    browse(
+        "--no-pdf-header-footer",
+        f"--print-to-pdf={tmp_path / 'r.pdf'}",
+        f"file://{made / 'r' / 'report.html'}",
+    )
+    text = subprocess.run(
+        ["pdftotext", "-raw", str(tmp_path / "r.pdf"), "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    pages = [re.sub(r"\s", "", page) for page in text.split("\f") if page.strip()]
+
+    assert len(pages) >= 3
+    assert all("SIMULATEDDATA" in page for page in pages)
