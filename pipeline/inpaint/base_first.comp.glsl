@@ -1,21 +1,31 @@
 #version 430
-// First pull of the base: known colour, 2x2 into one, with depth as the guide.
-// Twin: guided_base() and pull() in reference.py. Change both or neither.
+// First pull of the base: known colour, 2x2 into one, with depth as the guide. It reads the
+// whole frame, so it marks every cell, at every resolution, that holds a hole pixel as well.
+// Twin: guided_base() and near_a_hole() in reference.py. Change both or neither.
 
-#include "tiles.glsl"
+#constant TILE         // work-group edge, pixels
+#constant CELL         // edge of a cell of resolution 0, pixels
+#constant RESOLUTIONS  // how many resolutions of cells there are
+
 #include "guided.glsl"
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
 
 layout(rgba32f, binding = 0) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;   // background's inside holes
-layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
-layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
+layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
+layout(std430, binding = 4) writeonly buffer Coarse { vec4 coarse[]; };
+layout(std430, binding = 6) writeonly buffer CoarseGuide { float coarse_guide[]; };
 
 uniform float z_near_m;
+uniform uvec2 first_and_columns[RESOLUTIONS];
 
-void work(ivec2 pixel) {
-    ivec2 last = imageSize(image) - 1;
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 size = imageSize(image);
     ivec2 a = 2 * pixel;
-    ivec2 d = min(a + 1, last);
+    if (any(greaterThanEqual(a, size))) return;
+    ivec2 d = min(a + 1, size - 1);
     ivec2 b = ivec2(d.x, a.y);
     ivec2 c = ivec2(a.x, d.y);
     vec4 colour_a = imageLoad(image, a), colour_b = imageLoad(image, b);
@@ -27,6 +37,16 @@ void work(ivec2 pixel) {
     float deepest = farthest(guide);
     Pull p = pull_shares(validity, guide, deepest);
     vec4 parent = mixed(p.share, colour_a, colour_b, colour_c, colour_d);
-    imageStore(coarse, pixel, vec4(parent.rgb, p.confidence));
-    imageStore(coarse_guide, pixel, vec4(deepest));
+    int place = pixel.y * ((size.x + 1) / 2) + pixel.x;
+    coarse[place] = vec4(parent.rgb, p.confidence);
+    coarse_guide[place] = deepest;
+
+    if (dot(validity, vec4(1.0)) < 4.0) {
+        // Neighbours may write the same cell; all write the same value.
+        uvec2 cell = uvec2(a / CELL);
+        for (int r = 0; r < RESOLUTIONS; ++r) {
+            uvec2 at = cell >> r;
+            cells[first_and_columns[r].x + at.y * first_and_columns[r].y + at.x] = 1u;
+        }
+    }
 }

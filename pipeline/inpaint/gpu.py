@@ -1,6 +1,6 @@
 """Guided pull and push on the GPU. Twin: reference.py.
 
-Resolution r has ceil(size / 2^r) pixels. Chains of texels share one image per resolution;
+Resolution r has ceil(size / 2^r) pixels. Chains of texels share one buffer per resolution;
 see guided.glsl for what a texel holds. Resolutions up to `Resolutions.top` are dispatched
 tile by tile, the rest inside one work group.
 """
@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import moderngl
 
 from pipeline.features.reference import MAX_LEVELS
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
+from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.texture import check_size, check_texture
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import Key, WorkLists
 
@@ -57,25 +57,24 @@ class GuidePyramid:
     """
 
     def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
-        self._images = [
-            create_texture(ctx, resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
+        self._buffers = [
+            ctx.buffer(reserve=4 * resolutions.texels(r)) for r in range(1, resolutions.top + 1)
         ]
         self.scratch = ctx.buffer(reserve=4 * resolutions.tail_texels * MAX_LEVELS)
 
-    def at(self, resolution: int) -> moderngl.Texture:
-        """The guide of one resolution, from 1 to the top: r32f."""
-        return self._images[resolution - 1]
+    def at(self, resolution: int) -> moderngl.Buffer:
+        """The guide of one resolution, from 1 to the top."""
+        return self._buffers[resolution - 1]
 
     @property
     def held_bytes(self) -> int:
         """Memory, bytes."""
-        return sum(texture_bytes(image) for image in self._images) + self.scratch.size
+        return sum(buffer.size for buffer in (*self._buffers, self.scratch))
 
     def release(self) -> None:
-        """Free images and scratch."""
-        for image in self._images:
-            image.release()
-        self.scratch.release()
+        """Free the buffers."""
+        for buffer in (*self._buffers, self.scratch):
+            buffer.release()
 
 
 class ChainPass:
@@ -121,18 +120,17 @@ class ChainPass:
         for shader in (self._push, self._tail):
             shader["gamma"] = gamma
         top = resolutions.top
-        self._images = []
-        for r in range(1, top + 1):
-            width, height = resolutions.sizes[r]
-            size = (width * planes, height * self._chains(r))
-            self._images.append(create_texture(ctx, size, "rgba32f"))
+        self._buffers = [
+            ctx.buffer(reserve=16 * planes * resolutions.texels(r) * self._chains(r))
+            for r in range(1, top + 1)
+        ]
         self._scratch = ctx.buffer(
             reserve=16 * planes * resolutions.tail_texels * self._chains(top)
         )
 
-    def at(self, resolution: int) -> moderngl.Texture:
-        """The texels of one resolution, from 1 to the top; see chains.glsl."""
-        return self._images[resolution - 1]
+    def at(self, resolution: int) -> moderngl.Buffer:
+        """The texels of one resolution, from 1 to the top: chain by chain, row by row."""
+        return self._buffers[resolution - 1]
 
     @property
     def dispatches(self) -> int:
@@ -142,7 +140,7 @@ class ChainPass:
     @property
     def held_bytes(self) -> int:
         """Memory of texels and scratch, bytes."""
-        return sum(texture_bytes(image) for image in self._images) + self._scratch.size
+        return sum(buffer.size for buffer in (*self._buffers, self._scratch))
 
     def __call__(self) -> None:
         """Complete all resolutions, given the first pull of each chain."""
@@ -187,17 +185,18 @@ class ChainPass:
         self._lists.run(shader, ("push", r))
 
     def _bind(self, fine: int, coarse: int) -> None:
-        images = (self.at(fine), self.at(coarse), self._guide.at(fine), self._guide.at(coarse))
-        for unit, image in enumerate(images):
-            image.bind_to_image(unit, read=True, write=True)
+        self.at(fine).bind_to_storage_buffer(4)
+        self.at(coarse).bind_to_storage_buffer(5)
+        self._guide.at(fine).bind_to_storage_buffer(6)
+        self._guide.at(coarse).bind_to_storage_buffer(7)
 
     def _tail_step(self) -> None:
         top = self._resolutions.top
         chains = self._chains(top)
         shader = self._tail
-        self.at(top).bind_to_image(0, read=True, write=True)
-        self._guide.at(top).bind_to_image(2, read=True, write=False)
+        self.at(top).bind_to_storage_buffer(4)
         self._scratch.bind_to_storage_buffer(5)
+        self._guide.at(top).bind_to_storage_buffer(6)
         self._guide.scratch.bind_to_storage_buffer(7)
         shader["top_size"] = self._resolutions.sizes[top]
         shader["top_columns"] = self._lists.columns(top)
@@ -208,9 +207,8 @@ class ChainPass:
 
     def release(self) -> None:
         """Free texels, scratch and shaders."""
-        for image in self._images:
-            image.release()
-        self._scratch.release()
+        for buffer in (*self._buffers, self._scratch):
+            buffer.release()
         for shader in (self._pull, self._push, self._tail):
             shader.release()
 
@@ -252,7 +250,14 @@ class GuidedBasePass:
             gamma=gamma,
             depth_threshold=depth_threshold,
         )
-        self._first = compile_compute(ctx, "inpaint/base_first.comp.glsl", TILE=CELL)
+        self._first = compile_compute(
+            ctx,
+            "inpaint/base_first.comp.glsl",
+            TILE=CELL,
+            CELL=CELL,
+            RESOLUTIONS=len(self.lists.cell_grids),
+        )
+        set_array(self._first, "first_and_columns", self.lists.cell_grids)
         self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl", TILE=CELL)
         for shader in (self._first, self._last):
             shader["depth_threshold"] = depth_threshold
@@ -274,19 +279,21 @@ class GuidedBasePass:
         """
         check_texture(image, "image", self.resolutions.size, "rgba32f")
         check_texture(depth_m, "depth_m", self.resolutions.size, "r32f")
-        self.lists(image)
+        self.lists.reset()
         self._first["z_near_m"] = z_near_m
         image.bind_to_image(0, read=True, write=False)
         depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_image(2, read=True, write=True)
-        self.guide.at(1).bind_to_image(3, read=True, write=True)
-        self.lists.run(self._first, ("source", 1))
+        self.chain.at(1).bind_to_storage_buffer(4)
+        self.guide.at(1).bind_to_storage_buffer(6)
+        width, height = self.resolutions.sizes[1]
+        self._first.run(-(-width // CELL), -(-height // CELL))
+        self.lists.build()
         self.chain()
         self._last["z_near_m"] = z_near_m
         image.bind_to_image(0, read=True, write=True)
         depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_image(2, read=True, write=True)
-        self.guide.at(1).bind_to_image(3, read=True, write=True)
+        self.chain.at(1).bind_to_storage_buffer(4)
+        self.guide.at(1).bind_to_storage_buffer(6)
         self.lists.run(self._last, ("holes", 1))
 
     def release(self) -> None:

@@ -23,7 +23,7 @@ layout(std430, binding = 0) readonly buffer Cells { uint cells[]; };
 layout(std430, binding = 1) buffer Counts { uvec4 counts[]; };  // groups x, y, z; tiles
 layout(std430, binding = 2) writeonly buffer Entries { uint entries[]; };
 layout(std430, binding = 3) writeonly buffer Active { uint active_tiles[]; };
-layout(std430, binding = 4) readonly buffer Lists { List lists[]; };
+layout(std430, binding = 7) readonly buffer Lists { List lists[]; };
 
 uniform uint list_count;
 

@@ -10,19 +10,18 @@
 
 #include "tiles.glsl"
 #include "guided.glsl"
-#include "chains.glsl"
 #include "bands.glsl"
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled; a: 1 clean of holes
-layout(rgba32f, binding = 2) uniform writeonly image2D moments;
-layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
+layout(std430, binding = 4) writeonly buffer Moments { vec4 moments[]; };
+layout(std430, binding = 6) readonly buffer CoarseGuide { float coarse_guide[]; };
 #if IS_FINEST
 layout(r32f, binding = 1) uniform readonly image2D depth_m;
 uniform float z_near_m;
 #define GUIDE_AT(place) max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r)
 #else
-layout(r32f, binding = 1) uniform readonly image2D level_guide;
-#define GUIDE_AT(place) imageLoad(level_guide, place).r
+layout(std430, binding = 7) readonly buffer LevelGuide { float level_guide[]; };
+#define GUIDE_AT(place) level_guide[(place).y * size.x + (place).x]
 #endif
 
 uniform int chain;
@@ -78,7 +77,8 @@ void work(ivec2 pixel) {
     if (!whole.x) valid.yw = valid.xz;
     if (!whole.y) valid.zw = valid.xy;
 
-    Pull p = pull_shares(valid, guide, imageLoad(coarse_guide, pixel).r);
+    int place = pixel.y * work_size.x + pixel.x;
+    Pull p = pull_shares(valid, guide, coarse_guide[place]);
 
     Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
     Bands b = a, c = a, d = a;
@@ -94,10 +94,10 @@ void work(ivec2 pixel) {
     (p.share.x * second_moment(a.name) + p.share.y * second_moment(b.name)        \
      + p.share.z * second_moment(c.name) + p.share.w * second_moment(d.name))
     vec3 second = SECOND(high);
-    ivec2 to = texel_at(pixel, chain, work_size);
-    imageStore(moments, to, vec4(MEAN(high), p.confidence));
-    imageStore(moments, to + ivec2(1, 0), vec4(MEAN(along_x), second.x));
-    imageStore(moments, to + ivec2(2, 0), vec4(MEAN(along_y), second.y));
-    imageStore(moments, to + ivec2(3, 0), vec4(SECOND(along_x), second.z));
-    imageStore(moments, to + ivec2(4, 0), vec4(SECOND(along_y), 0.0));
+    int to = (chain * work_size.x * work_size.y + place) * PLANES;
+    moments[to] = vec4(MEAN(high), p.confidence);
+    moments[to + 1] = vec4(MEAN(along_x), second.x);
+    moments[to + 2] = vec4(MEAN(along_y), second.y);
+    moments[to + 3] = vec4(SECOND(along_x), second.z);
+    moments[to + 4] = vec4(SECOND(along_y), 0.0);
 }

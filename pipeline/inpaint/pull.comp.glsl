@@ -8,15 +8,14 @@
 
 #include "tiles.glsl"
 #include "guided.glsl"
-#include "chains.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D fine;
-layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
-layout(r32f, binding = 2) uniform readonly image2D fine_guide;
+layout(std430, binding = 4) readonly buffer Fine { vec4 fine[]; };
+layout(std430, binding = 5) writeonly buffer Coarse { vec4 coarse[]; };
+layout(std430, binding = 6) readonly buffer FineGuide { float fine_guide[]; };
 #if IS_BASE
-layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
+layout(std430, binding = 7) writeonly buffer CoarseGuide { float coarse_guide[]; };
 #else
-layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
+layout(std430, binding = 7) readonly buffer CoarseGuide { float coarse_guide[]; };
 #endif
 
 uniform ivec2 fine_size;
@@ -27,42 +26,42 @@ uniform uint coarse_first[MOST_CHAINS];
 uniform int chains;
 
 void work(ivec2 pixel) {
-    ivec2 a = 2 * pixel;
-    ivec2 d = min(a + 1, fine_size - 1);
-    ivec2 b = ivec2(d.x, a.y);
-    ivec2 c = ivec2(a.x, d.y);
+    ivec2 near = 2 * pixel;
+    ivec2 far = min(near + 1, fine_size - 1);
+    int a = near.y * fine_size.x + near.x;
+    int b = near.y * fine_size.x + far.x;
+    int c = far.y * fine_size.x + near.x;
+    int d = far.y * fine_size.x + far.x;
+    int place = pixel.y * work_size.x + pixel.x;
 #if !IS_BASE
-    float deepest = imageLoad(coarse_guide, pixel).r;
+    float deepest = coarse_guide[place];
 #endif
     for (int chain = 0; chain < chains; ++chain) {
         if (!is_active(coarse_first[chain], coarse_columns, pixel / TILE)) continue;
         vec4 validity = vec4(0.0);
         vec4 guide = vec4(0.0);
-        ivec2 from_a = texel_at(a, chain, fine_size), from_b = texel_at(b, chain, fine_size);
-        ivec2 from_c = texel_at(c, chain, fine_size), from_d = texel_at(d, chain, fine_size);
+        int base = chain * fine_size.x * fine_size.y;
+        int from_a = (base + a) * PLANES, from_b = (base + b) * PLANES;
+        int from_c = (base + c) * PLANES, from_d = (base + d) * PLANES;
         // All four children lie in one tile: tiles have even edges.
-        if (is_active(fine_first[chain], fine_columns, a / TILE)) {
-            validity = vec4(imageLoad(fine, from_a).w, imageLoad(fine, from_b).w,
-                            imageLoad(fine, from_c).w, imageLoad(fine, from_d).w);
-            guide = vec4(imageLoad(fine_guide, a).r, imageLoad(fine_guide, b).r,
-                         imageLoad(fine_guide, c).r, imageLoad(fine_guide, d).r);
+        if (is_active(fine_first[chain], fine_columns, near / TILE)) {
+            validity = vec4(fine[from_a].w, fine[from_b].w, fine[from_c].w, fine[from_d].w);
+            guide = vec4(fine_guide[a], fine_guide[b], fine_guide[c], fine_guide[d]);
         }
 #if IS_BASE
         float deepest = farthest(guide);
-        imageStore(coarse_guide, pixel, vec4(deepest));
+        coarse_guide[place] = deepest;
 #endif
         Pull p = pull_shares(validity, guide, deepest);
-        ivec2 to = texel_at(pixel, chain, work_size);
+        int to = (chain * work_size.x * work_size.y + place) * PLANES;
         for (int plane = 0; plane < PLANES; ++plane) {
-            ivec2 next = ivec2(plane, 0);
             vec4 parent = vec4(0.0);
             if (p.confidence != 0.0) {
-                parent = mixed(p.share, imageLoad(fine, from_a + next),
-                               imageLoad(fine, from_b + next), imageLoad(fine, from_c + next),
-                               imageLoad(fine, from_d + next));
+                parent = mixed(p.share, fine[from_a + plane], fine[from_b + plane],
+                               fine[from_c + plane], fine[from_d + plane]);
             }
             if (plane == 0) parent.w = p.confidence;
-            imageStore(coarse, to + next, parent);
+            coarse[to + plane] = parent;
         }
     }
 }

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.gl.shader import compile_compute
 from pipeline.inpaint.region import (
@@ -45,7 +46,7 @@ class _List:
 
 
 class WorkLists:
-    """All work lists of one frame size, rebuilt for each frame in three dispatches.
+    """All work lists of one frame size, rebuilt for each frame in two dispatches.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ class WorkLists:
         Pyramid levels.
     """
 
-    dispatches = 3
+    dispatches = 2
 
     def __init__(self, ctx: moderngl.Context, sizes: list[tuple[int, int]], levels: int) -> None:
         self._ctx = ctx
@@ -76,28 +77,26 @@ class WorkLists:
         self._reset = compile_compute(ctx, "inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
         self._reset["list_count"] = len(self._lists)
-        self._mark = compile_compute(
-            ctx, "inpaint/cells.comp.glsl", CELL=CELL, RESOLUTIONS=len(self._grids)
-        )
-        self._mark["first_and_columns"] = [(first, columns) for first, columns, _ in self._grids]
         self._build = compile_compute(
             ctx, "inpaint/lists.comp.glsl", GROUP=_GROUP, MOST_GROUPS=MOST_GROUPS
         )
         self._build["list_count"] = len(self._lists)
 
-    def __call__(self, image: moderngl.Texture) -> None:
-        """Find the holes of `image` (alpha below 0.5) and list the tiles near them."""
+    def reset(self) -> None:
+        """Forget the last frame. What comes next marks cells: storage buffer 0 is bound."""
         self._cells.bind_to_storage_buffer(0)
         self._counts.bind_to_storage_buffer(1)
         self._reset.run(self._reset_groups)
         self._ctx.memory_barrier()
-        image.bind_to_image(0, read=True, write=False)
-        _, columns, rows = self._grids[0]
-        self._mark.run(-(-columns // 8), -(-rows // 8))
+
+    def build(self) -> None:
+        """List the tiles near marked cells; storage buffers 0 to 3 stay bound."""
         self._ctx.memory_barrier()
+        self._cells.bind_to_storage_buffer(0)
+        self._counts.bind_to_storage_buffer(1)
         self._entries.bind_to_storage_buffer(2)
         self._active.bind_to_storage_buffer(3)
-        self._infos.bind_to_storage_buffer(4)
+        self._infos.bind_to_storage_buffer(7)
         self._build.run(self._list_groups)
         self._ctx.memory_barrier()
 
@@ -110,6 +109,11 @@ class WorkLists:
         shader["work_size"] = self.sizes[item.resolution]
         shader.run_indirect(self._counts, _COUNTS_STRIDE * index)
         self._ctx.memory_barrier()
+
+    @property
+    def cell_grids(self) -> NDArray[np.uint32]:
+        """First cell and cells per row of every resolution of cells, for marking."""
+        return np.array([(first, columns) for first, columns, _ in self._grids], np.uint32)
 
     def first(self, key: Key) -> int:
         """Where the active flags of a list's tiles start."""
@@ -134,7 +138,7 @@ class WorkLists:
         """Free buffers and shaders."""
         for item in (self._cells, self._counts, self._entries, self._active, self._infos):
             item.release()
-        for shader in (self._reset, self._mark, self._build):
+        for shader in (self._reset, self._build):
             shader.release()
 
     def _grid(self, resolution: int) -> tuple[int, int, int]:
@@ -171,7 +175,7 @@ class WorkLists:
             _List(resolution, columns, columns * rows, first, cell_resolution, rings)
         )
 
-    def _packed(self) -> np.ndarray[tuple[int, int], np.dtype[np.uint32]]:
+    def _packed(self) -> NDArray[np.uint32]:
         rows = []
         for item in self._lists:
             cell_first, cell_columns, cell_rows = self._grids[item.cell_resolution]

@@ -1,12 +1,12 @@
 // Depth-guided pull and push.
 // Twin: pull(), push(), interpolate() in inpaint/reference.py. Change both or neither.
 //
-// A chain's texels are PLANES neighbours in a row of an image, validity in the first one's w;
-// chains lie below each other. The guide is an image of its own: all chains share it.
+// A chain's texels are PLANES vec4 next to each other in a buffer, validity in the first
+// one's w. The guide is a float in a buffer of its own: all chains share it.
 //
 // What Mesa's software renderer taught: no local arrays here or in the passes (one that is
-// not unrolled lives in memory, 10x slower); no layers (they lie a power of two apart and push
-// each other out of the cache, 3x); image loads, not texel fetches or buffers (3x).
+// not unrolled lives in memory, 10x slower), no texture layers (they lie a power of two
+// apart and push each other out of the cache, 3x).
 
 #define ONLY_NEARER (-1.0)
 

@@ -9,17 +9,14 @@
 
 #include "tiles.glsl"
 #include "bands.glsl"
-#include "chains.glsl"
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
-layout(rgba32f, binding = 1) uniform readonly image2D moments;
-// Three neighbours per texel: high, along x, along y; w of the first: guide. Levels below
-// each other.
-layout(rgba32f, binding = 2) uniform writeonly image2D amplitudes;
-layout(r32f, binding = 3) uniform readonly image2D guide;
+layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
+layout(std430, binding = 5) writeonly buffer Amplitudes { vec4 amplitudes[]; };  // w: guide, -, -
+layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
 
 uniform int chain;
-uniform int first_row;  // of this level's amplitudes
+uniform int first_texel;  // of this level's amplitudes
 
 vec3 squared(vec3 v) { return v * v; }
 
@@ -33,8 +30,9 @@ vec3 lacking(vec3 mean, vec3 second, vec3 present) {
 }
 
 void work(ivec2 pixel) {
-    ivec2 from = texel_at(pixel, chain, work_size);
-    vec4 plane_0 = imageLoad(moments, from);
+    int place = pixel.y * work_size.x + pixel.x;
+    int from = (chain * work_size.x * work_size.y + place) * PLANES;
+    vec4 plane_0 = moments[from];
     // Every texel that a hole pixel's interpolation reaches has a coefficient the hole spoils.
     if (plane_0.w >= 1.0) return;
     ivec2 size = imageSize(level);
@@ -48,10 +46,8 @@ void work(ivec2 pixel) {
     else if (whole.x) d = b;
     else if (whole.y) d = c;
 
-    vec4 plane_1 = imageLoad(moments, from + ivec2(1, 0));
-    vec4 plane_2 = imageLoad(moments, from + ivec2(2, 0));
-    vec4 plane_3 = imageLoad(moments, from + ivec2(3, 0));
-    vec4 plane_4 = imageLoad(moments, from + ivec2(4, 0));
+    vec4 plane_1 = moments[from + 1], plane_2 = moments[from + 2];
+    vec4 plane_3 = moments[from + 3], plane_4 = moments[from + 4];
 
 #define PRESENT(name, mean)                                                        \
     (0.25 * (squared(a.name - (mean)) + squared(b.name - (mean)) + squared(c.name - (mean)) \
@@ -60,8 +56,8 @@ void work(ivec2 pixel) {
                         PRESENT(high, plane_0.rgb));
     vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, PRESENT(along_x, plane_1.rgb));
     vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, PRESENT(along_y, plane_2.rgb));
-    ivec2 to = ivec2(3 * pixel.x, first_row + pixel.y);
-    imageStore(amplitudes, to, vec4(high, imageLoad(guide, pixel).r));
-    imageStore(amplitudes, to + ivec2(1, 0), vec4(along_x, 0.0));
-    imageStore(amplitudes, to + ivec2(2, 0), vec4(along_y, 0.0));
+    int to = (first_texel + place) * 3;
+    amplitudes[to] = vec4(high, guide[place]);
+    amplitudes[to + 1] = vec4(along_x, 0.0);
+    amplitudes[to + 2] = vec4(along_y, 0.0);
 }

@@ -16,15 +16,14 @@ layout(r32f, binding = 1) uniform readonly image2D depth_m;
 #if ANCHOR == 1
 layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
 #endif
-// Three neighbours per texel: high, along x, along y; w of the first: guide. Levels, of
-// resolution level + 1, below each other.
-layout(rgba32f, binding = 3) uniform readonly image2D amplitudes;
+// Per texel high, along x, along y; w of the first: guide. Level k at resolution k + 1.
+layout(std430, binding = 4) readonly buffer Amplitudes { vec4 amplitudes[]; };
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
-layout(rgba32f, binding = 4) uniform readonly image2D noise;
+layout(rgba32f, binding = 3) uniform readonly image2D noise;
 
 uniform float z_near_m;
 uniform float noise_scale;
-uniform ivec3 level_size[LEVELS];          // columns, rows, first row
+uniform ivec3 level_size[LEVELS];          // columns, rows, first texel
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #if ANCHOR == 2
 uniform mat4 source_from_target;
@@ -116,10 +115,10 @@ struct Texel {
 };
 
 Texel amplitudes_at(ivec2 place, ivec3 size) {
-    ivec2 at = ivec2(3 * clamp(place.x, 0, size.x - 1), size.z + clamp(place.y, 0, size.y - 1));
-    vec4 high = imageLoad(amplitudes, at);
-    return Texel(high.w, high.rgb, imageLoad(amplitudes, at + ivec2(1, 0)).rgb,
-                 imageLoad(amplitudes, at + ivec2(2, 0)).rgb);
+    place = clamp(place, ivec2(0), size.xy - 1);
+    int at = 3 * (size.z + place.y * size.x + place.x);
+    vec4 high = amplitudes[at];
+    return Texel(high.w, high.rgb, amplitudes[at + 1].rgb, amplitudes[at + 2].rgb);
 }
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {

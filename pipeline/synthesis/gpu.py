@@ -89,13 +89,11 @@ class MetamericPass:
         )
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
-        rows = [resolutions.sizes[k + 1][1] for k in range(levels)]
-        self._first_row = [sum(rows[:k]) for k in range(levels)]
-        sizes = [(*resolutions.sizes[k + 1], self._first_row[k]) for k in range(levels)]
+        texels = [resolutions.texels(k + 1) for k in range(levels)]
+        self._first_texel = [sum(texels[:k]) for k in range(levels)]
+        sizes = [(*resolutions.sizes[k + 1], self._first_texel[k]) for k in range(levels)]
         set_array(self._composite, "level_size", np.array(sizes, np.int32))
-        self._amplitude_image = create_texture(
-            ctx, (3 * resolutions.sizes[1][0], sum(rows)), "rgba32f"
-        )
+        self._amplitude_texels = ctx.buffer(reserve=48 * sum(texels))
         self._noise = create_texture(
             ctx, (NOISE_TILE * levels * self._channels, NOISE_TILE), "rgba32f"
         )
@@ -118,8 +116,8 @@ class MetamericPass:
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
         passes = (self.base, self.low_bands, self.moments)
-        images = (self._amplitude_image, self._noise)
-        return sum(p.held_bytes for p in passes) + sum(texture_bytes(image) for image in images)
+        own = self._amplitude_texels.size + texture_bytes(self._noise)
+        return sum(item.held_bytes for item in passes) + own
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
@@ -181,23 +179,23 @@ class MetamericPass:
     ) -> None:
         shader = self._first[k == 0]
         level.bind_to_image(0, read=True, write=False)
-        self.moments.at(k + 1).bind_to_image(2, read=False, write=True)
-        self.base.guide.at(k + 1).bind_to_image(3, read=True, write=False)
+        self.moments.at(k + 1).bind_to_storage_buffer(4)
+        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
         if k == 0:
             depth_m.bind_to_image(1, read=True, write=False)
             shader["z_near_m"] = z_near_m
         else:
-            self.base.guide.at(k).bind_to_image(1, read=True, write=False)
+            self.base.guide.at(k).bind_to_storage_buffer(7)
         shader["chain"] = k
         self.base.lists.run(shader, ("chain", k, k + 1))
 
     def _amplify(self, k: int, level: moderngl.Texture) -> None:
         level.bind_to_image(0, read=True, write=False)
-        self.moments.at(k + 1).bind_to_image(1, read=True, write=False)
-        self._amplitude_image.bind_to_image(2, read=False, write=True)
-        self.base.guide.at(k + 1).bind_to_image(3, read=True, write=False)
+        self.moments.at(k + 1).bind_to_storage_buffer(4)
+        self._amplitude_texels.bind_to_storage_buffer(5)
+        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
         self._amplitudes["chain"] = k
-        self._amplitudes["first_row"] = self._first_row[k]
+        self._amplitudes["first_texel"] = self._first_texel[k]
         self.base.lists.run(self._amplitudes, ("push", k + 1))
 
     def _compose(
@@ -210,8 +208,8 @@ class MetamericPass:
         image.bind_to_image(0, read=True, write=True)
         depth_m.bind_to_image(1, read=True, write=False)
         flow_px.bind_to_image(2, read=True, write=False)
-        self._amplitude_image.bind_to_image(3, read=True, write=False)
-        self._noise.bind_to_image(4, read=True, write=False)
+        self._noise.bind_to_image(3, read=True, write=False)
+        self._amplitude_texels.bind_to_storage_buffer(4)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -220,7 +218,7 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.moments.release()
-        self._amplitude_image.release()
+        self._amplitude_texels.release()
         self._noise.release()
         for shader in (*self._first, self._amplitudes, self._composite):
             shader.release()
