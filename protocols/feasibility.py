@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from protocols.display import FRAME_TOLERANCE, Display
-from protocols.errors import StudyError
+from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
 from protocols.manifest import Clip, Manifest, Renderer
-from protocols.schema import Problem, StudyProtocol
+from protocols.schema import StudyProtocol
 
 CLIPS_IN_MEMORY = 4
 """The pair that is shown, and the next one."""

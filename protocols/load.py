@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from protocols.cross_check import cross_check
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import Problem, StudyError
 from protocols.problems import problems_of
-from protocols.schema import Problem, StudyProtocol, cross_check
+from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)

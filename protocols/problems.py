@@ -9,7 +9,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from protocols.schema import Problem
+from protocols.errors import Problem
 from protocols.suggest import cure_for_key, did_you_mean, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 

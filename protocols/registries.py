@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from protocols.schema import Problem, StudyProtocol
+from protocols.errors import Problem
+from protocols.schema import StudyProtocol
 from protocols.stimuli_schema import BuiltinScene
 from protocols.suggest import did_you_mean
 

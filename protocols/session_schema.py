@@ -182,8 +182,16 @@ class Question(Model):
     """Left out: free text."""
 
 
+PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
+"""What `{...}` in a text may stand for: keys, and the numbers of blocks done and in all."""
+
+
 class Texts(Model):
-    """Everything a participant reads, in one language. `{left}` and `{right}` name keys."""
+    """Everything a participant reads, in one language.
+
+    `{left}`, `{right}`, `{continue}` and `{quit}` are replaced by the first key of that action,
+    `{done}` and `{total}` by numbers of blocks.
+    """
 
     consent: Text
     instructions: Annotated[tuple[Text, ...], Field(min_length=1)]
@@ -197,7 +205,6 @@ class Texts(Model):
     """Label of the first interval on the answer screen."""
     second: Text
     break_page: Text
-    """`{done}` and `{total}` are blocks."""
     paused: Text
     gaze_lost: Text
     """After an attempt that ended because gaze left the dot."""

@@ -41,6 +41,7 @@ from study_app.session import (
 )
 from study_app.stage import Page, PageResult, Stage
 from study_app.trial import Timeline, Trial
+from study_app.wording import fill
 
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
 
@@ -143,12 +144,8 @@ class _Conductor:
             case EndBlock(block):
                 recorder.append(BlockEnd(**recorder.stamps(), block=block))
             case TakeBreak(block):
-                total = max(self._plan.blocks)
-                text = texts.break_page.replace("{done}", str(block))
                 result = self._page(
-                    "break",
-                    text.replace("{total}", str(total)),
-                    least_s=self._protocol.design.break_s,
+                    "break", texts.break_page, least_s=self._protocol.design.break_s, done=block
                 )
                 if self._quit_pressed(result):
                     return False
@@ -161,7 +158,12 @@ class _Conductor:
                 )
             case AskQuestion(question):
                 result = self._stage.page(
-                    Page("question", question.text, self._keys(), choices=question.choices)
+                    Page(
+                        "question",
+                        self._filled(question.text),
+                        self._keys(),
+                        choices=question.choices,
+                    )
                 )
                 recorder.append(
                     Answer(**recorder.stamps(), question=question.name, text=result.answer)
@@ -170,7 +172,7 @@ class _Conductor:
 
     def _consent(self) -> bool:
         contact = self._protocol.privacy.contact
-        text = self._texts.consent + (f"\n\n{contact}" if contact else "")
+        text = self._filled(self._texts.consent + (f"\n\n{contact}" if contact else ""))
         result = self._page("consent", text)
         self._recorder.append(
             Consent(
@@ -233,7 +235,11 @@ class _Conductor:
         if "quit" in interrupts:
             keys = self._protocol.response
             result = self._stage.page(
-                Page("quit", self._texts.quit_question, (*keys.quit_keys, *keys.continue_keys))
+                Page(
+                    "quit",
+                    self._filled(self._texts.quit_question),
+                    (*keys.quit_keys, *keys.continue_keys),
+                )
             )
             return not self._quit_pressed(result)
         if "paused" in interrupts or void_reason == "focus-lost":
@@ -252,8 +258,14 @@ class _Conductor:
         response = self._protocol.response
         return (*response.continue_keys, *response.quit_keys)
 
-    def _page(self, name: str, text: str, *, least_s: float = 0.0, wait: bool = True) -> PageResult:
-        return self._stage.page(Page(name, text, self._keys() if wait else (), least_s=least_s))
+    def _page(
+        self, name: str, text: str, *, least_s: float = 0.0, wait: bool = True, done: int = 0
+    ) -> PageResult:
+        keys = self._keys() if wait else ()
+        return self._stage.page(Page(name, self._filled(text, done), keys, least_s=least_s))
+
+    def _filled(self, text: str, done: int = 0) -> str:
+        return fill(text, self._protocol.response, done=done, total=max(self._plan.blocks))
 
     def _quit_pressed(self, result: PageResult) -> bool:
         return result.key in self._protocol.response.quit_keys

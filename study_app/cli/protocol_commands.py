@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import Problem, StudyError
 from protocols.feasibility import (
     CLIPS_IN_MEMORY,
     MIB,
@@ -29,7 +29,7 @@ from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
 from protocols.registries import check_methods, check_scenes
 from protocols.revision import code_revision, package_version
-from protocols.schema import Problem, StudyProtocol
+from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 
 app = typer.Typer(

@@ -82,6 +82,20 @@ def mistakes(tmp_path):
         ("seed = 7", "seed = 7\nrender_width_px = 2048",
          "clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
          " 'lanczos3', or leave render_width_px out"),
+        ("Block {done} of {total}", "Block {don} of {total}",
+         "text.languages.en.break_page: {...} must be one of left, right, continue, quit, done,"
+         " total (got {don}); did you mean 'done'?"),
+        ('choices = ["nein", "Brille", "Kontaktlinsen"]', 'choices = ["nein", "Brille"]',
+         "text.languages.de.questions: must have the names and numbers of choices of 'en', or"
+         " answers cannot be compared ([('strategy', 0), ('vision', 3)])"
+         " (got [('strategy', 0), ('vision', 2)])"),
+        ('pairings = "all"', 'pairings = [["reference", "push-pull"]]',
+         "analysis.primary: must compare two methods that the design pairs (got 'metameric'"
+         " against 'push-pull'); add the pairing, or choose another comparison"),
+        ('against = "push-pull"', 'against = "metameric"',
+         "analysis.primary.against: must differ from method ('metameric')"),
+        ("rt_min_s = 0.1", "rt_min_s = 0.1\nrt_max_s = 0.05",
+         "analysis.exclusions.rt_max_s: must be longer than rt_min_s = 0.1 s (got 0.05 s)"),
         ("fixation_timeout_s = 10.0", "fixation_timeout_s = 0.5",
          "trial.fixation_timeout_s: must be longer than fixation_s = 0.5 s (got 0.5 s)"),
     ],

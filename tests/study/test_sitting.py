@@ -17,7 +17,7 @@ import pytest
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_file
+from protocols.hashing import sha256_bytes, sha256_file
 from protocols.journal import (
     Attempt,
     Break,
@@ -139,6 +139,40 @@ def test_a_sitting_has_consent_blocks_breaks_questions_and_an_end(tmp_path):
     assert next(e for e in events if isinstance(e, Consent)).agreed
     blocks = [event.block for event in events if isinstance(event, Attempt)]
     assert blocks == sorted(blocks)
+
+
+def test_pages_name_the_keys_and_count_the_blocks(tmp_path):
+    texts = changed(
+        SHORT,
+        gaze={"mode": "none"},
+        design={"blocks": 3},
+    ).model_dump()
+    english = texts["text"]["languages"]["en"]
+    english["instructions"] = ("Press {left} or {right}; {continue} turns the page.",)
+    protocol = StudyProtocol.model_validate(texts)
+    pages = []
+
+    class Reader(ArtificialObserver):
+        def turn_page(self, page):
+            pages.append((page.name, page.text))
+            return super().turn_page(page)
+
+    clock = VirtualClock()
+    stage = VirtualStage(clock, 60.0, Reader(ObserverModel(), protocol.response, 0, "S001"))
+    setting = simulation(protocol).setting(tmp_path, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, None)
+    with recorder:
+        conduct(setting, plan, recorder, stage, None)
+
+    assert [name for name, _ in pages] == [
+        "consent", "instructions", "practice", "start", "break", "break",
+        "question", "question", "thanks",
+    ]  # fmt: skip
+    assert pages[1][1] == "Press left or right; space turns the page."
+    assert pages[4][1] == "Block 1 of 3 is done. Rest your eyes."
+    assert pages[5][1] == "Block 2 of 3 is done. Rest your eyes."
+    consent = next(e for e in journal_of(tmp_path).events if isinstance(e, Consent))
+    assert consent.text_sha256 == sha256_bytes(pages[0][1].encode())
 
 
 def test_gaze_and_flips_lie_beside_the_journal_as_hashed(tmp_path):
@@ -427,7 +461,7 @@ def random_protocol(chance: random.Random) -> tuple[StudyProtocol, float]:
             "side": chance.choice(["by-participant", "by-trial", "fixed"]),
             "scene_order": chance.choice(["random", "balanced"]),
             "scenes": (chance.choice(["garden", "colonnade"]),),
-            "pairings": (("reference", "metameric"),),
+            "pairings": (("push-pull", "metameric"),),
             "practice": None,
             "catch": None,
             "seed": chance.randint(0, 2**31),

@@ -1,0 +1,30 @@
+"""Fills the placeholders of a protocol's texts."""
+
+from __future__ import annotations
+
+from protocols.session_schema import PLACEHOLDERS, Response
+
+
+def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str:
+    """Return `text` with `{left}`, `{done}` and so on replaced; other braces stay as they are.
+
+    Parameters
+    ----------
+    text : str
+        As the protocol has it.
+    response : Response
+        Its first key of each action is named.
+    done, total : int
+        Blocks done, and in all.
+    """
+    values = {
+        "left": response.left_keys[0],
+        "right": response.right_keys[0],
+        "continue": response.continue_keys[0],
+        "quit": response.quit_keys[0],
+        "done": str(done),
+        "total": str(total),
+    }
+    for name in PLACEHOLDERS:
+        text = text.replace("{" + name + "}", values[name])
+    return text
