@@ -291,7 +291,8 @@ def _flips_csv(
     for phase, frame, flip in flips:
         shown = "" if frame is None else frame
         text.write(
-            f"{session_time(flip.t_s):.6f},{flip.refreshes},{flip.kind},{flip.late_s:.6f},"
+            f"{session_time(flip.t_s):.6f},{flip.refreshes},{flip.kind},"
+            f"{round(flip.late_s, 6) + 0.0:.6f},"
             f"{phase.value},{shown}\n"
         )
     return text.getvalue().encode("ascii")

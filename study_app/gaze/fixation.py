@@ -111,11 +111,11 @@ class FixationMonitor:
         watched_s = max(now_s - self._began_s, 1e-9)
         return GazeQuality(
             samples=self._samples,
-            lost_share=min(1.0, lost_s / watched_s),
+            lost_share=round(min(1.0, lost_s / watched_s), 4),
             blinks=self._blinks,
             violations=self._violations,
-            mean_deg=self._angle_sum_deg / self._angles if self._angles else None,
-            max_deg=self._angle_max_deg if self._angles else None,
+            mean_deg=round(self._angle_sum_deg / self._angles, 4) if self._angles else None,
+            max_deg=round(self._angle_max_deg, 4) if self._angles else None,
         )
 
     def _take(self, sample: GazeSample) -> None:
