@@ -8,6 +8,7 @@
 #constant RESOLUTIONS  // how many resolutions of cells there are
 
 #include "guided.glsl"
+#include "lists.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -19,6 +20,8 @@ layout(std430, binding = 6) writeonly buffer CoarseGuide { float coarse_guide[];
 
 uniform float z_near_m;
 uniform uvec2 first_and_columns[RESOLUTIONS];
+uniform uvec2 holes_list;       // index and first entry: 2x2 blocks with a hole pixel
+uniform uvec2 incomplete_list;  // the same for what push has to complete
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
@@ -41,7 +44,9 @@ void main() {
     coarse[place] = vec4(parent.rgb, p.confidence);
     coarse_guide[place] = deepest;
 
+    if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel);
     if (dot(validity, vec4(1.0)) < 4.0) {
+        append(holes_list.x, holes_list.y, pixel);
         // Neighbours may write the same cell; all write the same value.
         uvec2 cell = uvec2(a / CELL);
         for (int r = 0; r < RESOLUTIONS; ++r) {

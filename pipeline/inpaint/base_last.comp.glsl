@@ -2,7 +2,7 @@
 // Last push of the base: the colour of every hole pixel, in place.
 // Twin: guided_base() and push() in reference.py. Change both or neither.
 
-#include "tiles.glsl"
+#include "pixels.glsl"
 #include "guided.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
@@ -29,7 +29,6 @@ void complete(ivec2 pixel, ivec2 near, ivec2 far) {
 
 // `parent` is a pixel of resolution 1; its hole children are completed.
 void work(ivec2 parent) {
-    if (coarse[parent.y * work_size.x + parent.x].w >= 1.0) return;  // no hole below it
     ivec2 before = max(parent - 1, ivec2(0));
     ivec2 after = min(parent + 1, work_size - 1);
     ivec2 pixel = 2 * parent;

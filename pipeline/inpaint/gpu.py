@@ -135,7 +135,8 @@ class ChainPass:
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return 2 * (self._resolutions.top - 1) + 1
+        steps = range(1, self._resolutions.top)
+        return len(steps) + 1 + sum(len(self._pushed(r)) for r in steps)
 
     @property
     def held_bytes(self) -> int:
@@ -171,6 +172,9 @@ class ChainPass:
         shader["coarse_columns"] = self._lists.columns(r + 1)
         shader["coarse_first"] = self._firsts(r + 1, chains)
         shader["chains"] = chains
+        shader["incomplete_list"] = self._lists.appendable(
+            ("base" if self._is_base else "coarser", r + 1)
+        )
         # The coarsest level's tiles include those of all finer ones.
         self._lists.run(shader, self._key(chains - 1, r + 1))
 
@@ -181,8 +185,22 @@ class ChainPass:
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
         shader["fine_columns"] = self._lists.columns(r)
         shader["fine_first"] = self._firsts(r, chains)
-        shader["chains"] = chains
-        self._lists.run(shader, ("push", r))
+        for kind, first, end in self._pushed(r):
+            shader["first_chain"] = first
+            shader["end_chain"] = end
+            self._lists.run(shader, (kind, r))
+
+    def _pushed(self, r: int) -> list[tuple[str, int, int]]:
+        """Lists and chains (first, end) to push at a resolution.
+
+        A level's own resolution lists its pixels apart from those of finer levels.
+        """
+        if self._is_base:
+            return [("base", 0, 1)]
+        chains = self._chains(r)
+        own = [("finest", r - 1, r)] if r <= self._resolutions.levels else []
+        finer = chains - len(own)
+        return own + ([("coarser", 0, finer)] if finer else [])
 
     def _bind(self, fine: int, coarse: int) -> None:
         self.at(fine).bind_to_storage_buffer(4)
@@ -258,7 +276,9 @@ class GuidedBasePass:
             RESOLUTIONS=len(self.lists.cell_grids),
         )
         set_array(self._first, "first_and_columns", self.lists.cell_grids)
-        self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl", TILE=CELL)
+        self._first["holes_list"] = self.lists.appendable(("holes", 1))
+        self._first["incomplete_list"] = self.lists.appendable(("base", 1))
+        self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl")
         for shader in (self._first, self._last):
             shader["depth_threshold"] = depth_threshold
 

@@ -3,7 +3,8 @@
 // Twin: near_a_hole() in reference.py, its second half.
 
 #constant GROUP
-#constant MOST_GROUPS  // every driver takes this many work groups; the rest loop
+
+#include "lists.glsl"
 
 layout(local_size_x = GROUP) in;
 
@@ -20,8 +21,6 @@ struct List {
 };
 
 layout(std430, binding = 0) readonly buffer Cells { uint cells[]; };
-layout(std430, binding = 1) buffer Counts { uvec4 counts[]; };  // groups x, y, z; tiles
-layout(std430, binding = 2) writeonly buffer Entries { uint entries[]; };
 layout(std430, binding = 3) writeonly buffer Active { uint active_tiles[]; };
 layout(std430, binding = 7) readonly buffer Lists { List lists[]; };
 
@@ -56,7 +55,7 @@ void main() {
     active_tiles[item] = uint(found);
     if (found) {
         uint slot = atomicAdd(counts[index].w, 1u);
-        entries[list.first + slot] = tile.x + (tile.y << 16);
+        entries[list.first + slot] = entry_of(ivec2(tile));
         if (slot < MOST_GROUPS) atomicAdd(counts[index].x, 1u);
     }
 }

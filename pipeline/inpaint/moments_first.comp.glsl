@@ -25,6 +25,7 @@ layout(std430, binding = 7) readonly buffer LevelGuide { float level_guide[]; };
 #endif
 
 uniform int chain;
+uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
 
 // Smallest (x) and largest (y) guide of three neighbours in a row.
 vec2 extent(float a, float b, float c) { return vec2(min(min(a, b), c), max(max(a, b), c)); }
@@ -94,6 +95,7 @@ void work(ivec2 pixel) {
     (p.share.x * second_moment(a.name) + p.share.y * second_moment(b.name)        \
      + p.share.z * second_moment(c.name) + p.share.w * second_moment(d.name))
     vec3 second = SECOND(high);
+    if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel);
     int to = (chain * work_size.x * work_size.y + place) * PLANES;
     moments[to] = vec4(MEAN(high), p.confidence);
     moments[to + 1] = vec4(MEAN(along_x), second.x);

@@ -6,6 +6,7 @@
 #constant PLANES
 #constant MOST_CHAINS
 
+#include "active.glsl"
 #include "tiles.glsl"
 #include "guided.glsl"
 
@@ -24,6 +25,7 @@ uniform uint fine_first[MOST_CHAINS];     // where a chain's active tiles start
 uniform uint coarse_columns;
 uniform uint coarse_first[MOST_CHAINS];
 uniform int chains;
+uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
 
 void work(ivec2 pixel) {
     ivec2 near = 2 * pixel;
@@ -36,8 +38,12 @@ void work(ivec2 pixel) {
 #if !IS_BASE
     float deepest = coarse_guide[place];
 #endif
+    bool complete = true;
     for (int chain = 0; chain < chains; ++chain) {
-        if (!is_active(coarse_first[chain], coarse_columns, pixel / TILE)) continue;
+        if (!is_active(coarse_first[chain], coarse_columns, pixel / TILE)) {
+            complete = false;
+            continue;
+        }
         vec4 validity = vec4(0.0);
         vec4 guide = vec4(0.0);
         int base = chain * fine_size.x * fine_size.y;
@@ -63,5 +69,7 @@ void work(ivec2 pixel) {
             if (plane == 0) parent.w = p.confidence;
             coarse[to + plane] = parent;
         }
+        complete = complete && p.confidence >= 1.0;
     }
+    if (!complete) append(incomplete_list.x, incomplete_list.y, pixel);
 }

@@ -4,8 +4,10 @@
 
 #constant PLANES
 #constant MOST_CHAINS
+#constant TILE
 
-#include "tiles.glsl"
+#include "active.glsl"
+#include "pixels.glsl"
 #include "guided.glsl"
 
 layout(std430, binding = 4) buffer Fine { vec4 fine[]; };
@@ -17,7 +19,8 @@ uniform float gamma;
 uniform ivec2 coarse_size;
 uniform uint fine_columns;             // tiles per row
 uniform uint fine_first[MOST_CHAINS];  // where a chain's active tiles start
-uniform int chains;
+uniform int first_chain;
+uniform int end_chain;
 
 void work(ivec2 pixel) {
     ivec2 near = pixel >> 1;
@@ -29,7 +32,7 @@ void work(ivec2 pixel) {
     int place = pixel.y * work_size.x + pixel.x;
     vec4 share = push_shares(fine_guide[place], vec4(coarse_guide[a], coarse_guide[b],
                                                      coarse_guide[c], coarse_guide[d]));
-    for (int chain = 0; chain < chains; ++chain) {
+    for (int chain = first_chain; chain < end_chain; ++chain) {
         int to = (chain * work_size.x * work_size.y + place) * PLANES;
         float validity =
             is_active(fine_first[chain], fine_columns, pixel / TILE) ? fine[to].w : 0.0;

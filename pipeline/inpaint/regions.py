@@ -1,15 +1,19 @@
-"""Work lists: which tiles of which resolution a fill has to visit. Twin: near_a_hole().
+"""Work lists: which tiles and pixels of which resolution a fill has to visit.
 
-Three kinds, by key:
+By tile, from the cells of region.py (twin: near_a_hole()):
 
 ``("source", r)``
     Tiles of resolution r whose pixels are read at all.
 ``("chain", k, r)``
     Tiles of resolution r that hold moments of pyramid level k (r > k).
-``("push", r)``
-    Tiles of resolution r with pixels that some hole pixel needs completed.
+
+By pixel, appended by the passes that find them:
+
 ``("holes", 1)``
-    Tiles of resolution 1 with a hole pixel in them.
+    Pixels of resolution 1 with a hole pixel among their children.
+``("base", r)``, ``("finest", r)``, ``("coarser", r)``
+    Pixels of resolution r that push has to complete: of the base, of the moments of level
+    r - 1, of the moments of all finer levels.
 """
 
 from dataclasses import dataclass
@@ -28,30 +32,29 @@ from pipeline.inpaint.region import (
 
 Key = tuple[str, int] | tuple[str, int, int]
 
-MOST_GROUPS = 32768  # every driver takes 65535; the rest of a list is looped over
 _GROUP = 64
 _COUNTS_STRIDE = 16  # bytes of one uvec4
 
 
 @dataclass(frozen=True)
 class _List:
-    """One work list. Field order is the shader's `struct List`, then the host's own."""
+    """One list: where its counts (`index`) and its entries (from `first`) are."""
 
+    index: int
     resolution: int
-    columns: int
-    tiles: int
     first: int
-    cell_resolution: int
-    rings: int
+    capacity: int
+    cell_resolution: int = 0  # of lists by tile
+    rings: int = 0
 
 
 class WorkLists:
-    """All work lists of one frame size, rebuilt for each frame in two dispatches.
+    """All work lists of one frame size, rebuilt for each frame.
 
     Parameters
     ----------
     sizes : list of (width, height)
-        Of every resolution that is dispatched tile by tile, finest first.
+        Of every resolution that is dispatched over lists, finest first.
     levels : int
         Pyramid levels.
     """
@@ -61,54 +64,60 @@ class WorkLists:
     def __init__(self, ctx: moderngl.Context, sizes: list[tuple[int, int]], levels: int) -> None:
         self._ctx = ctx
         self.sizes = sizes
-        self._grids = [
-            self._grid(resolution) for resolution in range(source_resolution(levels) + 1)
-        ]
-        self._plan(levels)
+        self._grids = [self._grid(r) for r in range(source_resolution(levels) + 1)]
+        self._lists: dict[Key, _List] = {}
+        self._plan_tiles(levels)
+        by_tile = list(self._lists.values())
+        tile_count = _padded(by_tile[-1].first + by_tile[-1].capacity)
+        self._plan_pixels(tile_count, levels)
+        last = list(self._lists.values())[-1]
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
-        tile_count = _padded(self._lists[-1].first + self._lists[-1].tiles)
         self._reset_groups = -(-max(cell_count, len(self._lists)) // _GROUP)
-        self._list_groups = -(-tile_count // _GROUP)
+        self._list_groups = tile_count // _GROUP
         self._cells = ctx.buffer(reserve=4 * cell_count)
         self._counts = ctx.buffer(reserve=_COUNTS_STRIDE * len(self._lists))
-        self._entries = ctx.buffer(reserve=4 * tile_count)
+        self._entries = ctx.buffer(reserve=4 * (last.first + last.capacity))
         self._active = ctx.buffer(reserve=4 * tile_count)
-        self._infos = ctx.buffer(self._packed().tobytes())
+        self._infos = ctx.buffer(self._packed(by_tile).tobytes())
         self._reset = compile_compute(ctx, "inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
         self._reset["list_count"] = len(self._lists)
-        self._build = compile_compute(
-            ctx, "inpaint/lists.comp.glsl", GROUP=_GROUP, MOST_GROUPS=MOST_GROUPS
-        )
-        self._build["list_count"] = len(self._lists)
+        self._build = compile_compute(ctx, "inpaint/lists.comp.glsl", GROUP=_GROUP)
+        self._build["list_count"] = len(by_tile)
 
     def reset(self) -> None:
-        """Forget the last frame. What comes next marks cells: storage buffer 0 is bound."""
+        """Forget the last frame; storage buffers 0 to 2 stay bound for what marks cells next."""
         self._cells.bind_to_storage_buffer(0)
         self._counts.bind_to_storage_buffer(1)
+        self._entries.bind_to_storage_buffer(2)
         self._reset.run(self._reset_groups)
         self._ctx.memory_barrier()
 
     def build(self) -> None:
-        """List the tiles near marked cells; storage buffers 0 to 3 stay bound."""
+        """List the tiles near marked cells; storage buffers 1 to 3 stay bound for all passes."""
         self._ctx.memory_barrier()
-        self._cells.bind_to_storage_buffer(0)
-        self._counts.bind_to_storage_buffer(1)
-        self._entries.bind_to_storage_buffer(2)
         self._active.bind_to_storage_buffer(3)
         self._infos.bind_to_storage_buffer(7)
         self._build.run(self._list_groups)
         self._ctx.memory_barrier()
 
     def run(self, shader: moderngl.ComputeShader, key: Key) -> None:
-        """Dispatch `shader` (it includes tiles.glsl) over the tiles of one list."""
-        index = self._index[key]
-        item = self._lists[index]
-        shader["list_index"] = index
+        """Dispatch `shader` over one list.
+
+        It includes tiles.glsl for a list by tile, pixels.glsl for one by pixel.
+        """
+        item = self._lists[key]
+        shader["list_index"] = item.index
         shader["list_first"] = item.first
-        shader["work_size"] = self.sizes[item.resolution]
-        shader.run_indirect(self._counts, _COUNTS_STRIDE * index)
+        if "work_size" in shader:
+            shader["work_size"] = self.sizes[item.resolution]
+        shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index)
         self._ctx.memory_barrier()
+
+    def appendable(self, key: Key) -> tuple[int, int]:
+        """Index and first entry of a list by pixel: what a pass needs to append to it."""
+        item = self._lists[key]
+        return item.index, item.first
 
     @property
     def cell_grids(self) -> NDArray[np.uint32]:
@@ -116,17 +125,17 @@ class WorkLists:
         return np.array([(first, columns) for first, columns, _ in self._grids], np.uint32)
 
     def first(self, key: Key) -> int:
-        """Where the active flags of a list's tiles start."""
-        return self._lists[self._index[key]].first
+        """Where the active flags of a list by tile start."""
+        return self._lists[key].first
 
     def columns(self, resolution: int) -> int:
         """Tiles per row of a resolution."""
         return -(-self.sizes[resolution][0] // CELL)
 
-    def tile_counts(self) -> dict[Key, tuple[int, int]]:
-        """For every list of the last frame: (tiles listed, tiles there are). Reads back."""
+    def entry_counts(self) -> dict[Key, tuple[int, int]]:
+        """For every list of the last frame: (entries, entries there could be). Reads back."""
         counts = np.frombuffer(self._counts.read(), np.uint32).reshape(-1, 4)[:, 3]
-        return {key: (int(counts[i]), self._lists[i].tiles) for key, i in self._index.items()}
+        return {key: (int(counts[i.index]), i.capacity) for key, i in self._lists.items()}
 
     @property
     def held_bytes(self) -> int:
@@ -152,34 +161,35 @@ class WorkLists:
         columns, rows = cells(resolution)
         return sum(c * r for c, r in map(cells, range(resolution))), columns, rows
 
-    def _plan(self, levels: int) -> None:
-        last = len(self.sizes) - 1
+    def _plan_tiles(self, levels: int) -> None:
         source = source_resolution(levels)
-        self._index: dict[Key, int] = {}
-        self._lists: list[_List] = []
-        self._add(("holes", 1), 1, 0, 0)
-        for r in range(1, last + 1):
-            self._add(("source", r), r, source, SOURCE_RINGS)
-            # Finer cells, one ring: at least four pixels around every hole.
-            self._add(("push", r), r, min(r - 1, source), 1)
-            for k in range(min(r, levels)):
-                self._add(("chain", k, r), r, k, STATISTICS_RINGS)
+        first = 0
+        for r in range(1, len(self.sizes)):
+            width, height = self.sizes[r]
+            tiles = -(-width // CELL) * -(-height // CELL)
+            wanted: list[tuple[Key, int, int]] = [(("source", r), source, SOURCE_RINGS)]
+            wanted += [(("chain", k, r), k, STATISTICS_RINGS) for k in range(min(r, levels))]
+            for key, cells, rings in wanted:
+                self._lists[key] = _List(len(self._lists), r, first, tiles, cells, rings)
+                first = _padded(first + tiles)
 
-    def _add(self, key: Key, resolution: int, cell_resolution: int, rings: int) -> None:
-        width, height = self.sizes[resolution]
-        columns, rows = -(-width // CELL), -(-height // CELL)
-        last = self._lists[-1] if self._lists else None
-        first = _padded(last.first + last.tiles) if last else 0
-        self._index[key] = len(self._lists)
-        self._lists.append(
-            _List(resolution, columns, columns * rows, first, cell_resolution, rings)
-        )
+    def _plan_pixels(self, first: int, levels: int) -> None:
+        keys: list[Key] = [("holes", 1)]
+        for r in range(1, len(self.sizes)):
+            keys += [("base", r), ("coarser", r)]
+            if r <= levels:
+                keys.append(("finest", r))
+        for key in keys:
+            width, height = self.sizes[key[-1]]
+            self._lists[key] = _List(len(self._lists), key[-1], first, width * height)
+            first += width * height
 
-    def _packed(self) -> NDArray[np.uint32]:
+    def _packed(self, lists: list[_List]) -> NDArray[np.uint32]:
+        """The lists by tile as the shader's `struct List`."""
         rows = []
-        for item in self._lists:
+        for item in lists:
             cell_first, cell_columns, cell_rows = self._grids[item.cell_resolution]
-            tiles = (item.resolution, item.columns, item.tiles, item.first)
+            tiles = (item.resolution, self.columns(item.resolution), item.capacity, item.first)
             cells = (item.cell_resolution, cell_first, cell_columns, cell_rows)
             rows.append((*tiles, *cells, item.rings))
         return np.array(rows, np.uint32)

@@ -9,11 +9,11 @@
 #constant MOST_CHAINS
 #constant CHAIN_TEXELS  // of all resolutions here together
 
+#include "active.glsl"
 #include "guided.glsl"
 
 layout(local_size_x = GROUP) in;
 
-layout(std430, binding = 3) readonly buffer Active { uint active_tiles[]; };
 layout(std430, binding = 4) buffer Top { vec4 top[]; };
 layout(std430, binding = 5) coherent buffer Scratch { vec4 scratch[]; };
 layout(std430, binding = 6) readonly buffer TopGuide { float top_guide[]; };
@@ -31,21 +31,17 @@ int texel_at(int first, ivec2 size, ivec2 pixel) {
 
 ivec2 halved(ivec2 size) { return (size + 1) >> 1; }
 
-bool is_active(uint first, ivec2 tile) {
-    return active_tiles[first + uint(tile.y) * top_columns + uint(tile.x)] != 0u;
-}
-
 void load_top() {
     int chain = int(gl_WorkGroupID.x);
     int count = top_size.x * top_size.y;
     for (int i = int(gl_LocalInvocationID.x); i < count; i += GROUP) {
         ivec2 pixel = ivec2(i % top_size.x, i / top_size.x);
         int place = texel_at(0, top_size, pixel);
-        bool known = is_active(top_first[chain], pixel / TILE);
+        bool known = is_active(top_first[chain], top_columns, pixel / TILE);
         for (int p = 0; p < PLANES; ++p) {
             scratch[place * PLANES + p] = known ? top[(chain * count + i) * PLANES + p] : vec4(0.0);
         }
-        scratch_guide[place] = is_active(guide_first, pixel / TILE) ? top_guide[i] : 0.0;
+        scratch_guide[place] = is_active(guide_first, top_columns, pixel / TILE) ? top_guide[i] : 0.0;
     }
 }
 

@@ -1,13 +1,14 @@
 #version 430
 // From one level's inpainted moments to the noise each pixel lacks: amplitudes of bands high,
-// along x, along y in Y', Cb, Cr.
+// along x, along y in Y', Cb, Cr. Visits what push completed: every texel that a hole pixel's
+// interpolation reaches has a coefficient that the hole spoils.
 // Twin: noise_amplitudes() in reference.py. Change both or neither.
 
 #constant CROSS              // 1: second moments are products with luma, else squares
 #constant PLANES             // vec4 per texel of moments
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
-#include "tiles.glsl"
+#include "pixels.glsl"
 #include "bands.glsl"
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
@@ -33,8 +34,6 @@ void work(ivec2 pixel) {
     int place = pixel.y * work_size.x + pixel.x;
     int from = (chain * work_size.x * work_size.y + place) * PLANES;
     vec4 plane_0 = moments[from];
-    // Every texel that a hole pixel's interpolation reaches has a coefficient the hole spoils.
-    if (plane_0.w >= 1.0) return;
     ivec2 size = imageSize(level);
     FETCH_WINDOW(level, pixel, size)
     bvec2 whole = lessThan(inner_ + 1, size);

@@ -8,7 +8,7 @@
 #constant NOISE_TILE
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 
-#include "tiles.glsl"
+#include "pixels.glsl"
 #include "guided.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
@@ -146,7 +146,6 @@ void finish(Pixel p) {
 void work(ivec2 parent) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
-    if (!(p00.hole || p01.hole || p10.hole || p11.hole)) return;
 
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {

@@ -62,13 +62,14 @@ class MetamericPass:
         )
         cross = settings.channels == "correlated"
         self._channels = 1 if cross else 3
-        bands = {**band_constants(), "TILE": CELL, "PLANES": MOMENT_PLANES, "CROSS": cross}
+        bands = {**band_constants(), "PLANES": MOMENT_PLANES, "CROSS": cross}
         self._first = [
             compile_compute(
                 ctx,
                 "inpaint/moments_first.comp.glsl",
                 IS_FINEST=finest,
                 SKIP_DEPTH_EDGES=settings.skip_depth_edges,
+                TILE=CELL,
                 **bands,
             )
             for finest in (False, True)
@@ -81,7 +82,6 @@ class MetamericPass:
         self._composite = compile_compute(
             ctx,
             "synthesis/composite.comp.glsl",
-            TILE=CELL,
             LEVELS=levels,
             CHANNELS=self._channels,
             NOISE_TILE=NOISE_TILE,
@@ -187,6 +187,7 @@ class MetamericPass:
         else:
             self.base.guide.at(k).bind_to_storage_buffer(7)
         shader["chain"] = k
+        shader["incomplete_list"] = self.base.lists.appendable(("finest", k + 1))
         self.base.lists.run(shader, ("chain", k, k + 1))
 
     def _amplify(self, k: int, level: moderngl.Texture) -> None:
@@ -196,7 +197,7 @@ class MetamericPass:
         self.base.guide.at(k + 1).bind_to_storage_buffer(6)
         self._amplitudes["chain"] = k
         self._amplitudes["first_texel"] = self._first_texel[k]
-        self.base.lists.run(self._amplitudes, ("push", k + 1))
+        self.base.lists.run(self._amplitudes, ("finest", k + 1))
 
     def _compose(
         self,
