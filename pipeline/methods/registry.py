@@ -47,9 +47,24 @@ METHODS = tuple(
     Entry(*line)
     for line in (
         (
+            "metameric",
+            "a metamer of the background (Kuffner dos Anjos et al. 2022)",
+            "pipeline.methods.metameric:Metameric",
+        ),
+        (
+            "push-pull-depth",
+            "push-pull that keeps to the background",
+            "pipeline.methods.metameric:PushPullDepth",
+        ),
+        (
+            "push-pull",
+            "classic push-pull (Gortler et al. 1996)",
+            "pipeline.methods.pull_push:PushPull",
+        ),
+        (
             "weighted-pull-push",
             "pull-push with squared weights (2009 note)",
-            "pipeline.methods.weighted_pull_push:WeightedPullPush",
+            "pipeline.methods.pull_push:WeightedPullPush",
         ),
         ("telea", "OpenCV's fast marching (Telea 2004)", "pipeline.methods.opencv:Telea"),
         (

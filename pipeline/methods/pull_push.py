@@ -1,4 +1,6 @@
-"""`weighted-pull-push`: known pixels weigh 1, holes 0."""
+"""`push-pull` and `weighted-pull-push`: known pixels weigh 1, holes 0, depth is not asked."""
+
+from typing import ClassVar
 
 import moderngl
 import numpy as np
@@ -7,15 +9,20 @@ from numpy.typing import NDArray
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.methods.method import composite
+from pipeline.pushpull.gpu import PushPullPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 
+_Pass = PushPullPass | WeightedPullPushPass
 
-class WeightedPullPush:
-    """Pull-push with squared weights, on the GPU; see `pipeline.weighted_pullpush`."""
+
+class _ColourOnly:
+    """A pass over one rgba32f texture (colour, weight), kept for the last frame size."""
+
+    pass_type: ClassVar[type[_Pass]]
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._pass: WeightedPullPushPass | None = None  # cache, for the last size
+        self._pass: _Pass | None = None
         self._image: moderngl.Texture | None = None
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
@@ -34,10 +41,22 @@ class WeightedPullPush:
             self._image.release()
         self._pass = self._image = None
 
-    def _prepared(self, size: tuple[int, int]) -> tuple[WeightedPullPushPass, moderngl.Texture]:
+    def _prepared(self, size: tuple[int, int]) -> tuple[_Pass, moderngl.Texture]:
         wanted = size[1], size[0]
         if self._pass is None or self._image is None or self._pass.size != wanted:
             self.release()
-            self._pass = WeightedPullPushPass(self._ctx, wanted)
+            self._pass = self.pass_type(self._ctx, wanted)
             self._image = create_texture(self._ctx, wanted, "rgba32f")
         return self._pass, self._image
+
+
+class PushPull(_ColourOnly):
+    """Gortler et al. 1996, the naive rival of the paper; see `pipeline.pushpull`."""
+
+    pass_type = PushPullPass
+
+
+class WeightedPullPush(_ColourOnly):
+    """Pull-push with squared weights, on the GPU; see `pipeline.weighted_pullpush`."""
+
+    pass_type = WeightedPullPushPass
