@@ -154,7 +154,9 @@ def wilson(
     scale = 1.0 + z**2 / effective_n
     centre = (share + z**2 / (2.0 * effective_n)) / scale
     half = z * np.sqrt(share * (1.0 - share) / effective_n + z**2 / (4.0 * effective_n**2)) / scale
-    return np.clip(centre - half, 0.0, 1.0), np.clip(centre + half, 0.0, 1.0)
+    # Rounding must not push a limit past the share itself.
+    lower = np.minimum(np.clip(centre - half, 0.0, 1.0), share)
+    return lower, np.maximum(np.clip(centre + half, 0.0, 1.0), share)
 
 
 def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:
@@ -186,7 +188,8 @@ def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:
 @lru_cache(maxsize=1)
 def _flips(count: int, seed: int) -> Floats:
     """Random sign patterns; one study asks for the same ones again and again."""
-    return 2.0 * np.random.default_rng(seed).integers(0, 2, (MONTE_CARLO_FLIPS, count)) - 1.0
+    drawn = np.random.default_rng(seed).integers(0, 2, (MONTE_CARLO_FLIPS, count))
+    return np.asarray(2.0 * drawn - 1.0, dtype=np.float64)
 
 
 def sign_flip_floor(participants: int) -> float:

@@ -77,9 +77,9 @@ def trend(
         changes.append(float(place @ (y - y.mean()) / (place @ place)))
     drift = np.array(changes)
     notes = []
-    if np.ptp(value) == 0 or np.ptp(order) == 0:
+    if len(value) < 3 or np.ptp(value) == 0 or np.ptp(order) == 0:
         rho, rho_p = 0.0, 1.0
-        notes.append("all values are equal: no trend to see")
+        notes.append("all values are equal, or too few: no rank correlation")
     else:
         rho, rho_p = map(float, stats.spearmanr(order, value))
     if drift.size < 2:

@@ -146,8 +146,8 @@ def cluster_covariance(
     values, vectors = np.linalg.eigh(0.5 * (total + total.T))
     mended = (vectors * values.clip(min=0.0)) @ vectors.T
     floor = np.diag(bread @ meat(first) @ bread)
-    short = np.sqrt(np.maximum(floor / np.maximum(np.diag(mended), 1e-300), 1.0))
-    return np.asarray(mended * short[:, None] * short[None, :])
+    missing = np.maximum(floor - np.diag(mended), 0.0)
+    return np.asarray(mended + np.diag(missing))
 
 
 def likelihood_ratio_p(design: Floats, successes: Floats, trials: Floats, *, firth: bool) -> Floats:

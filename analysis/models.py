@@ -132,7 +132,9 @@ def glm_logit(
     return ModelFit(
         formula=formula,
         method=method,
-        coefficients=_table(terms, solution.beta, np.sqrt(np.diag(covariance)), df, level),
+        coefficients=_table(
+            terms, solution.beta, np.sqrt(np.diag(covariance).clip(min=0.0)), df, level
+        ),
         random_sd={},
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
@@ -234,7 +236,8 @@ def glmm_logit(
             found.append(f"no variance between levels of {column} was found (sd 0)")
     if not solution.converged:
         # Nearly everyone always answers alike: deviations run off to infinity.
-        robust = glm_logit(formula, trials, cluster=groups[:2], reference=reference, level=level)
+        several = [column for column in groups if trials[column].nunique() > 1][:2]
+        robust = glm_logit(formula, trials, cluster=several, reference=reference, level=level)
         note = (
             "the mixed model has no finite maximum (nearly everyone always answers alike);"
             " a model with clustered standard errors stands in its place"

@@ -14,6 +14,7 @@ from analysis.columns import dictionary
 from analysis.exclusions import FlowStep
 from analysis.plain_csv import read_decisions
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+from analysis.preference import pairing_rows
 from analysis.report import wording
 from analysis.report.figures import ReportFigure, inline_svg, report_figures
 from analysis.report.folder import whole_folder
@@ -138,6 +139,10 @@ def report_decisions(
                 f"{path}: methods must be those of the protocol"
                 f" ({', '.join(settings.methods)}) (got {', '.join(unknown)})"
             )
+        if not any(
+            len(pairing_rows(decisions, method, against)) for method, against in settings.pairings
+        ):
+            raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
         notes.append("the protocol's exclusion rules were not applied to this table")
     source = _Source(
         decisions,

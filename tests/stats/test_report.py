@@ -9,6 +9,7 @@ import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis.report import report_decisions, report_sessions
@@ -203,19 +204,22 @@ def test_two_protocols_and_no_decision_left_are_refused_without_a_trace(
     assert not (tmp_path / "r").exists()
 
 
+def _first(_first: str, _second: str, _rng: np.random.Generator) -> bool:
+    return True
+
+
+def _reference(first: str, _second: str, _rng: np.random.Generator) -> bool:
+    return first == "reference"
+
+
+def _unanimous(first: str, second: str, _rng: np.random.Generator) -> bool:
+    order = ("push-pull", "metameric", "reference")
+    return order.index(first) > order.index(second)
+
+
 @pytest.mark.parametrize(
-    "choose",
-    [
-        lambda _f, _s, _rng: True,
-        lambda f, _s, _rng: f == "reference",
-        lambda f, s, _rng: (
-            ("push-pull", "metameric", "reference").index(f)
-            > ("push-pull", "metameric", "reference").index(s)
-        ),
-    ],
-    ids=["always the first", "reference or second", "unanimous"],
+    ("choose", "people"), [(_first, 1), (_reference, 2), (_unanimous, 4), (_unanimous, 1)]
 )
-@pytest.mark.parametrize("people", [1, 2, 4])
 def test_degenerate_studies_give_flagged_reports(
     tmp_path, demo_protocol, write_journals, choose, people
 ):

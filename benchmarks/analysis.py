@@ -1,0 +1,368 @@
+"""Speed and error rates of the statistics: `python -m benchmarks.analysis`.
+
+The rates are the full simulations behind the moderate ones in `tests/stats`. With `--quick` a
+tenth of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.special import expit
+
+from analysis.clustered import two_sided_p, two_way, wilson
+from analysis.learning import trend
+from analysis.observers import check_observers
+from analysis.pairs import Model, pair_index, probability
+from analysis.power import Assumptions, power_curve
+from analysis.scaling import bootstrap_scale, bootstrap_scores, scale
+from analysis.settings import from_protocol
+from protocols.load import load_protocol
+from protocols.revision import code_revision
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds, median and range of several runs in one process."""
+
+    name: str
+    median_ms: float
+    best_ms: float
+    worst_ms: float
+    runs: int
+
+
+@dataclass(frozen=True)
+class TestRates:
+    """False positives at nominal .05, and coverage of the 95 % limits, without any effect."""
+
+    participants: int
+    scenes: int
+    repeats: int
+    participant_sd: float
+    scene_sd: float
+    studies: int
+    pooled: float
+    participant_t: float
+    sign_flip: float
+    two_way: float
+    coverage: float
+
+
+@dataclass(frozen=True)
+class ScaleCoverage:
+    """Share of 95 % limits of JOD scores that hold the truth, 11 observers x 6 scenes x 2."""
+
+    conditions: int
+    observer_sd: float
+    scene_sd: float
+    studies: int
+    two_way: float
+    observers_only: float
+
+
+@dataclass(frozen=True)
+class ObserverRates:
+    """Share of clean studies in which the observer check flags anyone (nominal .05)."""
+
+    observers: int
+    conditions: int
+    observer_sd: float
+    studies: int
+    family_wise: float
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """False positives of trend tests where each participant drifts their own way."""
+
+    drift_sd: float
+    studies: int
+    pooled_spearman: float
+    between_participants: float
+
+
+def time_it(name: str, job: Callable[[], object], runs: int) -> Timing:
+    """Run a job several times after one warm-up."""
+    job()
+    times = []
+    for _ in range(runs):
+        began = time.perf_counter()
+        job()
+        times.append(1e3 * (time.perf_counter() - began))
+    return Timing(name, statistics.median(times), min(times), max(times), runs)
+
+
+def timings() -> list[Timing]:
+    """Time what has an aim."""
+    rng = np.random.default_rng(0)
+    votes = simulate_votes(rng, np.linspace(1.0, -1.0, 6), 0.5, 0.3)
+    settings = from_protocol(load_protocol(Path("inpainting-2afc")))
+
+    def bootstrap(model: Model) -> Callable[[], object]:
+        return lambda: bootstrap_scores(votes, rng=rng, samples=1000, model=model)
+
+    def power(participants: list[int] | None, studies: int) -> Callable[[], object]:
+        return lambda: power_curve(
+            settings, Assumptions(0.65), rng=rng, participants=participants, studies=studies
+        )
+
+    return [
+        time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap("thurstone"), 30),
+        time_it("the same, Bradley-Terry", bootstrap("bradley-terry"), 30),
+        time_it("power: 10,000 studies of 11 participants", power([11], 10_000), 5),
+        time_it("power: 10,000 studies, whole curve to 40", power(None, 10_000), 3),
+    ]
+
+
+def simulate_shares(
+    rng: np.random.Generator,
+    shape: tuple[int, int, int],
+    participant_sd: float,
+    scene_sd: float,
+    studies: int,
+) -> Floats:
+    """Draw counts (studies, participants, scenes) without any preference."""
+    people, scenes, repeats = shape
+    logit = rng.normal(0, participant_sd, (studies, people, 1)) + rng.normal(
+        0, scene_sd, (studies, 1, scenes)
+    )
+    drawn = rng.binomial(repeats, expit(np.broadcast_to(logit, (studies, people, scenes))))
+    return np.asarray(drawn, dtype=np.float64)
+
+
+def test_rates(scale_down: int) -> list[TestRates]:
+    """Simulate studies of several shapes and count wrong alarms."""
+    rng = np.random.default_rng(1)
+    shapes = [(11, 6, 2), (20, 6, 2), (11, 12, 1), (8, 4, 3), (11, 3, 4), (30, 20, 1), (40, 2, 2)]
+    spreads = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.5, 0.5), (0.63, 0.43), (0.0, 0.5), (0.5, 1.0)]
+    studies = 20_000 // scale_down
+    return [_rates(rng, shape, spread, studies) for shape, spread in product(shapes, spreads)]
+
+
+def _rates(
+    rng: np.random.Generator,
+    shape: tuple[int, int, int],
+    spread: tuple[float, float],
+    studies: int,
+) -> TestRates:
+    people, scenes, repeats = shape
+    counts = simulate_shares(rng, shape, *spread, studies)
+    found = two_way(counts, np.asarray(float(repeats)))
+    alone = two_way(counts.sum(axis=2, keepdims=True), np.asarray(float(scenes * repeats)))
+    lower, upper = wilson(found.share, found.effective_n, found.df)
+    total = people * scenes * repeats
+    exact = np.array([stats.binomtest(k, total).pvalue for k in range(total + 1)])
+    deviation = counts.mean(axis=2) / repeats - 0.5
+    return TestRates(
+        people,
+        scenes,
+        repeats,
+        *spread,
+        studies,
+        pooled=float(np.mean(exact[counts.sum(axis=(1, 2)).astype(int)] < 0.05)),
+        participant_t=float(
+            np.mean(two_sided_p(alone.share - 0.5, alone.standard_error, alone.df) < 0.05)
+        ),
+        sign_flip=float(np.mean(_sign_flip_p(rng, deviation) < 0.05)),
+        two_way=float(np.mean(found.p_value() < 0.05)),
+        coverage=float(np.mean((lower <= 0.5) & (upper >= 0.5))),
+    )
+
+
+def _sign_flip_p(rng: np.random.Generator, deviation: Floats) -> Floats:
+    """Sign-flip p of many studies at once; all patterns up to 11 people, else 2,000."""
+    people = deviation.shape[1]
+    if people <= 11:
+        codes = np.arange(2 ** (people - 1))[:, None] >> np.arange(people)[None, :] & 1
+        signs = 1.0 - 2.0 * codes
+    else:
+        signs = 2.0 * rng.integers(0, 2, (2000, people)) - 1.0
+    observed = np.abs(deviation.sum(axis=1)) - 1e-9
+    parts = np.array_split(np.arange(len(deviation)), max(1, len(deviation) // 2000))
+    return np.concatenate(
+        [(np.abs(deviation[p] @ signs.T) >= observed[p, None]).mean(axis=1) for p in parts]
+    )
+
+
+def simulate_votes(
+    rng: np.random.Generator,
+    quality: Floats,
+    observer_sd: float,
+    scene_sd: float,
+    *,
+    people: int = 11,
+    scenes: int = 6,
+    repeats: int = 2,
+) -> Floats:
+    """Draw votes (observers, scenes, k, k) under Thurstone's Case V."""
+    count = quality.size
+    own = quality + rng.normal(0, observer_sd, (people, 1, count))
+    own = own + rng.normal(0, scene_sd, (1, scenes, count))
+    first, second = pair_index(count)
+    answers = rng.binomial(repeats, probability(own[..., first] - own[..., second], "thurstone"))
+    votes = np.zeros((people, scenes, count, count))
+    votes[..., first, second] = answers
+    votes[..., second, first] = repeats - answers
+    return votes
+
+
+def scale_coverage(scale_down: int) -> list[ScaleCoverage]:
+    """Simulate scales with known scores and count the limits that hold them."""
+    rng = np.random.default_rng(2)
+    studies = 1000 // scale_down
+    found = []
+    for count, (observer_sd, scene_sd) in product(
+        (3, 6), ((0.0, 0.0), (0.5, 0.0), (0.8, 0.0), (0.5, 0.4), (0.6, 0.4))
+    ):
+        quality = np.linspace(1.0, -1.0, count)
+        names = [str(index) for index in range(count)]
+        # The truth is the scale that infinitely many observers and scenes would give.
+        wide = simulate_votes(
+            rng,
+            quality,
+            float(np.hypot(observer_sd, scene_sd)),
+            0.0,
+            people=200_000,
+            scenes=1,
+            repeats=1,
+        )
+        truth = scale(wide.sum(axis=(0, 1)), names).scores
+        hits: dict[bool, list[float]] = {True: [], False: []}
+        for _ in range(studies):
+            votes = simulate_votes(rng, quality, observer_sd, scene_sd)
+            for scenes in hits:
+                limits = bootstrap_scale(votes, rng=rng, samples=500, scenes=scenes)
+                hits[scenes].append(
+                    float(np.mean((limits.lower <= truth) & (truth <= limits.upper)))
+                )
+        found.append(
+            ScaleCoverage(
+                count,
+                observer_sd,
+                scene_sd,
+                studies,
+                float(np.mean(hits[True])),
+                float(np.mean(hits[False])),
+            )
+        )
+    return found
+
+
+def observer_rates(scale_down: int) -> list[ObserverRates]:
+    """Simulate clean studies and count those in which someone is flagged."""
+    rng = np.random.default_rng(3)
+    studies = 1000 // scale_down
+    found = []
+    for people, count, spread in ((11, 3, 0.0), (11, 3, 0.5), (11, 6, 0.5), (20, 4, 0.3)):
+        names = [str(index) for index in range(people)]
+        quality = np.linspace(1.0, -1.0, count)
+        flagged = [
+            bool(
+                check_observers(
+                    simulate_votes(rng, quality, spread, 0.0, people=people).sum(axis=1),
+                    names,
+                    rng=rng,
+                    studies=200,
+                ).flagged
+            )
+            for _ in range(studies)
+        ]
+        found.append(ObserverRates(people, count, spread, studies, float(np.mean(flagged))))
+    return found
+
+
+def learning_rates(scale_down: int) -> list[LearningRates]:
+    """Simulate sittings in which participants drift their own ways, none on average."""
+    rng = np.random.default_rng(4)
+    studies = 500 // scale_down
+    found = []
+    order = np.tile(np.arange(1, 73), 11)
+    place = np.tile(np.linspace(-0.5, 0.5, 72), 11)
+    for drift in (0.0, 0.3, 0.6):
+        pooled, between = [], []
+        for _ in range(studies):
+            slope = np.repeat(rng.normal(0, drift, 11), 72)
+            share = np.clip(0.5 + slope * place, 0.0, 1.0)
+            rows = pd.DataFrame(
+                {
+                    "participant": np.repeat(np.arange(11), 72),
+                    "order": order,
+                    "y": (rng.random(share.size) < share).astype(float),
+                }
+            )
+            result = trend(rows, "y")
+            pooled.append(result.spearman_p < 0.05)
+            between.append(result.p < 0.05)
+        found.append(LearningRates(drift, studies, float(np.mean(pooled)), float(np.mean(between))))
+    return found
+
+
+def processor() -> str:
+    """Return the processor's model name, where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else "unknown"
+
+
+def main(argv: list[str]) -> int:
+    """Print tables; with ``--json FILE`` also write them."""
+    parser = argparse.ArgumentParser(prog="benchmarks.analysis", description=__doc__)
+    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the simulations")
+    parser.add_argument("--speed-only", action="store_true", help="no error rates")
+    arguments = parser.parse_args(argv)
+    scale_down = 10 if arguments.quick else 1
+    print(f"{processor()}, {os.cpu_count()} cores, revision {code_revision()}")
+    tables: dict[str, list[dict[str, object]]] = {"timings": [asdict(t) for t in timings()]}
+    _print("timings", tables["timings"])
+    parts: dict[str, Callable[[int], list[object]]] = {
+        "test_rates": lambda n: list(test_rates(n)),
+        "scale_coverage": lambda n: list(scale_coverage(n)),
+        "observer_rates": lambda n: list(observer_rates(n)),
+        "learning_rates": lambda n: list(learning_rates(n)),
+    }
+    for name, job in () if arguments.speed_only else parts.items():
+        tables[name] = [dict(vars(row)) for row in job(scale_down)]
+        _print(name, tables[name])
+    if arguments.json:
+        result = {
+            "processor": processor(),
+            "cores": os.cpu_count(),
+            "python": platform.python_version(),
+            "libraries": {name: metadata.version(name) for name in ("numpy", "scipy")},
+            "revision": code_revision(),
+            **tables,
+        }
+        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+def _print(name: str, rows: list[dict[str, object]]) -> None:
+    print(f"\n{name}")
+    print(pd.DataFrame(rows).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
+
+
+if __name__ == "__main__":
+    import sys
+
+    sys.exit(main(sys.argv[1:]))

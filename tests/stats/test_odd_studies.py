@@ -1,0 +1,88 @@
+"""Small, lopsided, degenerate studies: flagged results, never a crash or a silent NaN."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.settings import from_decisions
+from analysis.study import analyse
+
+
+def odd_study(seed: int) -> pd.DataFrame:
+    """Up to six people, three scenes, four methods; preferences up to certainty; rows lost."""
+    rng = np.random.default_rng(seed)
+    people, scenes, count, repeats = (int(rng.integers(1, top)) for top in (7, 4, 4, 4))
+    count += 1
+    quality = rng.normal(0, rng.choice([0, 1, 5, 50]), count)
+    sides = ("left", "right") if seed % 3 else ("", "")
+    rows = []
+    for person in range(people):
+        own = quality + rng.normal(0, rng.choice([0, 0.5, 5]), count)
+        for scene in range(scenes):
+            for repeat in range(repeats):
+                for i in range(count):
+                    for j in range(i + 1, count):
+                        first, second = (i, j) if repeat % 2 == 0 else (j, i)
+                        gap = float(np.clip(own[first] - own[second], -500, 500))
+                        chose = rng.random() < 1 / (1 + np.exp(-gap))
+                        rows.append(
+                            {
+                                "participant": f"p{person}",
+                                "session": f"p{person}",
+                                "scene": f"s{scene}",
+                                "size": "all",
+                                "first": f"m{first}",
+                                "second": f"m{second}",
+                                "chosen": f"m{first if chose else second}",
+                                "rejected": f"m{second if chose else first}",
+                                "chose_first": int(chose),
+                                "chosen_side": sides[rng.integers(2)],
+                                "rt_s": float(np.exp(rng.normal())) if seed % 4 else np.nan,
+                            }
+                        )
+    table = pd.DataFrame(rows)
+    if seed % 2:
+        table = table[rng.random(len(table)) < rng.choice([0.3, 0.6, 0.95])].reset_index(drop=True)
+    table["order"] = table.groupby("participant").cumcount() + 1
+    return table
+
+
+def not_finite(value: object, path: str = "") -> Iterator[str]:
+    """Yield where a result holds a number that is not finite."""
+    if isinstance(value, float | np.floating):
+        if not math.isfinite(value):
+            yield path
+    elif is_dataclass(value) and not isinstance(value, type):
+        for field in fields(value):
+            yield from not_finite(getattr(value, field.name), f"{path}.{field.name}")
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from not_finite(entry, f"{path}[{key}]")
+    elif isinstance(value, tuple | list):
+        for entry in value:
+            yield from not_finite(entry, f"{path}[]")
+    elif isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
+        yield path
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
+    """Thirty studies by default, ten times as many with --full; warnings are errors."""
+    monkeypatch.setattr("analysis.study.BOOTSTRAP_SAMPLES", 60)
+    for number in range(proof_count(10)):
+        table = odd_study(seed + 30 * number)
+        if table.empty:
+            continue
+        results = analyse(table, from_decisions(table, "odd"))
+        assert list(not_finite(results)) == []
+        for cell in results.table.cells:
+            assert 0 <= cell.lower <= cell.share <= cell.upper <= 1
+            assert 0 <= cell.p <= cell.p_adjusted <= 1
+            if cell.chosen in (0, cell.trials) and cell.participants > 1:
+                assert cell.p < 0.99
