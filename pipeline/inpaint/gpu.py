@@ -17,6 +17,9 @@ from pipeline.inpaint.regions import Key, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128
+# A ring is STATISTICS_RINGS * CELL = 8 coefficients of the coarsest level, l - 1, wide. The tap
+# that push takes at resolution r begins less than 2^r px from the hole: inside up to r = l + 2.
+RING_REACH = 2
 BASE_PLANES = 1
 MOMENT_PLANES = 5
 
@@ -175,8 +178,16 @@ class ChainPass:
         shader["incomplete_list"] = self._lists.appendable(
             ("base" if self._is_base else "coarser", r + 1)
         )
-        # The coarsest level's tiles include those of all finer ones.
-        self._lists.run(shader, self._key(chains - 1, r + 1))
+        self._lists.run(shader, self._pulled(chains, r + 1))
+
+    def _pulled(self, chains: int, resolution: int) -> Key:
+        """List of the tiles to pull.
+
+        The coarsest level's include those of all finer ones. Where one tap of push may lie
+        beyond their ring, whatever is read at all: unknown pixels must be completed there.
+        """
+        beyond_ring = resolution > self._resolutions.levels + RING_REACH
+        return ("source", resolution) if beyond_ring else self._key(chains - 1, resolution)
 
     def _push_step(self, r: int) -> None:
         chains = self._chains(r)
