@@ -4,20 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.pairs import (
     JOD_SIGMA,
     Floats,
     Model,
-    difference_design,
-    has_maximum,
+    fit_scores,
     log_probability,
     pair_index,
     probability,
-    solve_pairs,
 )
-from analysis.scaling import PSEUDO_VOTES
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ def check_observers(
         )
     first, second = pair_index(conditions)
     won, shown = wins[:, first, second], wins[:, first, second] + wins[:, second, first]
-    scores = _scores(won.sum(axis=0), shown.sum(axis=0), conditions, model)
+    scores = fit_scores(won.sum(axis=0), (shown - won).sum(axis=0), conditions, model)
     spread = _spread(won, shown, scores, conditions, model)
     # Answers averaged over observers who differ understate the distances each of them sees.
     scores = scores * np.sqrt(1.0 + 2.0 * (spread / _noise(model)) ** 2)
@@ -109,7 +105,7 @@ def _distances(won: Floats, shown: Floats, conditions: int, model: Model) -> Flo
     """Return the standardised shortfall (..., observers) under leave-one-out scales."""
     rest_won = won.sum(axis=-2, keepdims=True) - won
     rest_shown = np.broadcast_to(shown.sum(axis=-2, keepdims=True) - shown, won.shape)
-    scores = _scores(rest_won, rest_shown, conditions, model)
+    scores = fit_scores(rest_won, rest_shown - rest_won, conditions, model, tolerance=1e-5)
     first, second = pair_index(conditions)
     difference = scores[..., first] - scores[..., second]
     yes, no = log_probability(difference, model), log_probability(-difference, model)
@@ -118,22 +114,6 @@ def _distances(won: Floats, shown: Floats, conditions: int, model: Model) -> Flo
     expected = (shown * (share * yes + (1.0 - share) * no)).sum(axis=-1)
     variance = (shown * share * (1.0 - share) * (yes - no) ** 2).sum(axis=-1)
     return np.asarray((expected - found) / np.sqrt(np.maximum(variance, 1e-9)))
-
-
-def _scores(won: Floats, shown: Floats, conditions: int, model: Model) -> Floats:
-    """Fit a scale per batch entry; half a vote each way where no finite maximum exists."""
-    first, second = pair_index(conditions)
-    lost = shown - won
-    beaten = np.zeros((*won.shape[:-1], conditions, conditions), dtype=np.bool_)
-    beaten[..., first, second] = won > 0
-    beaten[..., second, first] = lost > 0
-    extra = PSEUDO_VOTES * (shown > 0) * ~has_maximum(beaten)[..., None]
-    solution = solve_pairs(
-        difference_design(conditions), won + extra, lost + extra, model, tolerance=1e-5
-    )
-    zero = np.zeros((*solution.parameters.shape[:-1], 1))
-    scores: NDArray[np.float64] = np.concatenate([zero, solution.parameters], axis=-1)
-    return scores
 
 
 def _apart(distance: Floats) -> Floats:

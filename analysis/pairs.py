@@ -20,6 +20,9 @@ Model = Literal["bradley-terry", "thurstone"]
 JOD_SIGMA = float(1.0 / ndtri(0.75))
 """Standard deviation that makes a difference of 1 JOD mean 75 % of the answers."""
 
+PSEUDO_VOTES = 0.5
+"""Added to both sides of every compared pair where no finite maximum exists."""
+
 _HALF_LOG_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 
 
@@ -130,6 +133,42 @@ def solve_pairs(
         information=(curvature @ outer).reshape(*batch, size, size),
         converged=converged.reshape(batch),
     )
+
+
+def fit_scores(
+    won: Floats, lost: Floats, count: int, model: Model, *, tolerance: float = 1e-6
+) -> Floats:
+    """Fit many vote tables at once; pseudo-votes only where a table has no finite maximum.
+
+    Parameters
+    ----------
+    won, lost : ndarray (..., pairs)
+        Votes for the first and the second of each pair, pairs as `pair_index`.
+
+    Returns
+    -------
+    ndarray (..., count)
+        Mean-zero scores; NaN where comparisons do not link all conditions.
+    """
+    first, second = pair_index(count)
+    beaten = np.zeros((*won.shape[:-1], count, count), dtype=np.bool_)
+    beaten[..., first, second] = won > 0
+    beaten[..., second, first] = lost > 0
+    linked = has_maximum(beaten | beaten.swapaxes(-1, -2))
+    infinite = linked & ~has_maximum(beaten)
+    if infinite.any():
+        extra = PSEUDO_VOTES * ((won + lost) > 0) * infinite[..., None]
+        won, lost = won + extra, lost + extra
+    scores = np.full((*won.shape[:-1], count), np.nan)
+    if linked.any():
+        design = difference_design(count)
+        solution = solve_pairs(design, won[linked], lost[linked], model, tolerance=tolerance)
+        free = np.concatenate(
+            [np.zeros((solution.parameters.shape[0], 1)), solution.parameters], axis=1
+        )
+        free[~solution.converged] = np.nan
+        scores[linked] = free - free.mean(axis=1, keepdims=True)
+    return scores
 
 
 def has_maximum(won: NDArray[np.bool_]) -> NDArray[np.bool_]:

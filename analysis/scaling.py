@@ -6,26 +6,18 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
-from scipy.special import expit, ndtr
+from scipy import stats
 
-from analysis.numeric import numeric_hessian
 from analysis.pairs import (
-    JOD_SIGMA,
+    PSEUDO_VOTES,
     Floats,
     Model,
     components,
     difference_design,
     has_maximum,
-    log_probability,
     pair_index,
     solve_pairs,
 )
-
-PSEUDO_VOTES = 0.5
-"""Added to both sides of every compared pair where no finite maximum exists."""
-
-FEW_CLUSTERS = 5
 
 
 @dataclass(frozen=True)
@@ -87,51 +79,6 @@ class Contrast:
     p: float
 
 
-@dataclass(frozen=True)
-class ScaleIntervals:
-    """Bootstrap intervals of mean-zero scores and of their differences.
-
-    Attributes
-    ----------
-    level : float
-    lower, upper : ndarray (k,)
-    difference_lower, difference_upper : ndarray (k, k)
-        Of score i minus score j.
-    standard_error : ndarray (k,)
-    samples : int
-        Bootstrap samples used; `left_out` had a condition nobody compared.
-    resampled : tuple of str
-        What was drawn with replacement.
-    """
-
-    level: float
-    lower: Floats
-    upper: Floats
-    difference_lower: Floats
-    difference_upper: Floats
-    standard_error: Floats
-    samples: int
-    left_out: int
-    resampled: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class TiedScale:
-    """Scores and tie threshold where "no difference" was an answer.
-
-    An answer is a tie when the perceived difference stays within ± `threshold`.
-    """
-
-    model: Model
-    conditions: tuple[str, ...]
-    scores: Floats
-    threshold: float
-    covariance: Floats
-    threshold_se: float
-    log_likelihood: float
-
-
 def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -> Scale:
     """Fit scores to a table of votes by maximum likelihood.
 
@@ -155,7 +102,7 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     a vote is then added to both sides of each compared pair, and the result says so.
     Bradley and Terry 1952; Thurstone 1927, Case V; 1 JOD as in Perez-Ortiz and Mantiuk 2017.
     """
-    votes = _checked(wins, conditions)
+    votes = checked_votes(wins, conditions)
     names = tuple(conditions)
     votes, warnings = _finite_votes(votes)
     count = len(names)
@@ -164,7 +111,7 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     solution = solve_pairs(difference_design(count), won, lost, model)
     if not bool(solution.converged):
         warnings = (*warnings, "the fit did not converge; do not use these scores")
-    scores, covariance = _centred(solution.parameters, solution.information)
+    scores, covariance = _from_information(solution.parameters, solution.information)
     total = won + lost
     share = won / np.maximum(total, 1e-300)
     saturated = float(np.sum(_xlogy(won, share) + _xlogy(lost, 1.0 - share)))
@@ -192,7 +139,7 @@ def contrasts(
     wins: Floats, conditions: Sequence[str], model: Model = "thurstone"
 ) -> tuple[Contrast, ...]:
     """Test every two conditions for equal scores by likelihood ratio, one degree of freedom."""
-    votes, _ = _finite_votes(_checked(wins, conditions))
+    votes, _ = _finite_votes(checked_votes(wins, conditions))
     count = len(conditions)
     first, second = pair_index(count)
     won, lost = votes[first, second], votes[second, first]
@@ -220,202 +167,7 @@ def contrasts(
     return tuple(found)
 
 
-def bootstrap_scores(
-    wins: Floats,
-    *,
-    rng: np.random.Generator,
-    samples: int = 1000,
-    model: Model = "thurstone",
-    scenes: bool = True,
-) -> Floats:
-    """Draw participants (and scenes) with replacement and fit each draw.
-
-    Parameters
-    ----------
-    wins : ndarray (participants, scenes, k, k)
-        Votes for i over j of each participant in each scene.
-    scenes : bool
-        Draw scenes as well, independently of participants (the two-way bootstrap).
-
-    Returns
-    -------
-    ndarray (samples, k)
-        Mean-zero scores; rows of draws that left conditions uncompared are NaN.
-
-    Notes
-    -----
-    The two-way ("pigeonhole") bootstrap of Owen 2007, Annals of Applied Statistics 1(2).
-    """
-    participants, scene_count, count, _ = wins.shape
-    first, second = pair_index(count)
-    votes = np.concatenate([wins[..., first, second], wins[..., second, first]], axis=-1)
-    weight_p = rng.multinomial(participants, np.full(participants, 1 / participants), samples)
-    if scenes and scene_count > 1:
-        weight_s = rng.multinomial(scene_count, np.full(scene_count, 1 / scene_count), samples)
-    else:
-        weight_s = np.ones((samples, scene_count), dtype=np.int64)
-    by_person = weight_p @ votes.reshape(participants, -1)
-    drawn = np.einsum(
-        "bs,bsv->bv", weight_s.astype(np.float64), by_person.reshape(samples, scene_count, -1)
-    )
-    won, lost = drawn[:, : first.size], drawn[:, first.size :]
-    return _batch_scores(won, lost, count, model)
-
-
-def bootstrap_scale(
-    wins: Floats,
-    *,
-    rng: np.random.Generator,
-    samples: int = 1000,
-    level: float = 0.95,
-    model: Model = "thurstone",
-    scenes: bool = True,
-) -> ScaleIntervals:
-    """Bootstrap intervals of scores that respect participants and scenes.
-
-    Parameters
-    ----------
-    wins : ndarray (participants, scenes, k, k)
-
-    Notes
-    -----
-    Percentile limits widened as Hesterberg 2015 ("expanded percentile") does for few clusters:
-    the quantiles are those of t with G - 1 degrees of freedom times sqrt(G / (G - 1)), G the
-    number of participants. Plain percentiles of observers cover .90, of both ways .92
-    (docs/decisions/0053).
-    """
-    participants, scene_count = wins.shape[:2]
-    if participants < 2:
-        raise ValueError(f"wins must hold at least two participants (got {participants})")
-    scores = bootstrap_scores(wins, rng=rng, samples=samples, model=model, scenes=scenes)
-    whole = np.isfinite(scores).all(axis=1)
-    scores = scores[whole]
-    if scores.shape[0] < 20:
-        raise ValueError(
-            "too few bootstrap samples link all conditions"
-            f" ({scores.shape[0]} of {samples}); collect more comparisons"
-        )
-    two_way = scenes and scene_count > 1
-    tail = expanded_tail(level, participants)
-    lower, upper = np.quantile(scores, [tail, 1.0 - tail], axis=0)
-    between = scores[:, :, None] - scores[:, None, :]
-    diff_lower, diff_upper = np.quantile(between, [tail, 1.0 - tail], axis=0)
-    warnings = []
-    if participants < FEW_CLUSTERS:
-        warnings.append(f"only {participants} participants: intervals are a rough guide")
-    if not two_way:
-        warnings.append("scenes were not resampled: limits speak about these scenes only")
-    left_out = int(samples - whole.sum())
-    if left_out:
-        warnings.append(f"{left_out} of {samples} samples left conditions uncompared")
-    return ScaleIntervals(
-        level=level,
-        lower=lower,
-        upper=upper,
-        difference_lower=diff_lower,
-        difference_upper=diff_upper,
-        standard_error=scores.std(axis=0, ddof=1),
-        samples=int(whole.sum()),
-        left_out=left_out,
-        resampled=("participants", "scenes") if two_way else ("participants",),
-        warnings=tuple(warnings),
-    )
-
-
-def expanded_tail(level: float, clusters: int) -> float:
-    """Return the bootstrap tail area that gives `level` with few clusters (Hesterberg 2015)."""
-    tail = 0.5 * (1.0 - level)
-    widened = stats.t.ppf(tail, clusters - 1) * np.sqrt(clusters / (clusters - 1))
-    return float(stats.norm.cdf(widened))
-
-
-def scale_with_ties(
-    wins: Floats, ties: Floats, conditions: Sequence[str], model: Model = "thurstone"
-) -> TiedScale:
-    """Fit scores and a tie threshold where observers could answer "no difference".
-
-    Parameters
-    ----------
-    wins : ndarray (k, k)
-        Votes for i over j.
-    ties : ndarray (k, k), symmetric
-        How often i and j were called equal (each tie appears in both halves).
-
-    Notes
-    -----
-    Glenn and David 1960 (Thurstone), Rao and Kupper 1967 (Bradley-Terry). For two conditions
-    this is the 2-AC model of signal detection.
-    """
-    votes = _checked(wins, conditions)
-    if ties.shape != votes.shape or not np.allclose(ties, ties.T):
-        raise ValueError(f"ties must be symmetric of shape {votes.shape} (got {ties.shape})")
-    tied_pairs = np.triu(ties, k=1)
-    if not np.all(np.isfinite(ties)) or np.any(ties < 0) or tied_pairs.sum() == 0:
-        raise ValueError("ties must be finite, not negative, and not all zero")
-    if not bool(has_maximum((votes > 0) | (ties > 0))):
-        raise ValueError("no finite scores exist: some conditions always won and never tied")
-    count = len(conditions)
-    first, second = pair_index(count)
-    won, lost, tied = votes[first, second], votes[second, first], ties[first, second]
-    design = difference_design(count)
-    sigma = 1.0 if model == "bradley-terry" else JOD_SIGMA
-
-    def loss(theta: Floats) -> float:
-        difference, threshold = design @ theta[:-1], np.exp(theta[-1])
-        up = (difference - threshold) / sigma
-        down = (-difference - threshold) / sigma
-        cdf = expit if model == "bradley-terry" else ndtr
-        middle = np.maximum(1.0 - cdf(up) - cdf(down), 1e-300)
-        total = won * log_probability(difference - threshold, model)
-        total += lost * log_probability(-difference - threshold, model)
-        return -float(np.sum(total + tied * np.log(middle)))
-
-    start = np.zeros(count)
-    start[-1] = np.log(0.3 * sigma)
-    best = optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-9})
-    best = optimize.minimize(
-        loss, best.x, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-12}
-    )
-    hessian = numeric_hessian(loss, best.x)
-    inverse = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    scores, covariance = _centred_covariance(best.x[:-1], inverse[:-1, :-1])
-    threshold = float(np.exp(best.x[-1]))
-    return TiedScale(
-        model=model,
-        conditions=tuple(conditions),
-        scores=scores,
-        threshold=threshold,
-        covariance=covariance,
-        threshold_se=threshold * float(np.sqrt(inverse[-1, -1])),
-        log_likelihood=-float(best.fun),
-    )
-
-
-def _batch_scores(won: Floats, lost: Floats, count: int, model: Model) -> Floats:
-    """Fit many vote tables; pseudo-votes only where a table has no finite maximum."""
-    first, second = pair_index(count)
-    beaten = np.zeros((won.shape[0], count, count), dtype=bool)
-    beaten[:, first, second] = won > 0
-    beaten[:, second, first] = lost > 0
-    linked = has_maximum(beaten | beaten.swapaxes(-1, -2))
-    infinite = linked & ~has_maximum(beaten)
-    if infinite.any():
-        extra = PSEUDO_VOTES * ((won + lost) > 0) * infinite[:, None]
-        won, lost = won + extra, lost + extra
-    scores = np.full((won.shape[0], count), np.nan)
-    if linked.any():
-        solution = solve_pairs(
-            difference_design(count), won[linked], lost[linked], model, tolerance=1e-6
-        )
-        free = np.concatenate(
-            [np.zeros((solution.parameters.shape[0], 1)), solution.parameters], axis=1
-        )
-        free[~solution.converged] = np.nan
-        scores[linked] = free - free.mean(axis=1, keepdims=True)
-    return scores
-
-
-def _checked(wins: Floats, conditions: Sequence[str]) -> Floats:
+def checked_votes(wins: Floats, conditions: Sequence[str]) -> Floats:
     votes = np.array(wins, dtype=np.float64)
     count = len(conditions)
     if count < 2 or len(set(conditions)) != count:
@@ -444,11 +196,11 @@ def _finite_votes(votes: Floats) -> tuple[Floats, tuple[str, ...]]:
     )
 
 
-def _centred(parameters: Floats, information: Floats) -> tuple[Floats, Floats]:
-    return _centred_covariance(parameters, np.asarray(np.linalg.inv(information), dtype=np.float64))
+def _from_information(parameters: Floats, information: Floats) -> tuple[Floats, Floats]:
+    return centred(parameters, np.asarray(np.linalg.inv(information), dtype=np.float64))
 
 
-def _centred_covariance(parameters: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+def centred(parameters: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Put back the first score, shift the mean to zero."""
     count = parameters.size + 1
     free = np.concatenate([[0.0], parameters])

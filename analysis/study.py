@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.bias import Bias, order_bias, side_bias
+from analysis.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.consistency import (
     Agreement,
     Transitivity,
@@ -30,7 +31,7 @@ from analysis.preference import (
     preferences,
 )
 from analysis.reaction import ReactionTimes, reaction_times
-from analysis.scaling import Contrast, Scale, ScaleIntervals, bootstrap_scale, contrasts, scale
+from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.settings import Settings
 
 Floats = NDArray[np.float64]

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import expit
 
+from analysis.bootstrap import bootstrap_scale, bootstrap_scores
 from analysis.clustered import two_sided_p, two_way, wilson
 from analysis.learning import trend
 from analysis.observers import check_observers
 from analysis.pairs import Model, pair_index, probability
 from analysis.power import Assumptions, power_curve
-from analysis.scaling import bootstrap_scale, bootstrap_scores, scale
+from analysis.scaling import scale
 from analysis.settings import from_protocol
 from protocols.load import load_protocol
 from protocols.revision import code_revision

@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.bootstrap import ScaleIntervals
 from analysis.plots.style import BLUE, GREY, new_figure, style, wrapped
-from analysis.scaling import Scale, ScaleIntervals
+from analysis.scaling import Scale
 
 
 def jod_plot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -121,14 +122,28 @@ def test_power_prints_a_table_and_draws_the_curve(tmp_path):
 )
 def test_mistakes_get_one_message_and_status_2(tmp_path, monkeypatch, arguments, wanted):
     monkeypatch.chdir(tmp_path)
-    import re
-
     result = run(*arguments)
 
     assert result.exit_code == 2
     assert re.search(wanted, result.output), result.output
     assert "Traceback" not in result.output
     assert list(tmp_path.iterdir()) == []
+
+
+def test_sittings_of_two_protocols_are_refused_with_status_2(
+    tmp_path, demo_protocol, write_journals
+):
+    study = demo_protocol.study.model_copy(update={"version": "2"})
+    other = demo_protocol.model_copy(update={"study": study})
+    write_journals(tmp_path / "s" / "a", people=2)
+    write_journals(tmp_path / "b", people=3, protocol=other)
+    (tmp_path / "b" / "P03").rename(tmp_path / "s" / "P03")
+
+    result = run("report", tmp_path / "s", "--protocol", "demo", "--out", tmp_path / "r")
+
+    assert result.exit_code == 2
+    assert "all sittings must follow one protocol (found 2" in result.output
+    assert not (tmp_path / "r").exists()
 
 
 def test_help_teaches_with_an_example():

@@ -16,6 +16,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from analysis.bias import order_bias, side_bias
+from analysis.bootstrap import bootstrap_scale
 from analysis.detection import detection
 from analysis.plots import (
     ONE_COLUMN_IN,
@@ -38,7 +39,7 @@ from analysis.power import Assumptions, power_curve
 from analysis.preference import counts, pairing_rows, preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
-from analysis.scaling import bootstrap_scale, scale
+from analysis.scaling import scale
 from analysis.settings import from_protocol
 from analysis.study import vote_tensor
 

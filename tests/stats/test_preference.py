@@ -82,12 +82,12 @@ def test_a_study_of_answers_by_coin_is_undecided_or_equivalent(make_decisions):
 
 
 def test_known_preferences_lie_within_their_limits(make_decisions):
-    """Twenty studies of three comparisons at two sizes: about 95 % of limits cover the truth."""
+    """Twelve studies of three comparisons at two sizes: about 95 % of limits cover the truth."""
     rng = np.random.default_rng(5)
     quality = {"metameric": 0.6, "push-pull": -0.9, "reference": 1.6}
     noise = rng.normal(0.0, 0.4 * np.sqrt(2), 200_000)
     hits = []
-    for seed in range(20):
+    for seed in range(12):
         for cell in preferences(make_decisions(seed=seed)).cells:
             gap = quality[cell.method] - quality[cell.against]
             truth = float(np.mean(1 / (1 + np.exp(-(gap + noise)))))

@@ -24,7 +24,8 @@ from analysis.pairs import JOD_SIGMA, win_matrix
 from analysis.plain_csv import read_decisions
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
-from analysis.scaling import scale, scale_with_ties
+from analysis.scaling import scale
+from analysis.ties import scale_with_ties
 
 Reader = Callable[..., pd.DataFrame]
 Answers = dict[str, Any]

@@ -8,15 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
+from analysis.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
 from analysis.pairs import JOD_SIGMA, difference_design, has_maximum, probability, solve_pairs
-from analysis.scaling import (
-    bootstrap_scale,
-    bootstrap_scores,
-    contrasts,
-    expanded_tail,
-    scale,
-    scale_with_ties,
-)
+from analysis.scaling import contrasts, scale
+from analysis.ties import scale_with_ties
 
 NAMES3 = ("a", "b", "c")
 
