@@ -20,8 +20,8 @@ void complete(ivec2 pixel, ivec2 near, ivec2 far) {
     int b = near.y * work_size.x + far.x;
     int c = far.y * work_size.x + near.x;
     int d = far.y * work_size.x + far.x;
-    vec4 share = push_shares(guide, vec4(coarse_guide[a], coarse_guide[b], coarse_guide[c],
-                                         coarse_guide[d]));
+    vec4 guides = vec4(coarse_guide[a], coarse_guide[b], coarse_guide[c], coarse_guide[d]);
+    vec4 share = push_shares(guide, guides).share;
     vec3 colour = mixed(share, coarse[a], coarse[b], coarse[c], coarse[d]).rgb;
     // A convex combination, but for rounding.
     imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));

@@ -30,20 +30,21 @@ void work(ivec2 pixel) {
     int c = far.y * coarse_size.x + near.x;
     int d = far.y * coarse_size.x + far.x;
     int place = pixel.y * work_size.x + pixel.x;
-    vec4 share = push_shares(fine_guide[place], vec4(coarse_guide[a], coarse_guide[b],
+    Shares below = push_shares(fine_guide[place], vec4(coarse_guide[a], coarse_guide[b],
                                                      coarse_guide[c], coarse_guide[d]));
     for (int chain = first_chain; chain < end_chain; ++chain) {
         int to = (chain * work_size.x * work_size.y + place) * PLANES;
         float validity =
             is_active(fine_first[chain], fine_columns, pixel / TILE) ? fine[to].w : 0.0;
         if (validity >= 1.0) continue;
-        float keep = kept(validity, gamma);
+        float keep = kept(validity, gamma, below.similar);
         int base = chain * coarse_size.x * coarse_size.y;
         int from_a = (base + a) * PLANES, from_b = (base + b) * PLANES;
         int from_c = (base + c) * PLANES, from_d = (base + d) * PLANES;
         for (int plane = 0; plane < PLANES; ++plane) {
-            vec4 texel = (1.0 - keep) * mixed(share, coarse[from_a + plane], coarse[from_b + plane],
-                                              coarse[from_c + plane], coarse[from_d + plane]);
+            vec4 texel = (1.0 - keep) * mixed(below.share, coarse[from_a + plane],
+                                              coarse[from_b + plane], coarse[from_c + plane],
+                                              coarse[from_d + plane]);
             if (keep > 0.0) texel += keep * fine[to + plane];
             if (plane == 0) texel.w = validity;
             fine[to + plane] = texel;

@@ -13,6 +13,7 @@ but all of it lies in front of the guide; it serves where the whole image has no
 Twin: pull.glsl, push.glsl and the passes of gpu.py. Change both or neither.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,28 +61,66 @@ def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
     """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
 
     Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
-    all (classic push-pull), 1 blends by confidence. A coarse neighbour nearer than the
-    pixel itself by more than the threshold takes no part in the interpolation.
+    all (classic push-pull), 1 blends by confidence. Push is guided by depth as pull is:
+    a pixel that finds nothing of its own depth below keeps what it has.
     """
-    below = interpolate(coarse, fine.guide, threshold)
-    confidence = np.where(fine.validity > 0, np.abs(fine.validity) ** gamma, 0.0)[..., None]
-    values = confidence * fine.values + (1 - confidence) * below
+    below, similar = interpolate(coarse, fine.guide, threshold)
+    known = fine.validity > 0
+    confidence = np.where(known, np.where(similar, np.abs(fine.validity) ** gamma, 1.0), 0.0)
+    values = confidence[..., None] * fine.values + (1 - confidence[..., None]) * below
     return Level(values, fine.validity, fine.guide)
 
 
-def interpolate(coarse: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Bilinear interpolation of `coarse.values` at twice its size, guided by depth."""
-    (near_y, far_y), (near_x, far_x) = (
+def interpolate(
+    coarse: Level, guide: NDArray[np.float64], threshold: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
+    rows, columns = (
         parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
     )
-    taps = ((near_y, near_x, 9.0), (far_y, near_x, 3.0), (near_y, far_x, 3.0), (far_y, far_x, 1.0))
-    total = np.zeros(guide.shape)
-    result = np.zeros((*guide.shape, coarse.values.shape[2]))
-    for rows, columns, share in taps:
-        weight = np.where(guide - coarse.guide[rows][:, columns] <= threshold, share, 0.0)
-        total += weight
-        result += weight[..., None] * coarse.values[rows][:, columns]
-    return np.asarray(result / total[..., None])  # the parent always takes part
+    shares = np.full((*guide.shape, 2, 2), [[9.0, 3.0], [3.0, 1.0]])
+    return guided_mean(coarse, rows, columns, shares, guide, threshold)
+
+
+def guided_mean(
+    coarse: Level,
+    rows: Sequence[NDArray[np.intp]],
+    columns: Sequence[NDArray[np.intp]],
+    shares: NDArray[np.float64],
+    guide: NDArray[np.float64],
+    threshold: float,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Average four neighbours of a coarse level, those of the pixel's own depth only.
+
+    Where none is within the threshold of its depth, those that are not nearer; where all
+    are nearer (which no pixel near a hole is), zero.
+
+    Parameters
+    ----------
+    rows, columns : two arrays of shape (H,) and (W,) each
+        Indices of the neighbours.
+    shares : (H, W, 2, 2)
+        Bilinear weights, by row and column; any scale.
+
+    Returns
+    -------
+    values : (H, W, n)
+    similar : (H, W) of bool
+        Whether a neighbour of the pixel's own depth was found.
+    """
+    places = [(i, j) for i in range(2) for j in range(2)]
+    step = np.stack([guide - coarse.guide[rows[i]][:, columns[j]] for i, j in places], axis=-1)
+    share = np.stack([shares[..., i, j] for i, j in places], axis=-1)
+    same = share * (np.abs(step) <= threshold)
+    similar = same.sum(axis=-1) > 0
+    weight = np.where(similar[..., None], same, share * (step <= threshold))
+    total = weight.sum(axis=-1, keepdims=True)
+    weight = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
+    values = sum(
+        weight[..., n, None] * coarse.values[rows[i]][:, columns[j]]
+        for n, (i, j) in enumerate(places)
+    )
+    return np.asarray(values), similar
 
 
 def pull_push(level: Level, gamma: float, threshold: float) -> list[Level]:

@@ -83,12 +83,12 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
         int b = texel_at(coarse_first, coarse_size, ivec2(far.x, near.y));
         int c = texel_at(coarse_first, coarse_size, ivec2(near.x, far.y));
         int d = texel_at(coarse_first, coarse_size, far);
-        vec4 share =
+        Shares below_by =
             push_shares(scratch_guide[place], vec4(scratch_guide[a], scratch_guide[b],
                                                    scratch_guide[c], scratch_guide[d]));
-        float keep = kept(validity, gamma);
+        float keep = kept(validity, gamma, below_by.similar);
         for (int p = 0; p < PLANES; ++p) {
-            vec4 below = mixed(share, scratch[a * PLANES + p], scratch[b * PLANES + p],
+            vec4 below = mixed(below_by.share, scratch[a * PLANES + p], scratch[b * PLANES + p],
                                scratch[c * PLANES + p], scratch[d * PLANES + p]);
             vec4 texel = keep * scratch[place * PLANES + p] + (1.0 - keep) * below;
             if (p == 0) texel.w = validity;

@@ -32,18 +32,35 @@ Pull pull_shares(vec4 validity, vec4 guide, float deepest) {
     return Pull(total > 0.0 ? weight / total : vec4(0.0), confidence);
 }
 
-// Bilinear shares of a pixel's own parent and the next ones in x, in y and in both; nearer
-// ones are left out. `guides`: theirs, in that order.
-vec4 push_shares(float guide, vec4 guides) {
-    vec4 allowed = vec4(lessThanEqual(guide - guides, vec4(depth_threshold)));
-    vec4 share = allowed * vec4(9.0, 3.0, 3.0, 1.0);
-    return share / dot(share, vec4(1.0));
+// Which of four neighbours a pixel takes, and how much: those of its own depth; where none
+// is, those not nearer. Twin: guided_mean() in inpaint/reference.py.
+struct Shares {
+    vec4 share;    // sums to 1, or 0 if all are nearer
+    bool similar;  // whether one of the pixel's own depth was found
+};
+
+Shares guided_shares(vec4 bilinear, float guide, vec4 guides) {
+    vec4 difference = guide - guides;
+    vec4 share = bilinear * vec4(lessThanEqual(abs(difference), vec4(depth_threshold)));
+    float total = dot(share, vec4(1.0));
+    bool similar = total > 0.0;
+    if (!similar) {
+        share = bilinear * vec4(lessThanEqual(difference, vec4(depth_threshold)));
+        total = dot(share, vec4(1.0));
+    }
+    return Shares(total > 0.0 ? share / total : vec4(0.0), similar);
 }
 
-// How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma.
-float kept(float validity, float gamma) {
+// Of a pixel's own parent and the next ones in x, in y and in both.
+Shares push_shares(float guide, vec4 guides) {
+    return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides);
+}
+
+// How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,
+// where nothing of its depth lies below.
+float kept(float validity, float gamma, bool similar) {
     if (validity <= 0.0) return 0.0;
-    if (gamma == 0.0) return 1.0;
+    if (!similar || gamma == 0.0) return 1.0;
     if (gamma == 0.25) return sqrt(sqrt(validity));
     if (gamma == 0.5) return sqrt(validity);
     if (gamma == 1.0) return validity;

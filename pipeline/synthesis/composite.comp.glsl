@@ -38,13 +38,6 @@ vec4 bilinear(vec2 fraction) {
     return vec4(rest.x * rest.y, fraction.x * rest.y, rest.x * fraction.y, fraction.x * fraction.y);
 }
 
-// The taps' own shares, those nearer than the pixel left out.
-vec4 guided(vec4 share, float guide, vec4 guides) {
-    share *= vec4(lessThanEqual(guide - guides, vec4(depth_threshold)));
-    float total = dot(share, vec4(1.0));
-    return total > 0.0 ? share / total : vec4(0.0);
-}
-
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
 #if ANCHOR == 1
@@ -123,7 +116,7 @@ Texel amplitudes_at(ivec2 place, ivec3 size) {
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     if (!p.hole) return;
-    share = guided(share, p.guide, vec4(a.guide, b.guide, c.guide, d.guide));
+    share = guided_shares(share, p.guide, vec4(a.guide, b.guide, c.guide, d.guide)).share;
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1

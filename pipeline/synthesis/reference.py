@@ -20,6 +20,7 @@ from pipeline.inpaint.reference import (
     children,
     guide_from_depth,
     guided_base,
+    guided_mean,
     means_and_variances,
     near_a_hole,
 )
@@ -205,20 +206,13 @@ def sample(
     coarse: Level, guide: NDArray[np.float64], resolution: int, threshold: float
 ) -> NDArray[np.float64]:
     """Interpolate a level of `resolution` at all full-size pixels, guided by depth."""
-    (y0, y1, fy), (x0, x1, fx) = (
+    (*rows, fy), (*columns, fx) = (
         _taps(length, coarse.guide.shape[axis], resolution)
         for axis, length in enumerate(guide.shape)
     )
-    total = np.zeros(guide.shape)
-    result = np.zeros((*guide.shape, coarse.values.shape[2]))
-    for rows, along_y in ((y0, 1 - fy), (y1, fy)):
-        for columns, along_x in ((x0, 1 - fx), (x1, fx)):
-            allowed = guide - coarse.guide[rows][:, columns] <= threshold
-            weight = np.where(allowed, along_y[:, None] * along_x, 0.0)
-            total += weight
-            result += weight[..., None] * coarse.values[rows][:, columns]
-    # A pixel's own coarse texel is never nearer than itself where both take part.
-    return np.divide(result, total[..., None], out=result, where=total[..., None] > 0)
+    along_y, along_x = np.stack([1 - fy, fy], axis=-1), np.stack([1 - fx, fx], axis=-1)
+    shares = along_y[:, None, :, None] * along_x[None, :, None, :]
+    return guided_mean(coarse, rows, columns, shares, guide, threshold)[0]
 
 
 def _taps(
