@@ -1,0 +1,389 @@
+"""Depth-guided pull and push, worked by hand and held to what they promise."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from pipeline.inpaint.reference import (
+    ONLY_NEARER,
+    Level,
+    band_statistics,
+    guide_from_depth,
+    guided_base,
+    interpolate,
+    means_and_variances,
+    moments,
+    near_a_hole,
+    pull,
+    pull_push,
+    push,
+    straddles,
+)
+from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
+
+THRESHOLD = 0.04
+GAMMAS = [0.0, 0.25, 0.5, 1.0]
+
+
+def level(values, validity, guide=0.5):
+    """Make a level of one channel from nested lists."""
+    values = np.array(values, float)[..., None]
+    validity = np.array(validity, float)
+    return Level(values, validity, np.broadcast_to(np.array(guide, float), validity.shape).copy())
+
+
+def alone(result):
+    """Give the one value, validity and guide of a 1x1 level."""
+    return result.values[0, 0, 0], result.validity[0, 0], result.guide[0, 0]
+
+
+def test_guide_is_zero_at_the_nearest_depth_and_one_at_infinity():
+    depth_m = np.array([0.5, 2.0, 4.0, np.inf], np.float32)
+
+    np.testing.assert_array_equal(guide_from_depth(depth_m, 2.0), [0, 0, 0.5, 1])
+
+
+def test_pull_averages_what_is_known_by_its_validity():
+    """By hand: (1 * 0.2 + 0.5 * 0.8) / 1.5 = 0.4; validity (1 + 0.5) / 4."""
+    pulled = pull(level([[0.2, 9.0], [9.0, 0.8]], [[1, 0], [0, 0.5]]), THRESHOLD)
+
+    np.testing.assert_allclose(alone(pulled), (0.4, 0.375, 0.5), rtol=1e-15)
+
+
+def test_pull_takes_only_the_farthest_children_and_their_depth():
+    """By hand: guides 0.5 and 0.47 lie within 0.04 of the farthest, 0.2 does not."""
+    pulled = pull(
+        level([[0.2, 0.4], [0.9, 0.9]], [[1, 1], [1, 1]], [[0.5, 0.47], [0.2, 0.2]]), THRESHOLD
+    )
+
+    np.testing.assert_allclose(alone(pulled), (0.3, 0.5, 0.5), rtol=1e-15)
+
+
+def test_the_farthest_depth_counts_even_where_nothing_is_known():
+    """A hole's own background depth keeps the foreground out; all else is a last resort."""
+    pulled = pull(level([[0.9, 0.0]], [[1, 0]], [[0.2, 0.5]]), THRESHOLD)
+
+    assert alone(pulled) == (0.9, ONLY_NEARER, 0.5)
+
+
+def test_a_last_resort_gives_way_to_anything_that_is_known():
+    """By hand: of 0.9 (only nearer) and 0.1 (a quarter known), 0.1 alone remains."""
+    pulled = pull(level([[0.9, 0.1]], [[ONLY_NEARER, 0.25]]), THRESHOLD)
+
+    value, validity, _ = alone(pulled)
+
+    assert value == 0.1
+    assert validity == 2 * 0.25 / 4  # an odd border repeats its one row
+
+
+def test_a_last_resort_is_averaged_alike():
+    pulled = pull(level([[0.9, 0.1], [5.0, 5.0]], [[ONLY_NEARER] * 2, [0, 0]]), THRESHOLD)
+
+    np.testing.assert_allclose(alone(pulled)[:2], (0.5, ONLY_NEARER))
+
+
+def test_nothing_known_pulls_to_nothing():
+    assert alone(pull(level([[5.0, 5.0], [5.0, 5.0]], [[0, 0], [0, 0]]), THRESHOLD)) == (0, 0, 0.5)
+
+
+def test_an_image_of_foreground_alone_is_filled_with_it():
+    """ONLY_NEARER serves where the whole image has nothing else."""
+    fine = level([[0.9, 0.0], [0.7, 0.0]], [[1, 0], [1, 0]], [[0.1, 0.5], [0.1, 0.5]])
+
+    filled = pull_push(fine, 0.5, THRESHOLD)[0]
+
+    np.testing.assert_allclose(filled.values[..., 0], [[0.9, 0.8], [0.7, 0.8]])
+
+
+@pytest.mark.parametrize(("gamma", "kept"), [(0.0, 1.0), (0.25, 0.5), (0.5, 0.25), (1.0, 0.0625)])
+def test_push_keeps_validity_to_the_power_of_gamma(gamma, kept):
+    """By hand, validity 1/16: its fourth root is 1/2, its root 1/4."""
+    coarse = level([[10.0]], [[1]])
+
+    pushed = push(level([[2.0]], [[1 / 16]]), coarse, gamma, THRESHOLD)
+
+    np.testing.assert_allclose(pushed.values, [[[kept * 2 + (1 - kept) * 10]]], rtol=1e-15)
+    assert pushed.validity[0, 0] == 1 / 16
+
+
+@pytest.mark.parametrize("gamma", GAMMAS)
+@pytest.mark.parametrize("validity", [0.0, ONLY_NEARER])
+def test_what_is_unknown_takes_the_coarser_value_at_every_gamma(gamma, validity):
+    """Also at gamma 0, where a careless pow(0, 0) is 1."""
+    pushed = push(level([[2.0]], [[validity]]), level([[10.0]], [[1]]), gamma, THRESHOLD)
+
+    assert pushed.values[0, 0, 0] == 10
+
+
+@pytest.mark.parametrize("gamma", GAMMAS)
+def test_what_is_certain_is_kept_at_every_gamma(gamma):
+    pushed = push(level([[2.0]], [[1]]), level([[10.0]], [[1]]), gamma, THRESHOLD)
+
+    assert pushed.values[0, 0, 0] == 2
+
+
+COARSE = [[16.0, 160.0], [1600.0, 16000.0]]
+
+
+def test_interpolation_weighs_by_nine_three_three_one():
+    """By hand, pixel (1, 1) of 4x4: its parent (0, 0) has 9/16, (0, 1), (1, 0) 3, (1, 1) 1."""
+    below, similar = interpolate(level(COARSE, np.ones((2, 2))), np.full((4, 4), 0.5), THRESHOLD)
+
+    assert below[1, 1, 0] == 9 + 30 + 300 + 1000
+    assert below[0, 0, 0] == 16  # at a corner the parent stands in for all
+    assert below[2, 3, 0] == 0.75 * 16000 + 0.25 * 160
+    assert similar.all()
+
+
+@pytest.mark.parametrize("other", [0.3, 0.45, 0.55, 0.9])
+def test_interpolation_leaves_out_neighbours_of_another_depth(other):
+    """By hand: the right ones are nearer or farther, 9 and 3 of 12 remain."""
+    coarse = level(COARSE, np.ones((2, 2)), [[0.5, other], [0.5, other]])
+
+    below, similar = interpolate(coarse, np.full((4, 4), 0.5), THRESHOLD)
+
+    np.testing.assert_allclose(below[1, 1, 0], (9 * 16 + 3 * 1600) / 12)
+    assert similar[1, 1]
+
+
+def test_interpolation_takes_farther_neighbours_where_there_are_no_others():
+    """By hand: guides 0.3 are nearer, 0.9 farther, none is the pixel's 0.5."""
+    coarse = level(COARSE, np.ones((2, 2)), [[0.9, 0.3], [0.9, 0.3]])
+
+    below, similar = interpolate(coarse, np.full((4, 4), 0.5), THRESHOLD)
+
+    np.testing.assert_allclose(below[1, 1, 0], (9 * 16 + 3 * 1600) / 12)
+    assert not similar[1, 1]
+
+
+def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
+    """However little that is; what knows nothing takes what lies behind it."""
+    coarse = level([[10.0]], [[1]], [[0.9]])
+
+    for validity, expected in ((1 / 16, 2.0), (0.0, 10.0), (ONLY_NEARER, 10.0)):
+        pushed = push(level([[2.0]], [[validity]], [[0.5]]), coarse, 0.5, THRESHOLD)
+
+        assert pushed.values[0, 0, 0] == expected
+
+
+def test_a_row_of_eight_by_hand():
+    """[MI] Fig. 8 c: four known background pixels, two holes behind two foreground ones.
+
+    Guides: background and holes 0.5, foreground 0.1. Pulled to 4: (0.2, 1), (0.4, 1),
+    hole (0, 0), foreground (0.9, 1). To 2: (0.3, 1) and the pair of hole and foreground,
+    which is only nearer. To 1: (0.3, 0.5). Back, gamma 0: the hole's pair takes 0.3 from
+    the top, its pixels mix 3/4 of it with 1/4 of the known neighbour 0.4 on the left,
+    and on the right all of 0.3, for the right neighbour is in front.
+    """
+    fine = level(
+        [[0.2, 0.2, 0.4, 0.4, 7.0, 7.0, 0.9, 0.9]],
+        [[1, 1, 1, 1, 0, 0, 1, 1]],
+        [[0.5] * 6 + [0.1] * 2],
+    )
+
+    levels = pull_push(fine, 0.0, THRESHOLD)
+
+    np.testing.assert_allclose(
+        [levels[1].values[0, 2, 0], levels[2].values[0, 1, 0], levels[3].values[0, 0, 0]],
+        [0.3, 0.3, 0.3],
+    )
+    np.testing.assert_allclose(
+        levels[0].values[0, :, 0], [0.2, 0.2, 0.4, 0.4, 0.325, 0.3, 0.9, 0.9]
+    )
+    np.testing.assert_array_equal(levels[1].validity, [[1, 1, 0, 1]])
+    np.testing.assert_array_equal(levels[2].validity, [[1, ONLY_NEARER]])
+    np.testing.assert_array_equal(levels[3].validity, [[0.5]])
+
+
+def test_pull_of_odd_sizes_repeats_the_last_pixel():
+    pulled = pull(level([[1.0, 2.0, 4.0]] * 3, np.ones((3, 3))), THRESHOLD)
+
+    np.testing.assert_array_equal(pulled.values[..., 0], [[1.5, 4.0], [1.5, 4.0]])
+    np.testing.assert_array_equal(pulled.validity, np.ones((2, 2)))
+
+
+sizes = st.tuples(st.integers(1, 13), st.integers(1, 13))
+
+
+@given(st.data(), sizes, st.sampled_from(GAMMAS), st.integers(0, 2**32 - 1))
+def test_filled_values_stay_within_the_range_of_what_is_known(data, size, gamma, seed):
+    """Any mask and any depths: a fill is a convex combination of known values."""
+    rng = np.random.default_rng(seed)
+    known = data.draw(hnp.arrays(bool, size))
+    known.flat[0] = True
+    guide = data.draw(hnp.arrays(float, size, elements=st.sampled_from([0.0, 0.3, 0.32, 0.9])))
+    values = rng.normal(0, 10, (*size, 2))
+    values[~known] = 1e6  # must not be seen
+
+    for filled in pull_push(Level(values, known.astype(float), guide), gamma, THRESHOLD):
+        for channel in range(2):
+            inside = values[known][:, channel]
+            slack = 1e-12 * np.abs(inside).max()
+            assert filled.values[..., channel].min() >= inside.min() - slack
+            assert filled.values[..., channel].max() <= inside.max() + slack
+
+
+@given(st.data(), sizes, st.integers(0, 2**32 - 1))
+def test_partly_valid_values_fill_within_their_range_as_well(data, size, seed):
+    rng = np.random.default_rng(seed)
+    validity = data.draw(hnp.arrays(float, size, elements=st.sampled_from([0.0, 0.25, 0.6, 1.0])))
+    validity.flat[-1] = 0.25
+    values = rng.uniform(-1, 1, (*size, 1))
+    values[validity == 0] = 1e6
+
+    filled = pull_push(Level(values, validity, np.full(size, 0.5)), 0.5, THRESHOLD)[0].values
+
+    inside = values[validity > 0]
+    assert inside.min() - 1e-12 <= filled.min()
+    assert filled.max() <= inside.max() + 1e-12
+
+
+@pytest.mark.parametrize("gamma", GAMMAS)
+@pytest.mark.parametrize("size", [(1, 1), (5, 1), (1, 6), (9, 14), (40, 33)])
+def test_the_foreground_never_gets_into_the_background(gamma, size, rng):
+    """Foreground value 1 at guide 0.1, background 0 at 0.6: holes with its depth get 0."""
+    foreground = rng.random(size) < 0.4
+    hole = rng.random(size) < 0.5
+    foreground.flat[0], hole.flat[0] = False, False
+    guide = np.where(foreground, 0.1, 0.6)
+
+    filled = pull_push(
+        Level(foreground[..., None].astype(float), (~hole).astype(float), guide), gamma, THRESHOLD
+    )[0]
+
+    assert filled.values[~foreground].max() == 0
+
+
+def test_base_keeps_known_pixels_and_fills_from_the_background(disc_over_plane):
+    guide = guide_from_depth(disc_over_plane.depth_m, 1.0)
+    hole = np.zeros(disc_over_plane.size, bool)
+    hole[30:70, 78:100] = True
+    guide[hole] = guide.max()
+
+    base = guided_base(
+        disc_over_plane.colour, hole, guide, levels=4, gamma=0.25, threshold=THRESHOLD
+    )[0]
+
+    np.testing.assert_array_equal(base.values[~hole], disc_over_plane.colour[~hole])
+    red_less_green = base.values[hole][:, 0] - base.values[hole][:, 1]
+    assert np.abs(red_less_green).max() < 1e-7  # grey stays grey, to float32 input
+
+
+def brute_force_near(hole, cell_resolution, rings, tile_resolution):
+    """Say the definition again, pixel by pixel and cell by cell."""
+    height, width = hole.shape
+    edge, tile = CELL << cell_resolution, CELL << tile_resolution
+    marked = {(row // edge, column // edge) for row, column in np.argwhere(hole)}
+    near = np.zeros_like(hole)
+    for top in range(0, height, tile):
+        for left in range(0, width, tile):
+            cells = {
+                (row // edge, column // edge)
+                for row in range(top, min(top + tile, height))
+                for column in range(left, min(left + tile, width))
+            }
+            near[top : top + tile, left : left + tile] = any(
+                max(abs(a - c), abs(b - d)) <= rings for a, b in cells for c, d in marked
+            )
+    return near
+
+
+@pytest.mark.parametrize("cells", [0, 1, 2])
+@pytest.mark.parametrize("tiles", [0, 1, 2, 3])
+@pytest.mark.parametrize("rings", [1, 2])
+def test_what_is_near_a_hole_is_what_brute_force_says(cells, rings, tiles, rng):
+    for size in ((1, 1), (7, 100), (61, 90)):
+        for holes in (0, 1, 4):
+            hole = np.zeros(size, bool)
+            for _ in range(holes):
+                hole[rng.integers(size[0]), rng.integers(size[1])] = True
+
+            np.testing.assert_array_equal(
+                near_a_hole(hole, cells, rings, tiles), brute_force_near(hole, cells, rings, tiles)
+            )
+
+
+def test_base_reads_only_what_is_near_a_hole(rng):
+    """Pixels beyond two cells of 128 px: any colour gives the same fill."""
+    hole = np.zeros((16, 1200), bool)
+    hole[3:9, 20:50] = True
+    colour = rng.random((16, 1200, 3))
+    other = colour.copy()
+    other[:, 384:] = rng.random((16, 816, 3))
+    guide = np.full(hole.shape, 0.5)
+    settings = {"levels": 4, "gamma": 0.25, "threshold": THRESHOLD}
+
+    one, two = (guided_base(c, hole, guide, **settings)[0].values for c in (colour, other))
+
+    source = source_resolution(4)
+    assert near_a_hole(hole, source, SOURCE_RINGS, source).sum() == 16 * 384
+    np.testing.assert_array_equal(one[hole], two[hole])
+
+
+def test_moments_come_back_as_means_and_variances(rng):
+    """Over constant maps of two values: mean 0.5 (a + b), variance 0.25 (a - b)^2."""
+    bands = rng.normal(size=(2, 1, 3, 3))
+
+    for cross in (False, True):
+        both = moments(bands, cross=cross).mean(axis=0, keepdims=True)
+        mean, variance = means_and_variances(both, cross=cross)
+
+        half = 0.5 * (bands[:1] - bands[1:])
+        np.testing.assert_allclose(mean, bands.mean(axis=0, keepdims=True), atol=1e-15)
+        expected = half * half[..., :1] if cross else half**2
+        np.testing.assert_allclose(variance, expected, atol=1e-14)
+
+
+def test_a_jump_of_depth_is_straddled_from_both_sides():
+    guide = np.zeros((3, 6))
+    guide[:, 3:] = 0.041
+
+    np.testing.assert_array_equal(straddles(guide, 0.04), [[0, 0, 1, 1, 0, 0]] * 3)
+    assert not straddles(guide, 0.042).any()
+
+
+def statistics(bands, spoiled, near, guide, **changes):
+    settings = {"cross": False, "skip_depth_edges": True, "gamma": 0.5, "threshold": THRESHOLD}
+    return band_statistics(bands, spoiled, near, guide, **(settings | changes))
+
+
+def test_statistics_ignore_spoiled_far_and_straddling_coefficients(rng):
+    """Coefficients are 1 where they count; 1000 elsewhere must not be seen."""
+    size = (24, 32)
+    guide = np.full(size, 0.5)
+    guide[:, :8] = 0.1
+    spoiled = rng.random(size) < 0.3
+    near = np.ones(size, bool)
+    near[20:] = False
+    counts = near & ~spoiled & ~straddles(guide, THRESHOLD)
+    bands = np.where(counts[..., None, None], 1.0, 1000.0) + np.zeros((*size, 3, 3))
+
+    mean, variance = means_and_variances(
+        statistics(bands, spoiled, near, guide).values, cross=False
+    )
+
+    np.testing.assert_allclose(mean, 1, rtol=1e-12)
+    np.testing.assert_allclose(variance, 0, atol=1e-12)
+
+
+def test_straddling_coefficients_count_if_told_so():
+    size = (16, 16)
+    guide = np.full(size, 0.5)
+    guide[:, :8] = 0.1
+    bands = np.where(straddles(guide, THRESHOLD)[..., None, None], 2.0, 1.0) * np.ones((3, 3))
+    nothing, everything = np.zeros(size, bool), np.ones(size, bool)
+
+    with_edges = statistics(bands, nothing, everything, guide, skip_depth_edges=False)
+    without = statistics(bands, nothing, everything, guide)
+
+    assert with_edges.values[..., :3].max() > 1.2
+    assert without.values[..., :3].max() == 1
+
+
+def test_statistics_are_half_the_level_s_size():
+    bands = np.ones((7, 10, 3, 3))
+    found = statistics(bands, np.zeros((7, 10), bool), np.ones((7, 10), bool), np.zeros((7, 10)))
+
+    assert found.values.shape == (4, 5, 18)
