@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -87,14 +88,14 @@ def write_into(document: Path, text: str) -> None:
     document.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
 
 
-def main() -> None:
+def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--variants", action="store_true", help="variants of one method instead")
     parser.add_argument("--docs", type=Path, help="document whose table is replaced")
     parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(argv)
     every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
     choices = VARIANTS if arguments.variants else every
     ctx = create_context()
@@ -105,7 +106,7 @@ def main() -> None:
         release_context(ctx)
     print(table(results))
     if arguments.variants:
-        return
+        return 0
     record = {
         "version": package_version(),
         "revision": code_revision(),
@@ -118,7 +119,8 @@ def main() -> None:
     arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     if arguments.docs is not None:
         write_into(arguments.docs, table(results))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))

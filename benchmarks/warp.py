@@ -94,9 +94,9 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
     return result
 
 
-def main() -> None:
-    """Print a table."""
-    edges = [int(argument) for argument in sys.argv[1:]] or list(EDGES)
+def main(argv: list[str]) -> int:
+    """Print a table; `argv` holds edges, pixels."""
+    edges = [int(argument) for argument in argv] or list(EDGES)
     ctx = create_context()
     print(describe(ctx))
     print("edge px   warp ms   copy ms   warp/copy   holes %   B/px held   dispatches")
@@ -107,7 +107,8 @@ def main() -> None:
             f" {100 * t.hole_share:9.1f} {t.bytes_per_pixel:11.1f} {t.dispatches:12d}"
         )
     release_context(ctx)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,33 @@
+"""All benchmarks: `script/bench`, or `python -m benchmarks NAME --help`."""
+
+import importlib
+import sys
+
+# name: what it measures. Each is a module of this folder with `main(argv) -> status`.
+BENCHMARKS = {
+    "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
+    "warp": "the warp against a plain copy of its frame",
+    "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
+    "session": "a whole simulated session",
+    "analysis": "bootstraps, power and false positives of the statistics",
+    "front_door": "CPU time of `metamerlab --help`",
+}
+
+
+def main(argv: list[str]) -> int:
+    """Run one benchmark; without a name, the fill."""
+    name = argv[0] if argv and not argv[0].startswith("-") else None
+    if name is None and ("--help" in argv or "-h" in argv):
+        print("script/bench NAME [OPTIONS]; NAME --help says more\n")
+        for known, what in BENCHMARKS.items():
+            print(f"  {known:<12} {what}")
+        return 0
+    if name is not None and name not in BENCHMARKS:
+        print(f"error: NAME must be one of {', '.join(BENCHMARKS)} (got {name!r})", file=sys.stderr)
+        return 2
+    module = importlib.import_module(f"benchmarks.{name or 'fill'}")
+    return int(module.main(argv[1:] if name else argv) or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,320 @@
+"""Time, memory and passes of every fill: `script/bench fill --help`.
+
+Every method is timed in turn with classic push-pull on the same frame (A B A B ...), so
+that a ratio holds when the machine's speed drifts. Methods of ours work on frames that lie
+on the GPU, as in a batch; OpenCV's and OpenImageIO's on arrays, their conversions included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import statistics
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.warp import discs_over_ground
+from pipeline.frame import WarpedFrame
+from pipeline.gl.context import create_context, describe, release_context
+from pipeline.gl.texture import create_texture, texture_from
+from pipeline.gl.timer import measure
+from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.methods.registry import create_method
+from pipeline.pushpull.gpu import PushPullPass
+from pipeline.synthesis.gpu import MetamericPass
+from pipeline.synthesis.settings import MetamericSettings
+from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
+from protocols.revision import code_revision, package_version
+
+RESULTS = Path(__file__).parent / "results"
+Z_NEAR_M = 2.0
+SEED = 1
+ON_GPU = ("metameric", "metameric 3 levels", "metameric 5 levels", "push-pull-depth")
+ON_GPU += ("push-pull", "weighted-pull-push", "warp", "copy")
+ON_CPU = ("telea", "navier-stokes", "oiio-push-pull", "background-extension")
+MASKS = {  # name: (share of the frame, hole width px at 1024, what)
+    "thin": (0.05, 8, "5 % of the pixels, strips of 8 px at 1024"),
+    "wide": (0.15, 80, "15 % of the pixels, strips of 80 px at 1024"),
+}
+
+_COPY = """\
+#version 430
+layout(local_size_x = 8, local_size_y = 8) in;
+layout(rgba32f, binding = 0) uniform readonly image2D image;
+layout(rgba32f, binding = 1) uniform writeonly image2D copied;
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, imageSize(copied)))) return;
+    imageStore(copied, pixel, imageLoad(image, pixel));
+}
+"""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One method on one frame."""
+
+    method: str
+    edge_px: int
+    mask: str
+    median_ms: float
+    to_push_pull: float  # median of the ratios, pair by pair
+    to_copy: float
+    passes: int | None  # draws and dispatches
+    bytes_per_pixel: float | None  # held on the GPU beyond input and output
+
+
+def masked_frame(edge_px: int, mask: str) -> WarpedFrame:
+    """A textured ground at 10 m behind wavy strips at 3 m, a hole at each strip's right."""
+    share, width_1024, _ = MASKS[mask]
+    width = max(2.0, width_1024 * edge_px / 1024)
+    y, x = np.mgrid[:edge_px, :edge_px]
+    phase = (x + 0.03 * edge_px * np.sin(y * 10.0 / edge_px)) % (width / share)
+    hole = phase < width
+    front = phase > 0.8 * width / share
+    rng = np.random.default_rng(0)
+    colour = rng.random((edge_px, edge_px, 3), np.float32)
+    depth_m = np.where(front, 3.0, 10.0).astype(np.float32)
+    flow_px = np.zeros((edge_px, edge_px, 2), np.float32)
+    flow_px[..., 0] = np.where(front, -1.3 * width, -0.3 * width)
+    return WarpedFrame(colour, depth_m, hole, flow_px)
+
+
+class Bench:
+    """One frame on the GPU and the methods to run on it."""
+
+    def __init__(self, ctx: moderngl.Context, edge_px: int, mask: str) -> None:
+        self.ctx = ctx
+        self.edge_px = edge_px
+        self.mask = mask
+        self.frame = masked_frame(edge_px, mask)
+        self.size = (edge_px, edge_px)
+        known = (~self.frame.hole).astype(np.float32)[..., None]
+        rgba = np.concatenate([self.frame.colour * known, known], axis=-1)
+        self.image = texture_from(ctx, rgba, "rgba32f")
+        self.depth_m = texture_from(ctx, self.frame.depth_m, "r32f")
+        self.flow_px = texture_from(ctx, self.frame.flow_px, "rg32f")
+        self.filled = create_texture(ctx, self.size, "rgba32f")
+        self.push_pull = PushPullPass(ctx, self.size)
+        self.copier = ctx.compute_shader(_COPY)
+
+    def run_push_pull(self) -> None:
+        self.push_pull(self.image, self.filled)
+
+    def run_copy(self) -> None:
+        self.image.bind_to_image(0, read=True, write=False)
+        self.filled.bind_to_image(1, read=False, write=True)
+        self.copier.run(-(-self.edge_px // 8), -(-self.edge_px // 8))
+        self.ctx.memory_barrier()
+
+    def time(self, method: str, repeats: int) -> Timing:
+        work, passes, held, done = self._work(method)
+        own, ratios, copies = [], [], []
+        for turn in range(repeats + 1):
+            mine = self._once(work)
+            rival = self._once(self.run_push_pull)
+            copy = self._once(self.run_copy)
+            if turn:  # the first is a warm-up
+                own.append(mine)
+                ratios.append(mine / rival)
+                copies.append(mine / copy)
+        done()
+        return Timing(
+            method=method,
+            edge_px=self.edge_px,
+            mask=self.mask,
+            median_ms=round(statistics.median(own), 3),
+            to_push_pull=round(statistics.median(ratios), 3),
+            to_copy=round(statistics.median(copies), 3),
+            passes=passes,
+            bytes_per_pixel=None if held is None else round(held / self.edge_px**2, 2),
+        )
+
+    def _once(self, work: Callable[[], None]) -> float:
+        return measure(self.ctx, work, repeats=1, warm_up=0).median_ms
+
+    def _work(
+        self, method: str
+    ) -> tuple[Callable[[], None], int | None, int | None, Callable[[], None]]:
+        """What to time, its passes, the memory it holds, and how to free it."""
+        if method.startswith("metameric"):
+            levels = int(method.split()[1]) if " " in method else MetamericSettings.levels
+            metameric = MetamericPass(self.ctx, self.size, MetamericSettings(levels=levels))
+
+            def fill() -> None:
+                metameric(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M, seed=SEED)
+
+            return fill, metameric.dispatches, metameric.held_bytes, metameric.release
+        if method == "push-pull-depth":
+            guided = GuidedBasePass(self.ctx, self.size)
+            return (
+                lambda: guided(self.image, self.depth_m, Z_NEAR_M),
+                guided.dispatches,
+                guided.held_bytes,
+                guided.release,
+            )
+        if method == "push-pull":
+            return self.run_push_pull, self.push_pull.dispatches, None, _nothing
+        if method == "copy":
+            return self.run_copy, 1, 0, _nothing
+        if method == "weighted-pull-push":
+            weighted = WeightedPullPushPass(self.ctx, self.size)
+            return (
+                lambda: weighted(self.image, self.filled),
+                weighted.dispatches,
+                None,
+                weighted.release,
+            )
+        if method == "warp":
+            return self._warp()
+        return self._on_cpu(method)
+
+    def _warp(self) -> tuple[Callable[[], None], int, int, Callable[[], None]]:
+        source, flow_px = discs_over_ground(self.edge_px)
+        textures = (
+            texture_from(self.ctx, np.dstack([source.colour, source.depth_m]), "rgba32f"),
+            texture_from(self.ctx, source.depth_m, "r32f"),
+            texture_from(self.ctx, flow_px, "rg32f"),
+        )
+        warp = WarpPass(self.ctx, self.size)
+        warped = WarpTextures.create(self.ctx, self.size)
+
+        def release() -> None:
+            for item in (*textures, warp, warped):
+                item.release()
+
+        return lambda: warp(*textures, warped), warp.dispatches, warp.held_bytes, release
+
+    def _on_cpu(self, method: str) -> tuple[Callable[[], None], None, None, Callable[[], None]]:
+        if method in ("telea", "navier-stokes"):
+            flags = cv2.INPAINT_TELEA if method == "telea" else cv2.INPAINT_NS
+            bytes_ = (self.frame.colour * 255).astype(np.uint8)
+            mask = self.frame.hole.astype(np.uint8)
+            return lambda: _discard(cv2.inpaint(bytes_, mask, 3, flags)), None, None, _nothing
+        filler = create_method(method, self.ctx)
+        return (
+            lambda: _discard(filler.fill(self.frame, SEED)),
+            None,
+            None,
+            filler.release,
+        )
+
+    def release(self) -> None:
+        for item in (self.image, self.depth_m, self.flow_px, self.filled, self.push_pull):
+            item.release()
+        self.copier.release()
+
+
+def _nothing() -> None:
+    pass
+
+
+def _discard(_result: NDArray[Any]) -> None:
+    pass
+
+
+def show(timings: list[Timing], console: Console) -> None:
+    """Print one table per mask and size."""
+    groups = dict.fromkeys((t.mask, t.edge_px) for t in timings)
+    for mask, edge_px in groups:
+        table = Table(title=f"{edge_px} x {edge_px} px, mask {mask}: {MASKS[mask][2]}")
+        table.add_column("method")
+        for name in ("ms", "to push-pull", "to a copy", "passes", "B/px held"):
+            table.add_column(name, justify="right")
+        for t in timings:
+            if (t.mask, t.edge_px) == (mask, edge_px):
+                table.add_row(
+                    t.method,
+                    f"{t.median_ms:.2f}",
+                    f"{t.to_push_pull:.2f}",
+                    f"{t.to_copy:.2f}",
+                    "" if t.passes is None else str(t.passes),
+                    "" if t.bytes_per_pixel is None else f"{t.bytes_per_pixel:.1f}",
+                )
+        console.print(table)
+
+
+def plot(timings: list[Timing], target: Path) -> None:
+    """Draw time against pixels, a line per method, on the thin mask."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
+    colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555"]
+    markers = "osD^vPX"
+    methods = ("metameric", "push-pull", "push-pull-depth", "warp", "telea", "navier-stokes")
+    for method, colour, marker in zip((*methods, "copy"), colours, markers, strict=True):
+        rows = [t for t in timings if t.method == method and t.mask == "thin"]
+        if rows:
+            axes.plot(
+                [t.edge_px**2 / 1e6 for t in rows],
+                [t.median_ms for t in rows],
+                color=colour,
+                marker=marker,
+                label=method,
+            )
+    axes.set(xscale="log", yscale="log", xlabel="megapixels", ylabel="ms per frame")
+    axes.grid(visible=True, which="both", alpha=0.25)
+    axes.legend(frameon=False, ncols=2)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target)
+    pyplot.close(figure)
+
+
+def main(argv: list[str]) -> int:
+    """Time the methods, print tables, and write JSON and a plot if asked."""
+    parser = argparse.ArgumentParser(prog="script/bench fill", description=__doc__)
+    parser.add_argument("--size", type=int, nargs="+", default=[512, 1024, 2048], metavar="EDGE")
+    parser.add_argument("--method", nargs="+", choices=ON_GPU + ON_CPU, default=ON_GPU + ON_CPU)
+    parser.add_argument("--mask", nargs="+", choices=list(MASKS), default=list(MASKS))
+    parser.add_argument("--repeats", type=int, default=9, help="timed runs of each (default 9)")
+    parser.add_argument("--json", type=Path, help="write the numbers, device and versions there")
+    parser.add_argument("--plot", type=Path, help="draw time against pixels there (.svg, .png)")
+    arguments = parser.parse_args(argv)
+    console = Console()
+    ctx = create_context()
+    renderer = describe(ctx)
+    console.print(f"renderer: {renderer}")
+    timings: list[Timing] = []
+    for mask in arguments.mask:
+        for edge_px in sorted(arguments.size):
+            bench = Bench(ctx, edge_px, mask)
+            what = f"{edge_px} px, {mask}"
+            methods = track(arguments.method, what, console=console, transient=True)
+            timings += [bench.time(method, arguments.repeats) for method in methods]
+            bench.release()
+    show(timings, console)
+    if arguments.json is not None:
+        record = {
+            "revision": code_revision(),
+            "version": package_version(),
+            "renderer": asdict(renderer),
+            "processor": platform.machine(),
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "opencv": cv2.__version__,
+            "repeats": arguments.repeats,
+            "masks": {name: what for name, (_, _, what) in MASKS.items()},
+            "timings": [asdict(t) for t in timings],
+        }
+        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        console.print(f"wrote {arguments.json}")
+    if arguments.plot is not None:
+        plot(timings, arguments.plot)
+        console.print(f"wrote {arguments.plot}")
+    release_context(ctx)
+    return 0
