@@ -1,15 +1,18 @@
 """One look for all figures, and how they are saved: same result, same bytes."""
 
 import io
+import logging
 import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 
 ONE_COLUMN_IN = 3.33
 TWO_COLUMNS_IN = 7.0
@@ -27,6 +30,25 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 
 SIMULATED_TEXT = "SIMULATED DATA"
 
+_OTHER_SCRIPTS = (
+    "Noto Sans CJK JP",
+    "Noto Sans CJK SC",
+    "Noto Sans CJK KR",
+    "Noto Sans Arabic",
+    "Noto Sans Devanagari",
+    "Noto Sans Thai",
+    "Droid Sans Fallback",
+    "Arial Unicode MS",
+    "WenQuanYi Zen Hei",
+    "Unifont",
+)
+"""Fonts asked, where installed, for letters that the house font lacks."""
+
+# Some of them have no bold face; that their plain one is used is no news to anybody.
+logging.getLogger("matplotlib.font_manager").addFilter(
+    lambda record: "Failed to find font weight" not in record.getMessage()
+)
+
 _STYLE = Path(__file__).with_name("paper.mplstyle")
 
 
@@ -36,7 +58,14 @@ def style(width_in: float) -> Iterator[float]:
     size = 6.5 if width_in < 5 else 8.0
     with mpl.rc_context(fname=str(_STYLE)):
         mpl.rcParams["font.size"] = size
+        mpl.rcParams["font.family"] = ["DejaVu Sans", *_installed()]
         yield size
+
+
+@cache
+def _installed() -> tuple[str, ...]:
+    names = {font.name for font in fontManager.ttflist}
+    return tuple(name for name in _OTHER_SCRIPTS if name in names)
 
 
 def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Figure:

@@ -1,6 +1,7 @@
 """Builds the report folder: HTML, JSON, tables, figures; whole or not at all."""
 
 import json
+import warnings as python_warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
@@ -173,7 +174,10 @@ def _write(
             "seed": SEED,
             "bootstrap_samples": BOOTSTRAP_SAMPLES,
         }
-        drawn = _draw(figures, work, files=figure_files, say=say)
+        with python_warnings.catch_warnings(record=True) as caught:
+            python_warnings.simplefilter("always")
+            drawn = _draw(figures, work, files=figure_files, say=say)
+        warnings = (*warnings, *_font_notes(caught))
         say("writing", 0, 0)
         tables = work / "tables"
         tables.mkdir()
@@ -225,6 +229,20 @@ def _draw(
         drawn.append(entry)
     say("drawing figures", len(figures), len(figures))
     return drawn
+
+
+def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]:
+    """Turn matplotlib's warnings of missing letters into one note; pass others on."""
+    missing = [one for one in caught if "missing from font" in str(one.message)]
+    for one in caught:
+        if one not in missing:
+            python_warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    if not missing:
+        return ()
+    return (
+        "some letters of the labels are in no font of this machine and show as boxes in figures;"
+        " install fonts for their script (Noto), then run this again",
+    )
 
 
 def _write_csv(source: _Source, results: StudyResults, folder: Path) -> None:

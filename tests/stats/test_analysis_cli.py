@@ -21,9 +21,15 @@ def sessions(tmp_path_factory, write_journals) -> Path:
     return write_journals(tmp_path_factory.mktemp("cli") / "s", people=5)
 
 
-def test_report_says_the_result_and_where_it_lies(sessions, tmp_path):
-    out = tmp_path / "r"
-    result = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
+@pytest.fixture(scope="module")
+def reported(sessions) -> tuple[Path, Result]:
+    """A report of the sessions, and what the command said."""
+    out = sessions.parent / "report"
+    return out, run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
+
+
+def test_report_says_the_result_and_where_it_lies(sessions, reported):
+    out, result = reported
 
     assert result.exit_code == 0, result.output
     assert "Metameric was chosen over Push-pull" in result.output
@@ -32,10 +38,14 @@ def test_report_says_the_result_and_where_it_lies(sessions, tmp_path):
     again = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
     assert again.exit_code == 2
     assert "--replace" in again.output
-    replaced = run(
-        "report", sessions, "--protocol", "demo", "--out", out, "--no-figures", "--replace"
-    )
-    assert replaced.exit_code == 0, replaced.output
+
+
+def test_replace_puts_the_new_result_in_the_place_of_the_old(sessions, tmp_path):
+    for _ in range(2):
+        result = run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t", "--replace")
+        assert result.exit_code == 0, result.output
+
+    assert [path.name for path in tmp_path.iterdir()] == ["t"]
 
 
 def test_tidy_writes_all_tables(sessions, tmp_path):
@@ -54,9 +64,8 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
     }
 
 
-def test_tables_go_on_to_a_report_with_the_same_shares(sessions, tmp_path):
+def test_tables_go_on_to_a_report_with_the_same_shares(sessions, reported, tmp_path):
     run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t")
-    run("report", sessions, "--protocol", "demo", "--out", tmp_path / "a", "--no-figures")
     result = run(
         "report",
         tmp_path / "t" / "decisions.csv",
@@ -68,7 +77,10 @@ def test_tables_go_on_to_a_report_with_the_same_shares(sessions, tmp_path):
     )
 
     assert result.exit_code == 0, result.output
-    one, other = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
+    one, other = (
+        json.loads((folder / "results.json").read_text())
+        for folder in (reported[0], tmp_path / "b")
+    )
     assert one["results"]["table"] == other["results"]["table"]
     assert other["simulated"] is True
 

@@ -248,6 +248,17 @@ def test_an_imported_table_is_reported_without_a_protocol(tmp_path, make_decisio
     assert "SIMULATED" not in html
 
 
+def test_letters_without_a_font_are_said_and_stop_nothing(tmp_path, make_decisions):
+    rows = make_decisions(people=3, scenes=2, sizes=("all",))
+    rows = rows.replace({"metameric": "\ue123 method"})  # private use: in no font
+    rows.to_csv(tmp_path / "d.csv", index=False)
+
+    made = report_decisions(tmp_path / "d.csv", tmp_path / "r", figure_files=False)
+
+    assert any("in no font of this machine" in note for note in made.warnings)
+    assert "in no font of this machine" in made.html.read_text()
+
+
 def test_a_protocol_given_for_a_table_must_know_its_methods(
     tmp_path, make_decisions, demo_protocol
 ):
