@@ -1,0 +1,189 @@
+"""The noise: unit variance per band, tileable, the same everywhere, an equaliser of white."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from pipeline.features.reference import Pyramid, analyse, band, double, fitted_kernels, synthesise
+from pipeline.synthesis.noise import LAGS, TILE, lag_correlation, noise_bands
+from pipeline.synthesis.reference import look_up
+
+LEVELS = 6
+# Of seed 7: the first texel of white noise, and texels of two tiles.
+GOLDEN_WHITE = [1.2889002557935343, -0.7088751124112006, -0.2767897609363183]
+GOLDEN_FINE = [-0.5016354, -1.3275388, -0.3925504]
+GOLDEN_COARSE = [0.1735029, 0.9901586, 0.8973948]
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return noise_bands(7, LEVELS, 3)
+
+
+def white_noise(seed, channels):
+    """Say once more what the white noise of a seed is: 53 bits of Philox, unit variance."""
+    bits = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
+    uniform = (bits >> 11) / 2.0**53
+    return ((uniform - 0.5) * np.sqrt(12)).reshape(TILE, TILE, channels)
+
+
+def deviations(white, levels):
+    """Deviation of every band's coefficients, (levels, 3, channels), with the tile repeated."""
+    pyramid = analyse(np.pad(white, ((TILE,) * 2,) * 2 + ((0, 0),), mode="wrap"), levels)
+    return [
+        bands[edge:-edge, edge:-edge].std(axis=(0, 1))
+        for bands, edge in ((b, b.shape[0] // 3) for b in pyramid.bands)
+    ]
+
+
+def test_noise_has_the_stated_shape_and_no_offset(noise):
+    assert noise.tiles.shape == (LEVELS, 3, TILE, TILE, 3)
+    assert noise.lag_correlation.shape == (LEVELS, 3, len(LAGS))
+    means = noise.tiles.astype(np.float64).mean(axis=(2, 3))
+    assert np.abs(means).max() < 0.01
+
+
+def test_every_band_is_made_from_coefficients_of_unit_variance_without_a_seam():
+    """Undo by hand what is said to be done: the bands, divided by their own deviation.
+
+    A tile is a band of unit deviation, passed through its filters again. Made so here, with
+    three tiles' width instead of two, it must be the same, to float32.
+    """
+    white = white_noise(7, 1)
+    noise = noise_bands(7, LEVELS, 1)
+    periodic = np.pad(white, ((TILE,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    pyramid = analyse(periodic, LEVELS)
+    spreads = deviations(white, LEVELS)
+    for level, bands in enumerate(pyramid.bands):
+        for index, kernel in enumerate(fitted_kernels().bands()):
+            image = band(bands[:, :, index] / spreads[level][index], kernel[::-1, ::-1])
+            for finer in reversed(range(level)):
+                image = double(image, ((3 * TILE) >> finer,) * 2)
+            expected = image[TILE:-TILE, TILE:-TILE].transpose(2, 0, 1)
+
+            # Nothing of the border reaches the tile: it repeats without a seam.
+            np.testing.assert_allclose(
+                noise.tiles[level, ..., index], expected, rtol=0, atol=4 * 2.0**-22
+            )
+
+
+def test_equal_weights_give_white_noise_back(noise):
+    """The bands are a graphic equaliser: each at its own deviation in white, they sum to it.
+
+    What is missing is the residual below the last level, and what the power's flatness
+    lets through (0.92 to 1.065, so 0.08 of amplitude at worst).
+    """
+    white = white_noise(7, 3)
+    spreads = deviations(white, LEVELS)
+    total = sum(
+        np.einsum("cyxb,bc->yxc", noise.tiles[level].astype(np.float64), spreads[level])
+        for level in range(LEVELS)
+    )
+
+    # The residual of 6 levels holds 1/4096 of white noise's power.
+    missing = white - total
+    assert missing.std() < np.hypot(0.08, 1 / 64)
+    frequencies, power = signal.periodogram(total, axis=0, detrend=False)
+    flat = power.mean(axis=(1, 2))[(frequencies > 0.05) & (frequencies < 0.5)]
+    assert np.abs(flat / 2 - 1).mean() < 0.1  # one-sided: white noise has density 2
+
+
+def test_weighted_bands_measure_as_they_were_weighted():
+    """Bands of white noise's own deviations, all doubled, measure doubled."""
+    noise = noise_bands(3, 4, 1)
+    white = white_noise(3, 1)
+    spreads = deviations(white, 4)
+    total = sum(
+        np.einsum("cyxb,bc->yxc", noise.tiles[level].astype(np.float64), 2 * spreads[level])
+        for level in range(4)
+    )
+
+    measured = deviations(total, 4)
+
+    for level in range(3):  # the last level misses what the residual would add to it
+        np.testing.assert_allclose(measured[level], 2 * spreads[level], rtol=0.05)
+
+
+def test_the_same_seed_gives_the_same_noise_and_another_one_other():
+    one, again, other = (noise_bands(seed, 1, 1).tiles for seed in (7, 7, 8))
+
+    assert again.tobytes() == one.tobytes()
+    correlation = np.corrcoef(one[..., 0].ravel(), other[..., 0].ravel())
+    assert abs(correlation[0, 1]) < 0.02
+
+
+def test_channels_are_independent(noise):
+    bands = noise.tiles[0, ..., 0].reshape(3, -1)
+
+    off_diagonal = np.corrcoef(bands) - np.eye(3)
+
+    assert np.abs(off_diagonal).max() < 0.02
+
+
+def test_noise_of_a_seed_never_changes(noise):
+    """Stimuli shown to people are made again from their seeds: these numbers are for ever."""
+    white = white_noise(7, 3)
+
+    np.testing.assert_allclose(white[0, 0], GOLDEN_WHITE, rtol=1e-15)
+    np.testing.assert_allclose(noise.tiles[0, 0, 5, 9], GOLDEN_FINE, atol=1e-6)
+    np.testing.assert_allclose(noise.tiles[3, 2, 200, 100], GOLDEN_COARSE, atol=1e-6)
+
+
+def test_fewer_levels_are_the_first_of_more():
+    np.testing.assert_array_equal(noise_bands(7, 2, 1).tiles, noise_bands(7, 4, 1).tiles[:2])
+
+
+def test_lag_correlation_by_hand():
+    """A chequerboard of ones: -1 to the side and below, 1 across the corners."""
+    y, x = np.mgrid[:8, :8]
+    board = np.where((x + y) % 2, -1.0, 1.0)
+    tiles = np.broadcast_to(board[None, None, ..., None], (2, 1, 8, 8, 3))
+
+    np.testing.assert_array_equal(lag_correlation(tiles), np.full((2, 3, 4), [-1, -1, 1, 1]))
+
+
+def test_looking_up_texel_centres_gives_texels(noise):
+    y, x = np.mgrid[:8, :8]
+    anchor = np.stack([x + 0.5 + TILE, y + 0.5 - TILE], axis=-1)  # tiles repeat both ways
+
+    found = look_up(noise, 2, anchor)
+
+    np.testing.assert_allclose(found, np.moveaxis(noise.tiles[2][:, :8, :8], 0, -1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("offset", [(0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (0.25, 0.75), (0.1, 0.9)])
+@pytest.mark.parametrize("level", range(LEVELS))
+def test_a_sub_pixel_look_up_keeps_the_variance(noise, level, offset):
+    """Over a whole tile within 5 %, where plain interpolation would lose up to three quarters."""
+    y, x = np.mgrid[:TILE, :TILE]
+    anchor = np.stack([x + 0.5 + offset[0], y + 0.5 + offset[1]], axis=-1)
+
+    moved = look_up(noise, level, anchor)
+
+    still = noise.tiles[level].astype(np.float64).var(axis=(0, 1, 2))
+    np.testing.assert_allclose(moved.var(axis=(0, 1, 3)), still, rtol=0.05)
+
+
+def test_a_look_up_without_its_gain_would_lose_variance(noise):
+    """What the test above guards against is there: half a pixel takes over a third away."""
+    tile = noise.tiles[0, 0, ..., 0].astype(np.float64)
+
+    halfway = 0.25 * sum(np.roll(tile, shift, (0, 1)) for shift in ((0, 0), (0, 1), (1, 0), (1, 1)))
+
+    assert halfway.var() < 0.65 * tile.var()
+
+
+def test_synthesis_of_the_tiles_coefficients_is_what_tiles_sum_to():
+    """One level by hand: bands through their kernels again, as in `synthesise`."""
+    white = white_noise(4, 1)
+    periodic = np.pad(white, ((TILE // 2,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    pyramid = analyse(periodic, 1)
+    spread = deviations(white, 1)[0]
+    scaled = pyramid.bands[0] / spread
+    half = TILE // 2
+    nothing = np.zeros_like(pyramid.residual)
+
+    expected = synthesise(Pyramid((scaled,), nothing))[half:-half, half:-half, 0]
+
+    total = noise_bands(4, 1, 1).tiles[0, 0].astype(np.float64).sum(axis=-1)
+    np.testing.assert_allclose(total, expected, atol=1e-6)
