@@ -84,7 +84,7 @@ def report(
     with user_errors():
         study = load_protocol(protocol) if protocol else None
         with _progress() as progress:
-            if sessions.is_file() and sessions.suffix.lower() in (".csv", ".tsv"):
+            if sessions.suffix.lower() in (".csv", ".tsv") and not sessions.is_dir():
                 made = report_decisions(
                     sessions,
                     out,

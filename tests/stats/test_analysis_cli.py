@@ -124,7 +124,7 @@ def test_power_prints_a_table_and_draws_the_curve(tmp_path):
     [
         (["report", "nowhere", "--protocol", "demo", "--out", "r"], "no such folder"),
         (["report", "nowhere", "--out", "r"], "--protocol must name"),
-        (["report", "nowhere.csv", "--out", "r"], "must be a folder|--protocol must name"),
+        (["report", "nowhere.csv", "--out", "r"], "the table must exist"),
         (["tidy", ".", "--protocol", "nothing", "--out", "t"], "must be a .toml file or one of"),
         (["tidy", ".", "--protocol", "demo", "--out", "t"], "no journal.jsonl was found"),
         (["import", "none.csv", "--out", "i"], "no such file"),
