@@ -6,10 +6,7 @@
 #constant ORIENTED_EDGE    // taps of the 3x3 oriented kernel, right column: centre row,
 #constant ORIENTED_CORNER  // other rows
 
-// Columns are what red, green and blue contribute (BT.709, full range).
-const mat3 YCBCR_FROM_RGB = mat3(0.2126, -0.2126 / 1.8556, 0.5,
-                                 0.7152, -0.7152 / 1.8556, -0.7152 / 1.5748,
-                                 0.0722, 0.5, -0.0722 / 1.5748);
+#include "ycbcr.glsl"
 
 struct Bands {
     vec3 high;     // Y', Cb, Cr

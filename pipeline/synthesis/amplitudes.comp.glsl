@@ -2,8 +2,9 @@
 // From one level's inpainted moments to the noise each pixel lacks: amplitudes of bands high,
 // along x, along y in Y', Cb, Cr. Visits what push completed: every texel that a hole pixel's
 // interpolation reaches has a coefficient that the hole spoils.
-// Twin: noise_amplitudes() in reference.py. Change both or neither.
+// Twin: noise_amplitudes() and detail_gain() in reference.py. Change both or neither.
 
+#constant GAIN               // 1: also say how much of the luma deviation the base lacks
 #constant CROSS              // 1: second moments are products with luma, else squares
 #constant PLANES             // vec4 per texel of moments
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
@@ -13,7 +14,7 @@
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
 layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
-layout(std430, binding = 5) writeonly buffer Amplitudes { vec4 amplitudes[]; };  // w: guide, -, -
+layout(std430, binding = 5) writeonly buffer Amplitudes { vec4 amplitudes[]; };  // w: guide, gain, -
 layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
 
 uniform int chain;
@@ -55,8 +56,15 @@ void work(ivec2 pixel) {
                         PRESENT(high, plane_0.rgb));
     vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, PRESENT(along_x, plane_1.rgb));
     vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, PRESENT(along_y, plane_2.rgb));
+    float gain = 0.0;
+#if GAIN
+    vec3 luma = vec3(high.x, along_x.x, along_y.x);
+    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
+    float wanted = dot(vec3(plane_1.w, plane_3.x, plane_4.x) - means * means, vec3(1.0));
+    gain = wanted > SMALLEST_VARIANCE ? sqrt(dot(luma, luma) / wanted) : 0.0;
+#endif
     int to = (first_texel + place) * 3;
     amplitudes[to] = vec4(high, guide[place]);
-    amplitudes[to + 1] = vec4(along_x, 0.0);
+    amplitudes[to + 1] = vec4(along_x, gain);
     amplitudes[to + 2] = vec4(along_y, 0.0);
 }

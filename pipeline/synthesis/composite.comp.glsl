@@ -2,14 +2,17 @@
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
 // Twin: shaped_noise(), look_up() and sample() in reference.py. Change both or neither.
+// With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
 #constant CHANNELS  // of noise: 1 or 3
 #constant NOISE_TILE
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
+#constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
 #include "guided.glsl"
+#include "ycbcr.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;
@@ -17,6 +20,7 @@ layout(r32f, binding = 1) uniform readonly image2D depth_m;
 layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
 #endif
 // Per texel high, along x, along y; w of the first: guide. Level k at resolution k + 1.
+// w of the second: gain of the background's detail, with BACKGROUND.
 layout(std430, binding = 4) readonly buffer Amplitudes { vec4 amplitudes[]; };
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
@@ -29,14 +33,14 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 uniform mat4 source_from_target;
 #endif
 
-const mat3 RGB_FROM_YCBCR = mat3(1.0, 1.0, 1.0,
-                                 0.0, -0.0722 * 1.8556 / 0.7152, 1.8556,
-                                 1.5748, -0.2126 * 1.5748 / 0.7152, 0.0);
-
 vec4 bilinear(vec2 fraction) {
     vec2 rest = 1.0 - fraction;
     return vec4(rest.x * rest.y, fraction.x * rest.y, rest.x * fraction.y, fraction.x * fraction.y);
 }
+
+#if BACKGROUND
+#include "detail.glsl"
+#endif
 
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
@@ -63,6 +67,10 @@ struct Pixel {
     ivec2 noise_corner;
     vec4 noise_share;
     vec3 noise;  // the sum so far: Y', Cb, Cr
+#if BACKGROUND
+    vec2 origin;  // of the texture; negative: none
+    vec3 finer;   // what the frame shows there, at the level at hand
+#endif
 };
 
 Pixel pixel_at(ivec2 place) {
@@ -80,6 +88,10 @@ Pixel pixel_at(ivec2 place) {
     vec2 noise_place = anchor(place, depth) - 0.5;
     p.noise_corner = ivec2(floor(noise_place));
     p.noise_share = bilinear(noise_place - floor(noise_place));
+#if BACKGROUND
+    p.origin = imageLoad(origin, place).xy;
+    p.finer = p.origin.x < 0.0 ? vec3(0.0) : frame_at(p.origin);
+#endif
     return p;
 }
 
@@ -105,19 +117,30 @@ vec3 noise_bands(Pixel p, int level, int channel) {
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
+    float gain;  // of the background's detail
 };
 
 Texel amplitudes_at(ivec2 place, ivec3 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     int at = 3 * (size.z + place.y * size.x + place.x);
-    vec4 high = amplitudes[at];
-    return Texel(high.w, high.rgb, amplitudes[at + 1].rgb, amplitudes[at + 2].rgb);
+    vec4 high = amplitudes[at], along_x = amplitudes[at + 1];
+    return Texel(high.w, high.rgb, along_x.rgb, amplitudes[at + 2].rgb, along_x.w);
 }
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     if (!p.hole) return;
     share = guided_shares(share, p.guide, vec4(a.guide, b.guide, c.guide, d.guide)).share;
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
+#if BACKGROUND
+    if (p.origin.x >= 0.0) {
+        if (!has_detail(level)) return;
+        vec3 next = coarser_at(level, p.origin);
+        p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), MIXED(high),
+                                 MIXED(along_x), MIXED(along_y));
+        p.finer = next;
+        return;
+    }
+#endif
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
     p.noise += bands.x * MIXED(high) + bands.y * MIXED(along_x) + bands.z * MIXED(along_y);

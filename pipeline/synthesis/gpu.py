@@ -14,9 +14,11 @@ from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
+from pipeline.inpaint.regions import WorkLists
+from pipeline.synthesis import background
 from pipeline.synthesis.noise import LAGS, noise_bands
 from pipeline.synthesis.noise import TILE as NOISE_TILE
-from pipeline.synthesis.reference import SMALLEST_VARIANCE
+from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_VARIANCE
 from pipeline.synthesis.settings import MetamericSettings
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
@@ -76,8 +78,14 @@ class MetamericPass:
         ]
         for shader in self._first:
             shader["depth_threshold"] = settings.depth_threshold
+        from_background = settings.texture == "background"
+        self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
         self._amplitudes = compile_compute(
-            ctx, "synthesis/amplitudes.comp.glsl", SMALLEST_VARIANCE=SMALLEST_VARIANCE, **bands
+            ctx,
+            "synthesis/amplitudes.comp.glsl",
+            SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+            GAIN=from_background,
+            **bands,
         )
         self._composite = compile_compute(
             ctx,
@@ -86,7 +94,11 @@ class MetamericPass:
             CHANNELS=self._channels,
             NOISE_TILE=NOISE_TILE,
             ANCHOR=_ANCHORS[settings.anchor],
+            BACKGROUND=from_background,
+            DETAIL_LIMIT=DETAIL_LIMIT,
         )
+        if from_background:
+            set_array(self._composite, "coarser", np.arange(levels - 1, dtype=np.int32))
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         texels = [resolutions.texels(k + 1) for k in range(levels)]
@@ -109,6 +121,7 @@ class MetamericPass:
             + levels  # first pulls
             + self.moments.dispatches
             + levels  # amplitudes
+            + (1 if self._seek else 0)
             + 1  # composite
         )
 
@@ -117,6 +130,8 @@ class MetamericPass:
         """Memory beyond the caller's textures, bytes."""
         passes = (self.base, self.low_bands, self.moments)
         own = self._amplitude_texels.size + texture_bytes(self._noise)
+        if self._seek:
+            own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
 
     def set_seed(self, seed: int) -> None:
@@ -172,6 +187,11 @@ class MetamericPass:
         self.moments()
         for k, level in enumerate(levels):
             self._amplify(k, level)
+        if self._seek:
+            origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
+            origin.bind_to_image(5, read=True, write=False)
+            for unit, level in enumerate(levels[1:]):
+                level.use(unit)
         self._compose(image, depth_m, flow_px, z_near_m)
 
     def _measure(
@@ -223,3 +243,55 @@ class MetamericPass:
         self._noise.release()
         for shader in (*self._first, self._amplitudes, self._composite):
             shader.release()
+        if self._seek:
+            self._seek.release()
+
+
+class SeekPass:
+    """Find from where each hole pixel takes its texture. Twin: background.texture_origins.
+
+    Writes hole pixels of a texture of its own: rg32f, (x, y), negative where there is none.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, size: tuple[int, int], depth_threshold: float
+    ) -> None:
+        steps = {f"STEP_{k}": step for k, step in enumerate(background.STEPS_PX)}
+        self._shader = compile_compute(
+            ctx,
+            "synthesis/seek.comp.glsl",
+            REACH=background.REACH_PX,
+            INSET=background.INSET_PX,
+            MARGIN=float(background.MARGIN_PX),
+            OCTANT_TANGENT=background.OCTANT_TANGENT,
+            **steps,
+        )
+        self._shader["depth_threshold"] = depth_threshold
+        self._origin = create_texture(ctx, size, "rg32f")
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory, bytes."""
+        return texture_bytes(self._origin)
+
+    def __call__(
+        self,
+        image: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        z_near_m: float,
+        lists: WorkLists,
+    ) -> moderngl.Texture:
+        """Return the texture of origins; one dispatch over the pixels with a hole."""
+        image.bind_to_image(0, read=True, write=False)
+        depth_m.bind_to_image(1, read=True, write=False)
+        flow_px.bind_to_image(2, read=True, write=False)
+        self._origin.bind_to_image(3, read=False, write=True)
+        self._shader["z_near_m"] = z_near_m
+        lists.run(self._shader, ("holes", 1))
+        return self._origin
+
+    def release(self) -> None:
+        """Free shader and texture."""
+        self._shader.release()
+        self._origin.release()

@@ -3,10 +3,11 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with amplitudes.comp.glsl and composite.comp.glsl. Change both or neither.
+Twin: gpu.py with amplitudes.comp.glsl, composite.comp.glsl and detail.glsl. Change both
+or neither.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,12 @@ from pipeline.inpaint.reference import (
     near_a_hole,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
+from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.noise import LAGS, TILE, NoiseBands, noise_bands
 from pipeline.synthesis.settings import MetamericSettings
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
+DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,16 @@ def metameric_fill(
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
         settings.depth_threshold,
     )
+    if settings.texture == "background":
+        origin_px, found = texture_origins(warped, guide, settings.depth_threshold)
+        detail = shaped_detail(
+            details(base, origin_px, settings.levels),
+            statistics,
+            amplitudes,
+            guide,
+            settings.depth_threshold,
+        )
+        noise = np.where(found[..., None], detail, noise)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(amplitudes))
@@ -169,6 +182,42 @@ def shaped_noise(
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
         total += (amplitude * texel).sum(axis=2)
     return total
+
+
+def shaped_detail(
+    detail: list[NDArray[np.float64]],
+    statistics: list[Level],
+    amplitudes: list[Level],
+    guide: NDArray[np.float64],
+    threshold: float,
+) -> NDArray[np.float64]:
+    """Sum the background's own detail, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
+
+    Each level takes its `detail_gain`, and at most `DETAIL_LIMIT` deviations of what is
+    lacking: so much and no more can be texture.
+    """
+    total = np.zeros((*guide.shape, 3))
+    for level, found in enumerate(detail):
+        coarse = amplitudes[level]
+        gain = detail_gain(statistics[level].values, coarse.values)
+        both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
+        shape = sample(both, guide, level + 1, threshold)
+        bands = shape[..., :9].reshape(*guide.shape, 3, 3)
+        limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
+        total += np.clip(shape[..., 9:] * found, -limit, limit)
+    return total
+
+
+def detail_gain(
+    statistics: NDArray[np.float64], amplitudes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Share of the luma deviation, over all bands, that the base lacks: (H, W, 1)."""
+    _, variance = means_and_variances(statistics, cross=True)
+    wanted = variance[..., 0].sum(axis=2, keepdims=True)
+    lacking = (amplitudes[..., ::3] ** 2).sum(axis=2, keepdims=True)
+    measurable = wanted > SMALLEST_VARIANCE
+    ratio = np.divide(lacking, wanted, out=np.zeros_like(wanted), where=measurable)
+    return np.asarray(np.sqrt(ratio))
 
 
 def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:

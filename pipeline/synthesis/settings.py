@@ -8,6 +8,7 @@ from pipeline.features.reference import check_levels
 
 Channels = Literal["correlated", "independent"]
 Anchor = Literal["flow", "camera", "screen"]
+Texture = Literal["noise", "background"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ class MetamericSettings:
         by its depth and two cameras, or the screen (the paper's screen-door effect).
     skip_depth_edges : bool
         Leave coefficients that straddle a depth edge out of the statistics.
+    texture : {"noise", "background"}
+        What is shaped by the statistics: filtered white noise, or the detail of the known
+        background along the parallax, and noise where that is out of reach. The latter needs
+        at least 2 levels.
 
     Raises
     ------
@@ -48,6 +53,7 @@ class MetamericSettings:
     channels: Channels = "correlated"
     anchor: Anchor = "flow"
     skip_depth_edges: bool = True
+    texture: Texture = "noise"
 
     def __post_init__(self) -> None:
         check_levels(self.levels)
@@ -57,7 +63,15 @@ class MetamericSettings:
                 raise InputError(f"{name} must lie in 0..{highest:g} (got {value})")
         if not 0 < self.depth_threshold <= 1:
             raise InputError(f"depth_threshold must lie in (0, 1] (got {self.depth_threshold})")
-        for name, choices in (("channels", get_args(Channels)), ("anchor", get_args(Anchor))):
+        if self.texture == "background" and self.levels < 2:
+            raise InputError(
+                f'levels must be at least 2 for texture "background" (got {self.levels})'
+            )
+        for name, choices in (
+            ("channels", get_args(Channels)),
+            ("anchor", get_args(Anchor)),
+            ("texture", get_args(Texture)),
+        ):
             if getattr(self, name) not in choices:
                 raise InputError(
                     f"{name} must be one of {', '.join(choices)} (got {getattr(self, name)!r})"
