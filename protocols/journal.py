@@ -75,6 +75,9 @@ class GazeInfo(Model):
     """`lsl`, `mouse`, `replay`, `simulated`, or an adapter's name."""
     description: str = ""
     rate_hz: Hertz
+    clock_offset_s: Stamp | None = None
+    """Added to the tracker's own stamps to give the session's clock, as measured when it was
+    opened; null where both are one clock."""
 
 
 class SessionStart(Event):
@@ -108,7 +111,8 @@ class SessionStart(Event):
     versions: dict[str, str]
     platform: str
     timing_evidence: str = ""
-    """What vouches for the flip stamps: `glXGetSyncValuesOML`, `fence`, `unverified`, `virtual`."""
+    """What vouches for the flip stamps: `glXGetSyncValuesOML`, `fence`, `unverified`,
+    `software timer`, `virtual`."""
 
 
 class SessionResume(Event):
@@ -275,7 +279,8 @@ class Attempt(Event):
     gaze_file: SideFile | None
     """Samples: CSV with t_s, raw_t, x_px, y_px (empty = lost)."""
     flips_file: SideFile | None
-    """Every flip: CSV with t_s, refreshes, kind, late_s, phase, clip_frame."""
+    """Every flip: CSV with flip (its number, as in the frame strip), t_s, interval_s, refreshes,
+    kind, late_s, evidence, phase, clip_frame, frame_sha256."""
 
     @model_validator(mode="after")
     def _outcome_is_whole(self) -> Attempt:

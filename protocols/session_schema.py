@@ -110,6 +110,9 @@ class TrialTiming(Model):
     """Place of the dot, below the screen's centre."""
     dot_deg: Degrees = 0.6
     """Outer diameter of the fixation target."""
+    dot_over_clips: bool = False
+    """Keep the target on the screen during the intervals, over the clips. Left out: clips are
+    shown untouched, and the target only where it lies beside them."""
     dropped_frames_max: Count = 2
     """Refreshes that may be missed during an attempt; one more makes it void."""
 

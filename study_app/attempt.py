@@ -15,10 +15,11 @@ from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import Flip, Pacer
 from study_app.recorder import Recorder
-from study_app.stage import KeyPress, Picture, Stage
+from study_app.stage import KeyPress, Picture, Shown, Stage
 from study_app.trial import WATCHED, GazeMode, Observed, Phase, Timeline, Trial, Watch, advance
 
 _CLIP = {Phase.FIRST: 0, Phase.SECOND: 1}
+FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
 
 
 @dataclass
@@ -26,6 +27,8 @@ class Log:
     """What is collected during an attempt, in memory."""
 
     flips: list[tuple[Phase, int | None, Flip]] = field(default_factory=list)
+    shown: list[Shown] = field(default_factory=list)
+    """What the stage said of each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
     answer: KeyPress | None = None
     answer_side: SideName | None = None
@@ -57,6 +60,7 @@ def run_attempt(
     stage: Stage,
     watcher: Watcher | None,
     on_outcome: Callable[[Trial, Log], None],
+    mark: Callable[[str, float], None] = lambda _text, _t_s: None,
 ) -> AttemptResult:
     """Run one attempt to the end of its inter-trial interval.
 
@@ -74,6 +78,8 @@ def run_attempt(
         None in mode `none`.
     on_outcome : callable
         Called once, after the first flip of the inter-trial interval: the time to write.
+    mark : callable
+        Told the name and the onset of every phase, for recordings elsewhere. Must not wait.
     """
     pacer = Pacer(stage.refresh_hz)
     log = Log()
@@ -83,9 +89,13 @@ def run_attempt(
     interrupts: list[VoidReason] = []
     stage.key_presses()  # what was pressed before does not count
     while state.phase is not Phase.DONE:
-        flip = pacer.flip(stage.show(_picture(state, timeline)))
+        shown = stage.show(_picture(state, timeline))
+        flip = pacer.flip(shown.t_s)
+        log.shown.append(shown)
         log.flips.append((state.phase, state.clip_frame(timeline), flip))
         if state.frames == 0:  # the first flip of a phase
+            if len(log.flips) == 1 or log.flips[-2][0] is not state.phase:
+                mark(state.phase.value, flip.t_s)
             if watcher and state.phase is Phase.FIRST:
                 planned_s = (2 * timeline.interval + timeline.gap) / stage.refresh_hz
                 watcher.monitor.watch(flip.t_s, planned_s)
@@ -187,7 +197,7 @@ def attempt_event(
             f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.session_time)
         )
     flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(log.flips, recorder.session_time)
+        f"flips/{stem}", ".csv", _flips_csv(planned, log, manifest, recorder.session_time)
     )
     chosen: Interval | None = trial.choice
     onset_s = next((f.t_s for phase, _, f in log.flips if phase is Phase.RESPOND), None)
@@ -284,15 +294,21 @@ def _gaze_csv(samples: Sequence[GazeSample], session_time: Callable[[float], flo
 
 
 def _flips_csv(
-    flips: Sequence[tuple[Phase, int | None, Flip]], session_time: Callable[[float], float]
+    planned: PlannedTrial,
+    log: Log,
+    manifest: Manifest,
+    session_time: Callable[[float], float],
 ) -> bytes:
+    hashes = [manifest.clip(name).frames_sha256 for name in planned.clips]
     text = io.StringIO()
-    text.write("t_s,refreshes,kind,late_s,phase,clip_frame\n")
-    for phase, frame, flip in flips:
-        shown = "" if frame is None else frame
+    text.write(FLIPS_HEADER + "\n")
+    before_s: float | None = None
+    for (phase, frame, flip), shown in zip(log.flips, log.shown, strict=True):
+        interval = "" if before_s is None else f"{flip.t_s - before_s:.6f}"
+        clip = "," if frame is None else f"{frame},{hashes[_CLIP[phase]][frame]}"
         text.write(
-            f"{session_time(flip.t_s):.6f},{flip.refreshes},{flip.kind},"
-            f"{round(flip.late_s, 6) + 0.0:.6f},"
-            f"{phase.value},{shown}\n"
+            f"{shown.number},{session_time(flip.t_s):.6f},{interval},{flip.refreshes},{flip.kind},"
+            f"{round(flip.late_s, 6) + 0.0:.6f},{shown.evidence},{phase.value},{clip}\n"
         )
+        before_s = flip.t_s
     return text.getvalue().encode("ascii")

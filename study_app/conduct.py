@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.journal import (
     Answer,
@@ -13,6 +14,7 @@ from protocols.journal import (
     BlockEnd,
     BlockStart,
     Break,
+    Calibration,
     Consent,
     Note,
     Pause,
@@ -24,9 +26,9 @@ from protocols.plan import Plan
 from study_app.attempt import Log, Watcher, attempt_event, run_attempt
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.geometry import Viewing
-from study_app.gaze.source import GazeSource
+from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.opening import Setting, texts_of
-from study_app.recorder import Recorder
+from study_app.recorder import DiskError, Recorder
 from study_app.session import (
     AskConsent,
     AskQuestion,
@@ -36,14 +38,22 @@ from study_app.session import (
     StartBlock,
     Step,
     TakeBreak,
+    following,
     given_up,
     next_step,
 )
-from study_app.stage import Page, PageResult, Stage
-from study_app.trial import Timeline, Trial
+from study_app.stage import Page, PageResult, Picture, Stage
+from study_app.trial import Phase, Timeline, Trial
+from study_app.validation import unfit_gaze
 from study_app.wording import fill
 
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
+TRACKER_PATIENCE_S = 2.0
+"""A tracker that is silent for longer between two attempts ends the run."""
+Mark = Callable[[str, float], None]
+"""Told what happens and when, for recordings elsewhere."""
+Validate = Callable[[], CalibrationResult | None]
+"""Shows the targets of a validation; None where the participant or operator quit."""
 
 
 @dataclass(frozen=True)
@@ -64,24 +74,59 @@ def conduct(
     gaze: GazeSource | None,
     *,
     on_attempt: Callable[[Attempt], None] = lambda _: None,
+    mark: Mark = lambda _text, _t_s: None,
+    validate: Validate | None = None,
 ) -> Outcome:
     """Run a sitting from where its journal stands to its end, or until it is stopped.
+
+    Parameters
+    ----------
+    setting, plan, recorder : Setting, Plan, Recorder
+        As `begin` or `resume` returned them.
+    stage, gaze : Stage, GazeSource or None
+        Open.
+    on_attempt : callable
+        Told every attempt once it is on the disk.
+    mark : callable
+        Told the onset of every phase, and when blocks begin and end.
+    validate : callable, optional
+        Validates the gaze source before each block; left out: nothing is validated.
 
     Raises
     ------
     DiskError
         If the disk is full: the journal ends with the last whole event.
+    StudyError
+        If a clip is missing or changed, or gaze cannot be judged: the journal says so.
     """
-    conductor = _Conductor(setting, plan, recorder, stage, gaze, on_attempt)
-    reason = conductor.run()
+    conductor = _Conductor(setting, plan, recorder, stage, gaze, on_attempt, mark, validate)
+    try:
+        reason = conductor.run()
+    except DiskError:
+        raise
+    except StudyError as error:
+        done = _main_done(recorder)
+        recorder.append(
+            SessionEnd(
+                **recorder.stamps(), reason="error", completed_trials=done, message=str(error)
+            )
+        )
+        raise
     attempts = [event for event in recorder.events if isinstance(event, Attempt)]
-    done = sum(
-        attempt.outcome == "completed" and not attempt.practice and not attempt.catch
-        for attempt in attempts
-    )
+    done = _main_done(recorder)
     recorder.append(SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done))
     missing = given_up(plan, attempts, setting.protocol.design.max_attempts)
     return Outcome(reason, done, plan.main_trials, tuple(missing))
+
+
+def _main_done(recorder: Recorder) -> int:
+    return sum(
+        isinstance(event, Attempt)
+        and event.outcome == "completed"
+        and not event.practice
+        and not event.catch
+        for event in recorder.events
+    )
 
 
 class _Conductor:
@@ -95,9 +140,14 @@ class _Conductor:
         stage: Stage,
         gaze: GazeSource | None,
         on_attempt: Callable[[Attempt], None],
+        mark: Mark,
+        validate: Validate | None,
     ) -> None:
         self._setting, self._plan, self._recorder = setting, plan, recorder
-        self._stage, self._on_attempt = stage, on_attempt
+        self._stage, self._on_attempt, self._mark = stage, on_attempt, mark
+        self._validate = validate
+        self._validated: int | None = None
+        """Block for which gaze was validated in this run of the program."""
         self._protocol = setting.protocol
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
@@ -126,6 +176,21 @@ class _Conductor:
                 return "completed"
             if not self._do(step):
                 return "quit"
+            if isinstance(step, RunTrial) and self._tracker_lost():
+                return "tracker-lost"
+
+    def _tracker_lost(self) -> bool:
+        """Wait for a tracker that fell silent; return whether it stays so."""
+        watcher, stage = self._watcher, self._stage
+        if watcher is None:
+            return False
+        rules = self._protocol.gaze
+        while (silent_s := watcher.monitor.silent_s(stage.now())) > 2 * rules.silence_s:
+            if silent_s > max(TRACKER_PATIENCE_S, 2 * rules.silence_s):
+                return True
+            stage.show(Picture(Phase.ITI))
+            watcher.monitor.feed(watcher.source.poll())
+        return False
 
     def _do(self, step: Step) -> bool:
         """Do one step; False where the sitting is to stop."""
@@ -138,9 +203,12 @@ class _Conductor:
                     return False
                 if not self._announce(block):
                     return False
+                if not self._validated_gaze(block):
+                    return False
                 recorder.append(BlockStart(**recorder.stamps(), block=block, trials=trials))
+                self._mark(f"block {block}", self._stage.now())
             case RunTrial():
-                return self._trial(step)
+                return self._validated_gaze(step.trial.block) and self._trial(step)
             case EndBlock(block):
                 recorder.append(BlockEnd(**recorder.stamps(), block=block))
             case TakeBreak(block):
@@ -198,8 +266,41 @@ class _Conductor:
             return not self._quit_pressed(self._page("start", self._texts.start))
         return True
 
+    def _validated_gaze(self, block: int) -> bool:
+        """Validate the gaze source once per block and run; False where the sitting stops."""
+        if self._validate is None or self._watcher is None or self._validated == block:
+            return True
+        while True:
+            result = self._validate()
+            if result is None:
+                return False
+            self._recorder.append(
+                Calibration(
+                    **self._recorder.stamps(),
+                    accuracy_deg=round(result.accuracy_deg, 4),
+                    precision_deg=round(result.precision_deg, 4),
+                    points=result.points,
+                )
+            )
+            complaint = unfit_gaze(self._protocol.gaze, result)
+            if not complaint:
+                self._validated = block
+                return True
+            self._recorder.append(Note(**self._recorder.stamps(), text=complaint))
+            keys = self._protocol.response
+            page = Page(
+                "calibration",
+                f"{complaint}\n\n{keys.continue_keys[0]}: again    {keys.quit_keys[0]}: stop",
+                self._keys(),
+            )
+            if self._stage.page(page).key not in keys.continue_keys:
+                raise StudyError(complaint)
+
     def _trial(self, step: RunTrial) -> bool:
         self._stage.prepare(step.trial, step.attempt)
+        after = following(self._protocol, self._plan, self._recorder.events, step.trial)
+        if after is not None:
+            self._stage.expect(after)
         if self._watcher:
             self._watcher.source.mark(f"{step.trial.id} attempt {step.attempt}")
 
@@ -225,6 +326,7 @@ class _Conductor:
             self._stage,
             self._watcher,
             write,
+            lambda phase, t_s: self._mark(f"{step.trial.id} attempt {step.attempt} {phase}", t_s),
         )
         return self._interrupted(result.interrupts, result.trial.void_reason)
 
@@ -233,15 +335,7 @@ class _Conductor:
     ) -> bool:
         """Ask once after the quit key; rest after the pause key or a lost focus."""
         if "quit" in interrupts:
-            keys = self._protocol.response
-            result = self._stage.page(
-                Page(
-                    "quit",
-                    self._filled(self._texts.quit_question),
-                    (*keys.quit_keys, *keys.continue_keys),
-                )
-            )
-            return not self._quit_pressed(result)
+            return not self._quit_pressed(self._ask_to_quit())
         if "paused" in interrupts or void_reason == "focus-lost":
             if void_reason == "focus-lost":
                 self._recorder.append(
@@ -262,7 +356,19 @@ class _Conductor:
         self, name: str, text: str, *, least_s: float = 0.0, wait: bool = True, done: int = 0
     ) -> PageResult:
         keys = self._keys() if wait else ()
-        return self._stage.page(Page(name, self._filled(text, done), keys, least_s=least_s))
+        page = Page(name, self._filled(text, done), keys, least_s=least_s)
+        result = self._stage.page(page)
+        while name != "paused" and self._quit_pressed(result):
+            asked = self._ask_to_quit()
+            if self._quit_pressed(asked):
+                return asked
+            result = self._stage.page(page)
+        return result
+
+    def _ask_to_quit(self) -> PageResult:
+        keys = self._protocol.response
+        text = self._filled(self._texts.quit_question)
+        return self._stage.page(Page("quit", text, (*keys.quit_keys, *keys.continue_keys)))
 
     def _filled(self, text: str, done: int = 0) -> str:
         return fill(text, self._protocol.response, done=done, total=max(self._plan.blocks))

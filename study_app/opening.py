@@ -144,7 +144,7 @@ def resume(
 def versions() -> dict[str, str]:
     """Return the versions a session depends on."""
     found = {"python": sys.version.split()[0]}
-    for name in ("moderngl", "glfw", "numpy", "pydantic", "pillow"):
+    for name in ("moderngl", "glfw", "numpy", "pydantic", "pillow", "pylsl"):
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
@@ -186,7 +186,12 @@ def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | N
             f"gaze: the source must send at least {protocol.gaze.rate_min_hz:g} Hz"
             f" (got {info.rate_hz:g} Hz from {info.source})"
         )
-    return GazeInfo(source=info.source, description=info.description, rate_hz=info.rate_hz)
+    return GazeInfo(
+        source=info.source,
+        description=info.description,
+        rate_hz=info.rate_hz,
+        clock_offset_s=info.clock_offset_s,
+    )
 
 
 def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:

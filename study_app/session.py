@@ -117,6 +117,22 @@ def next_step(
     return Finish(consented=True)
 
 
+def following(
+    protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], trial: PlannedTrial
+) -> PlannedTrial | None:
+    """Return which trial comes after `trial`, the one that runs; None after the last.
+
+    It is the same whether the attempt counts or is void: a void trial never comes at once where
+    another is left.
+    """
+    attempts = [event for event in events if isinstance(event, Attempt)]
+    queue = remaining(plan, trial.block, attempts, protocol.design.max_attempts)
+    if len(queue) > 1:
+        return queue[1]
+    later = [entry for entry in plan.trials if entry.block > trial.block]
+    return later[0] if later else None
+
+
 def remaining(
     plan: Plan, block: int, attempts: Sequence[Attempt], max_attempts: int
 ) -> list[PlannedTrial]:

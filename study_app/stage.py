@@ -24,6 +24,17 @@ class KeyPress(NamedTuple):
     """On the stage's clock."""
 
 
+class Shown(NamedTuple):
+    """What is known of one flip."""
+
+    t_s: float
+    """On the stage's clock."""
+    number: int
+    """Of the flip, from 0 where the window opened: what the frame strip says."""
+    evidence: str
+    """What vouches for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Picture:
     """What one flip shows."""
@@ -80,8 +91,11 @@ class Stage(Protocol):
         Raises `StudyError` if a clip is missing or is not what was hashed.
         """
 
-    def show(self, picture: Picture) -> float:
-        """Draw, flip, and return the flip's stamp. No disk, no decoding."""
+    def expect(self, trial: PlannedTrial) -> None:
+        """Say which trial comes after the one that runs; may load it while nothing moves."""
+
+    def show(self, picture: Picture) -> Shown:
+        """Draw, flip, and return what is known of the flip. No disk, no decoding."""
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that went down since the last call. Never waits."""

@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Literal, Protocol
 
 from protocols.plan import PlannedTrial
-from study_app.stage import KeyPress, Page, PageResult, Picture
+from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 from study_app.trial import Phase
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
@@ -92,6 +92,7 @@ class VirtualStage:
         self._trial: tuple[PlannedTrial, int] | None = None
         self._faults: Mapping[int, Fault] = {}
         self._flips = 0
+        self._number = 0
         self._pending: list[KeyPress] = []
         self._asked = False
         self.pictures: list[tuple[float, Picture]] | None = None
@@ -116,7 +117,10 @@ class VirtualStage:
         """Let a key go down at a time of the clock."""
         self._pending.append(KeyPress(key, t_s))
 
-    def show(self, picture: Picture) -> float:
+    def expect(self, trial: PlannedTrial) -> None:
+        """Nothing to load."""
+
+    def show(self, picture: Picture) -> Shown:
         """Wait for the next refresh of the grid, or do what the planted fault says."""
         fault = self._faults.get(self._flips)
         self._flips += 1
@@ -133,7 +137,8 @@ class VirtualStage:
             self.press(key, stamp_s + after_s)
         if self.pictures is not None:
             self.pictures.append((stamp_s, picture))
-        return stamp_s
+        self._number += 1
+        return Shown(stamp_s, self._number - 1, "virtual")
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys whose time has come."""

@@ -18,6 +18,7 @@ from protocols.load import load_display, load_protocol
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
 from study_app.cli.errors import user_errors
+from study_app.cli.sitting_commands import register
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observer import DEFAULT_UTILITIES, ObserverModel
 from study_app.simulate import Simulation, simulate_study
@@ -29,6 +30,10 @@ app = typer.Typer(
     help="""Run a sitting with a participant, or with artificial observers.
 
     Examples:
+
+        metamerlab session check-display fhd27-60hz
+
+        metamerlab session run demo --stimuli clips --participant P01
 
         metamerlab session simulate demo --out sessions --participants 11
 
@@ -175,6 +180,9 @@ def status(
         for name, value in _details(sitting):
             table.add_row(name, value)
         Console().print(table)
+
+
+register(app)
 
 
 def _sittings_above(session: Path) -> list[Sitting]:

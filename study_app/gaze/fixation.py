@@ -102,6 +102,10 @@ class FixationMonitor:
                 return Watch.LOSS
         return Watch.HELD if self._inside and not silent else Watch.AWAY
 
+    def silent_s(self, now_s: float) -> float:
+        """Return for how long no sample has come; infinite where none ever did."""
+        return now_s - self._last_s
+
     def quality(self, now_s: float) -> GazeQuality:
         """Summarise the time watched up to `now_s`."""
         lost_s = self._lost_s

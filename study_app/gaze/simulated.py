@@ -83,6 +83,7 @@ class SimulatedGaze:
         behaviour: GazeBehaviour = STEADY,
     ) -> None:
         self._clock, self._viewing, self._dot = clock, viewing, dot_deg
+        self._home = dot_deg
         self._rate_hz, self._behaviour = rate_hz, behaviour
         self._events: tuple[GazeEvent, ...] = ()
         self._chunk: tuple[int, list[tuple[float, float]]] | None = None
@@ -97,6 +98,11 @@ class SimulatedGaze:
         self._events = tuple(self._drawn_events(rng) if events is None else events)
         deaths = [event.at_s for event in self._events if event.kind == "death"]
         self._dead = math.ceil(min(deaths) * self._rate_hz - 1e-9) if deaths else sys.maxsize
+
+    def look_at(self, place_deg: tuple[float, float] | None) -> None:
+        """Look somewhere else from now on; None: at the dot again."""
+        self._dot = self._home if place_deg is None else place_deg
+        self._chunk = None
 
     def open(self) -> None:
         """Nothing to connect to."""

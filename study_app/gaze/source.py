@@ -34,6 +34,8 @@ class SourceInfo:
     description: str
     rate_hz: float
     """Nominal sampling rate."""
+    clock_offset_s: float | None = None
+    """Added to raw stamps to give the session's clock; None where they are one clock."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,329 @@
+"""The commands of `metamerlab session` that need a display or a participant's data."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from protocols.errors import StudyError
+from protocols.journal import AnyEvent, Attempt, SessionEnd
+from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.load import load_display, load_protocol, shipped
+from study_app.cli.errors import EXIT_USER_ERROR, user_errors
+from study_app.conduct import Outcome
+from study_app.display_check import DisplayCheck, check_display, verdict, write_report
+from study_app.gaze.source import CalibrationResult
+from study_app.luminance import LuminanceFit, fit_gamma, store_luminance
+from study_app.luminance_page import read_patches
+from study_app.operator_view import attempt_line, rows
+from study_app.presenter import Extras
+from study_app.run import Listener, SittingOptions, resume_sitting, run_sitting, utc_now
+from study_app.validation import PointQuality, smallest_window_deg
+from study_app.window import Window
+from study_app.withdrawal import find_participant
+from study_app.withdrawal import withdraw as withdraw_participant
+
+ProtocolArgument = Annotated[
+    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+]
+StimuliOption = Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
+ParticipantOption = Annotated[
+    str, typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name.")
+]
+OutOption = Annotated[Path, typer.Option(help="Folder of sessions.")]
+DisplayOption = Annotated[
+    str | None, typer.Option(help="Another display than the protocol's: a name or a .toml file.")
+]
+GazeOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse."
+    ),
+]
+StripOption = Annotated[
+    bool,
+    typer.Option("--strip", help="Number and CRC of every flip at the edges, for a camera."),
+]
+PhotodiodeOption = Annotated[
+    bool,
+    typer.Option("--photodiode", help="A patch at the lower right, white at every other frame."),
+]
+MarkersOption = Annotated[
+    bool, typer.Option("--markers", help="Send the onset of every phase as LSL markers.")
+]
+PacingOption = Annotated[
+    bool,
+    typer.Option(
+        "--software-pacing",
+        help="A timer in place of the display's vertical synchronisation: for rehearsals and"
+        " machines without a display. Recorded in the header.",
+    ),
+]
+ValidationOption = Annotated[
+    bool,
+    typer.Option(
+        "--skip-validation", help="Start blocks without validating gaze. Recorded in the journal."
+    ),
+]
+SimulateOption = Annotated[
+    bool,
+    typer.Option("--simulate", help="An artificial observer answers in the real window."),
+]
+
+
+def run(
+    protocol: ProtocolArgument,
+    stimuli: StimuliOption,
+    participant: ParticipantOption,
+    out: OutOption = Path("sessions"),
+    language: Annotated[str | None, typer.Option(help="Default: the protocol's.")] = None,
+    display: DisplayOption = None,
+    gaze: GazeOption = None,
+    strip: StripOption = False,
+    photodiode: PhotodiodeOption = False,
+    markers: MarkersOption = False,
+    software_pacing: PacingOption = False,
+    skip_validation: ValidationOption = False,
+    simulate: SimulateOption = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the artificial observer.")] = 0,
+) -> None:
+    """Run a sitting: display check, consent, instructions, practice, blocks, questions, thanks.
+
+    The window covers the display's monitor. The quit key (escape in the shipped studies) asks
+    once; what was decided is saved, and 'session resume' goes on. Follow it from another
+    terminal with 'session watch'.
+
+    Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
+    """
+    with user_errors():
+        study = load_protocol(protocol)
+        options = SittingOptions(
+            protocol=study,
+            display=load_display(display or study.display.display, beside=protocol),
+            stimuli=stimuli,
+            root=out,
+            participant=participant,
+            language=language,
+            gaze=gaze,
+            pacing="software" if software_pacing else "vsync",
+            extras=Extras(strip, photodiode),
+            markers=markers,
+            validate=not skip_validation,
+            simulate=simulate,
+            seed=seed,
+        )
+        _tell(run_sitting(options, _listener()), options)
+
+
+def resume(
+    protocol: ProtocolArgument,
+    stimuli: StimuliOption,
+    participant: ParticipantOption,
+    out: OutOption = Path("sessions"),
+    display: DisplayOption = None,
+    gaze: GazeOption = None,
+    strip: StripOption = False,
+    photodiode: PhotodiodeOption = False,
+    markers: MarkersOption = False,
+    software_pacing: PacingOption = False,
+    skip_validation: ValidationOption = False,
+    simulate: SimulateOption = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the artificial observer.")] = 0,
+) -> None:
+    """Go on with a sitting that was quit or killed: same trials, same order, nothing twice.
+
+    Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
+    """
+    with user_errors():
+        study = load_protocol(protocol)
+        options = SittingOptions(
+            protocol=study,
+            display=load_display(display or study.display.display, beside=protocol),
+            stimuli=stimuli,
+            root=out,
+            participant=participant,
+            gaze=gaze,
+            pacing="software" if software_pacing else "vsync",
+            extras=Extras(strip, photodiode),
+            markers=markers,
+            validate=not skip_validation,
+            simulate=simulate,
+            seed=seed,
+        )
+        _tell(resume_sitting(options, _listener()), options)
+
+
+def check_display_(
+    display: Annotated[str, typer.Argument(help="Display: a name or a .toml file.")],
+    out: OutOption = Path("sessions"),
+    flips: Annotated[int, typer.Option(min=60, help="Flips to measure.")] = 1200,
+    luminance: Annotated[
+        bool,
+        typer.Option(
+            "--luminance",
+            help="Show grey patches for a photometer; the readings give gamma and peak, which are"
+            " written into the display file.",
+        ),
+    ] = False,
+    software_pacing: PacingOption = False,
+) -> None:
+    """Measure a display: rate, intervals, missed refreshes, and what vouches for the stamps.
+
+    Writes a report into the folder of sessions. A sitting measures again before it begins.
+
+    Example: metamerlab session check-display my-display.toml --luminance
+    """
+    with user_errors():
+        described = load_display(display)
+        if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
+            raise StudyError(
+                f"{display}: the readings are written into your own display file; copy"
+                f" {shipped('displays').get(display, display)} to my-display.toml, and give that"
+            )
+        with Window(described, pacing="software" if software_pacing else "vsync") as window:
+            # No progress bar: its thread would disturb what is measured.
+            print(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
+            check = check_display(window, utc_now, flips)
+            report = write_report(out, check)
+            readings = read_patches(window) if luminance else {}
+        _print_rows(verdict(check, described))
+        print(f"report: {out / report.file}")
+        if readings is None:
+            raise StudyError("luminance: stopped before the last reading; nothing was stored")
+        if readings:
+            fit = fit_gamma(readings)
+            store_luminance(Path(display), fit)
+            _print_fit(fit, display)
+
+
+def withdraw(
+    participant: Annotated[str, typer.Argument(help="The participant's code.")],
+    out: OutOption = Path("sessions"),
+    study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a participant's data for good; a stone says so, and the slot becomes free.
+
+    Example: metamerlab session withdraw P01 --out sessions
+    """
+    with user_errors():
+        folder = find_participant(out, participant, study).folder
+        if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
+            raise StudyError(f"{folder}: nothing was deleted")
+        count = withdraw_participant(out, participant, utc_now, study)
+        print(f"{folder}: {count} files deleted; a stone is left, and the slot is free")
+
+
+def watch(
+    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
+    once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
+) -> None:
+    """Follow a running session from another terminal: trials, dropped frames, gaze quality.
+
+    It only reads the journal, so it cannot disturb the session.
+
+    Example: metamerlab session watch sessions/demo/P01
+    """
+    with user_errors():
+        path = session / JOURNAL_NAME
+        if not path.is_file():
+            raise StudyError(f"{session}: must be the folder of one session (found no journal)")
+        if once:
+            _print_rows(rows(read_journal(path, lenient=True).events))
+            return
+        try:
+            with Live(_table(path), refresh_per_second=2) as live:
+                while not _over(path):
+                    time.sleep(0.5)
+                    live.update(_table(path))
+        except KeyboardInterrupt:
+            return
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the group `session`."""
+    app.command()(run)
+    app.command()(resume)
+    app.command("check-display")(check_display_)
+    app.command()(watch)
+    app.command()(withdraw)
+
+
+def shipped_paths() -> list[Path]:
+    """Return the display files that come with metamerlab."""
+    return list(shipped("displays").values())
+
+
+def _listener() -> Listener:
+    console = Console(highlight=False)
+
+    def on_check(check: DisplayCheck) -> None:
+        console.print(f"display: {check.measured_hz:.3f} Hz, {check.evidence}")
+        if check.evidence == "unverified":
+            console.print("note: the intervals do not fit the display; see the report")
+
+    def on_validation(points: list[PointQuality], result: CalibrationResult) -> None:
+        for point in points:
+            console.print(
+                f"  ({point.x_px:5.0f}, {point.y_px:5.0f}) px  accuracy"
+                f" {point.accuracy_deg:.2f}  precision {point.precision_deg:.2f} deg"
+            )
+        console.print(
+            f"gaze: accuracy {result.accuracy_deg:.2f} deg, precision {result.precision_deg:.2f}"
+            f" deg; the window must be at least {smallest_window_deg(result):.2f} deg"
+        )
+
+    def on_attempt(attempt: Attempt, events: list[AnyEvent]) -> None:
+        console.print(attempt_line(attempt, events))
+
+    return Listener(on_check, on_validation, on_attempt)
+
+
+def _tell(outcome: Outcome, options: SittingOptions) -> None:
+    folder = options.root / options.protocol.study.name / options.participant
+    print(f"{folder}: {outcome.reason}, {outcome.main_done} of {outcome.main_planned} decisions")
+    if outcome.given_up:
+        print(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")
+    if outcome.reason == "tracker-lost":
+        print(
+            "error: the gaze source must keep sending (it fell silent); everything up to here is"
+            " saved. Start it again and 'metamerlab session resume'",
+            file=sys.stderr,
+        )
+        raise typer.Exit(EXIT_USER_ERROR)
+
+
+def _print_fit(fit: LuminanceFit, display: str) -> None:
+    print(
+        f"luminance: peak {fit.peak_cd_m2:g}, black {fit.black_cd_m2:g} cd/m2, gamma"
+        f" {fit.gamma:.3f} (worst reading {100 * fit.worst_share:.1f} % of the peak off);"
+        f" written into {display}"
+    )
+
+
+def _print_rows(entries: Iterable[tuple[str, str]]) -> None:
+    Console().print(_grid(entries))
+
+
+def _table(path: Path) -> Table:
+    return _grid(rows(read_journal(path, lenient=True).events))
+
+
+def _grid(entries: Iterable[tuple[str, str]]) -> Table:
+    table = Table(show_header=False)
+    for name, value in entries:
+        table.add_row(name, value)
+    return table
+
+
+def _over(path: Path) -> bool:
+    events = read_journal(path, lenient=True).events
+    return bool(events) and isinstance(events[-1], SessionEnd)

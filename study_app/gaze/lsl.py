@@ -1,0 +1,248 @@
+"""Gaze from a stream of the lab streaming layer (LSL); most trackers have a program that sends one.
+
+The stream's channels are found by their labels, or named in the specification. Samples keep the
+tracker's stamps; the offset between its clock and ours is measured on opening and between
+attempts, never while a trial runs, and added to a copy.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
+
+_BUFFER_S = 10
+_X_LABELS = ("x_px", "gaze_x", "x", "gazex", "por_x", "screen_x", "norm_pos_x")
+_Y_LABELS = ("y_px", "gaze_y", "y", "gazey", "por_y", "screen_y", "norm_pos_y")
+
+
+@dataclass(frozen=True)
+class LslSpec:
+    """Which stream, and what its channels mean."""
+
+    name: str = ""
+    """Empty: the first stream of type `Gaze`."""
+    x: str = ""
+    """Label or number of the channel with the horizontal place; empty: found by its label."""
+    y: str = ""
+    unit: Literal["", "px", "norm"] = ""
+    """`px`: pixels from the upper left corner; `norm`: shares of the screen; empty: as the
+    stream's channels say, else pixels."""
+
+    @classmethod
+    def parse(cls, text: str) -> LslSpec:
+        """Read ``NAME,x=...,y=...,unit=norm``; every part may be left out.
+
+        Raises
+        ------
+        StudyError
+            If a part is none of these.
+        """
+        fields: dict[str, Any] = {}
+        for index, part in enumerate(filter(None, text.split(","))):
+            key, equals, value = part.partition("=")
+            if not equals and index == 0:
+                fields["name"] = part
+            elif (key in ("x", "y") and value) or (key == "unit" and value in ("px", "norm")):
+                fields[key] = value
+            else:
+                raise StudyError(
+                    "--gaze: must read lsl:NAME,x=CHANNEL,y=CHANNEL,unit=px|norm, every part"
+                    f" optional (got {part!r})"
+                )
+        return cls(**fields)
+
+
+def load_pylsl() -> Any:
+    """Import pylsl.
+
+    Raises
+    ------
+    StudyError
+        If it is not installed.
+    """
+    try:
+        import pylsl
+    except (ImportError, RuntimeError) as error:
+        raise StudyError(
+            f"LSL needs the package pylsl (found: {error}); pip install 'metamerlab[lsl]'"
+        ) from None
+    return pylsl
+
+
+class LslGaze:
+    """A gaze source on an LSL stream.
+
+    Parameters
+    ----------
+    spec : LslSpec
+        Which stream.
+    display : Display
+        Turns shares of the screen into pixels.
+    clock : callable
+        The session's clock.
+    wait_s : float
+        How long to look for the stream, and for its first samples.
+    """
+
+    def __init__(
+        self,
+        spec: LslSpec,
+        display: Display,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        wait_s: float = 5.0,
+    ) -> None:
+        self._spec, self._clock, self._wait_s = spec, clock, wait_s
+        self._screen = float(display.width_px), float(display.height_px)
+        self._inlet: Any = None
+        self._info = SourceInfo("lsl", "", 0.0)
+        self._channels = (0, 1)
+        self._scale = (1.0, 1.0)
+        self._offset_s = 0.0
+
+    def open(self) -> None:
+        """Find the stream and wait for its first sample.
+
+        Raises
+        ------
+        StudyError
+            If there is no such stream, its channels are not understood, or it sends nothing.
+        """
+        self._pylsl = pylsl = load_pylsl()
+        key, value = ("name", self._spec.name) if self._spec.name else ("type", "Gaze")
+        found = pylsl.resolve_byprop(key, value, 1, self._wait_s)
+        if not found:
+            others = [f"{s.name()} ({s.type()})" for s in pylsl.resolve_streams(0.5)]
+            raise StudyError(
+                f"gaze: a stream with {key} {value!r} must be on the network (found"
+                f" {', '.join(others) or 'no stream at all'}); start the tracker's LSL program,"
+                " or name another stream with --gaze lsl:NAME"
+            )
+        inlet = pylsl.StreamInlet(found[0], max_buflen=_BUFFER_S, recover=True)
+        try:
+            stream = inlet.info(timeout=self._wait_s)
+            inlet.open_stream(timeout=self._wait_s)
+            stamps = self._first_stamps(inlet, value)
+            self._offset_s = self._measure_offset(inlet)
+        except (TimeoutError, pylsl.util.TimeoutError, pylsl.util.LostError) as error:
+            raise StudyError(
+                f"gaze: stream {value!r} must answer (found: {error}); start the tracker's LSL"
+                " program again"
+            ) from None
+        self._inlet = inlet
+        labels, units = _labels(stream)
+        self._choose_channels(labels, units, int(stream.channel_count()))
+        rate_hz = float(stream.nominal_srate()) or _rate_of(stamps)
+        self._info = SourceInfo(
+            "lsl", f"{stream.name()} on {stream.hostname()}", rate_hz, self._offset_s
+        )
+
+    def info(self) -> SourceInfo:
+        """Name the stream; its clock's offset is as measured on opening."""
+        return self._info
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return what has arrived. Never waits; a stream that was lost gives nothing."""
+        if self._inlet is None:
+            return ()
+        try:
+            rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=4096)
+        except self._pylsl.util.LostError:
+            return ()
+        (x, y), (across, down), offset_s = self._channels, self._scale, self._offset_s
+        return [
+            GazeSample(stamp + offset_s, stamp, row[x] * across, row[y] * down)
+            for row, stamp in zip(rows, stamps, strict=True)
+        ]
+
+    def mark(self, text: str) -> None:
+        """Measure the clock's offset again: an attempt is about to begin.
+
+        Markers go out on the session's own marker stream (`study_app.markers`).
+        """
+        del text
+        if self._inlet is not None:
+            try:
+                self._offset_s = self._measure_offset(self._inlet, timeout_s=0.05)
+            except (TimeoutError, self._pylsl.util.TimeoutError, self._pylsl.util.LostError):
+                return  # the last one stands
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """The tracker's own program calibrates it."""
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        if self._inlet is not None:
+            self._inlet.close_stream()
+            self._inlet = None
+
+    def _measure_offset(self, inlet: Any, timeout_s: float = 5.0) -> float:
+        to_local_s = float(inlet.time_correction(timeout=timeout_s))
+        return to_local_s + self._clock() - float(self._pylsl.local_clock())
+
+    def _first_stamps(self, inlet: Any, name: str) -> list[float]:
+        """Return the stamps of the first samples, half a second of them at most."""
+        until_s = self._clock() + self._wait_s
+        stamps: list[float] = []
+        enough_s = math.inf
+        while self._clock() < min(until_s, enough_s):
+            _, new = inlet.pull_chunk(timeout=0.05, max_samples=4096)
+            if new and not stamps:
+                enough_s = self._clock() + 0.3
+            stamps += new
+        if not stamps:
+            raise StudyError(
+                f"gaze: stream {name!r} must send samples (found none in {self._wait_s:g} s);"
+                " start the tracker's recording"
+            )
+        return stamps
+
+    def _choose_channels(self, labels: Sequence[str], units: Sequence[str], count: int) -> None:
+        def find(wanted: str, known: Sequence[str], fallback: int) -> int:
+            if wanted.isdigit() and int(wanted) < count:
+                return int(wanted)
+            if wanted and wanted in labels:
+                return labels.index(wanted)
+            if wanted:
+                raise StudyError(
+                    f"gaze: channel {wanted!r} must be one of the stream's ({count} channels:"
+                    f" {', '.join(labels) or 'without labels'})"
+                )
+            lower = [label.lower() for label in labels]
+            return next((lower.index(name) for name in known if name in lower), fallback)
+
+        if count < 2:
+            raise StudyError(f"gaze: the stream must have two channels or more (got {count})")
+        x = find(self._spec.x, _X_LABELS, 0)
+        y = find(self._spec.y, _Y_LABELS, 1)
+        said = units[x].lower() if x < len(units) else ""
+        label = labels[x].lower() if x < len(labels) else ""
+        norm = said.startswith("norm") or label.startswith("norm")
+        unit = self._spec.unit or ("norm" if norm else "px")
+        self._channels = x, y
+        self._scale = self._screen if unit == "norm" else (1.0, 1.0)
+
+
+def _labels(stream: Any) -> tuple[list[str], list[str]]:
+    """Return the channels' labels and units, as far as the stream says them."""
+    labels, units = [], []
+    channel = stream.desc().child("channels").child("channel")
+    while not channel.empty():
+        labels.append(channel.child_value("label"))
+        units.append(channel.child_value("unit"))
+        channel = channel.next_sibling("channel")
+    return labels, units
+
+
+def _rate_of(stamps: Sequence[float]) -> float:
+    span_s = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+    if span_s <= 0:
+        raise StudyError("gaze: the stream must say its rate, or send samples steadily")
+    return (len(stamps) - 1) / span_s

@@ -1,0 +1,66 @@
+"""Which gaze source a specification names.
+
+To add a tracker, write its adapter (`study_app.gaze.source.GazeSource`) and one entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from study_app.gaze.lsl import LslGaze, LslSpec
+from study_app.gaze.mouse import MouseGaze
+from study_app.gaze.recording import load_recording
+from study_app.gaze.replay import ReplaySource
+from study_app.gaze.source import GazeSource
+
+
+@dataclass(frozen=True)
+class Desk:
+    """What an adapter may use of the session."""
+
+    display: Display
+    clock: Callable[[], float]
+    cursor_px: Callable[[], tuple[float, float]]
+    refresh_hz: float
+
+
+def _lsl(rest: str, desk: Desk) -> GazeSource:
+    return LslGaze(LslSpec.parse(rest), desk.display, desk.clock)
+
+
+def _mouse(_rest: str, desk: Desk) -> GazeSource:
+    return MouseGaze(desk.cursor_px, desk.clock, desk.refresh_hz)
+
+
+def _replay(rest: str, desk: Desk) -> GazeSource:
+    if not rest:
+        raise StudyError("--gaze: replay needs a file: replay:FILE (.asc or .csv)")
+    return ReplaySource(load_recording(Path(rest)), desk.clock)
+
+
+ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = {
+    "lsl": _lsl,
+    "mouse": _mouse,
+    "replay": _replay,
+}
+"""By the word before the colon."""
+
+
+def open_gaze(specification: str, desk: Desk) -> GazeSource:
+    """Open the source that ``lsl``, ``lsl:NAME``, ``mouse`` or ``replay:FILE`` names.
+
+    Raises
+    ------
+    StudyError
+        If there is no such kind, or nothing to connect to.
+    """
+    kind, _, rest = specification.partition(":")
+    if kind not in ADAPTERS:
+        raise StudyError(f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})")
+    source = ADAPTERS[kind](rest, desk)
+    source.open()
+    return source

@@ -1,0 +1,45 @@
+"""Names of keys, as protocols write them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_NAMED = {
+    "LEFT": "left",
+    "RIGHT": "right",
+    "UP": "up",
+    "DOWN": "down",
+    "SPACE": "space",
+    "ENTER": "enter",
+    "KP_ENTER": "enter",
+    "ESCAPE": "escape",
+    "TAB": "tab",
+    "BACKSPACE": "backspace",
+}
+_SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
+
+
+def key_name(glfw: Any, key: int, scancode: int) -> str:
+    """Return a key's name in protocols, or an empty string for keys that have none.
+
+    Letters and digits are those printed on the key, whatever the layout of the keyboard.
+    """
+    for constant, name in _NAMED.items():
+        if key == getattr(glfw, f"KEY_{constant}"):
+            return name
+    if glfw.KEY_F1 <= key <= glfw.KEY_F12:
+        return f"f{key - glfw.KEY_F1 + 1}"
+    if glfw.KEY_KP_0 <= key <= glfw.KEY_KP_9:
+        return f"kp_{key - glfw.KEY_KP_0}"
+    printed = glfw.get_key_name(key, scancode)
+    text = (printed.decode("utf-8", "replace") if isinstance(printed, bytes) else printed) or ""
+    if len(text) == 1 and text.isascii() and text.isalnum():
+        return text.lower()
+    if glfw.KEY_A <= key <= glfw.KEY_Z or glfw.KEY_0 <= key <= glfw.KEY_9:
+        return chr(key).lower()
+    return ""
+
+
+def key_label(name: str) -> str:
+    """Return how a key is shown to a participant: ``←``, ``F``, ``space``."""
+    return _SHOWN.get(name, name.upper() if len(name) == 1 else name)

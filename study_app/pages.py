@@ -1,0 +1,120 @@
+"""Lays out pages: text, questions, the answer screen, notices. Images only; no window."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.session_schema import Response, Texts
+from study_app.keys import key_label
+from study_app.stage import Page, Picture
+from study_app.text_image import Align, text_image, typeface_for, wrap
+
+_TEXT_SHARE = 1 / 27
+"""Letter size as a share of the screen's height; never below `_SMALLEST_PX`."""
+_SMALLEST_PX = 12
+_MARGIN_SHARE = 0.12
+_LONGEST_LINE = 34
+"""Width of a text in letter sizes: longer lines are hard to read."""
+_NOTICES = {
+    "gaze-break": "gaze-lost",
+    "no-fixation": "gaze-lost",
+    "data-loss": "gaze-lost",
+    "too-late": "too-late",
+}
+
+
+class Pages:
+    """Makes screen-sized RGBA images, transparent where nothing is written.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Of the screen, in pixels.
+    texts : Texts
+        Of the protocol, in the participant's language.
+    background : int
+        Grey of the screen, 0 to 255: dark letters on light, light ones on dark.
+    """
+
+    def __init__(self, size: tuple[int, int], texts: Texts, background: int) -> None:
+        self._size, self._texts = size, texts
+        self._letter_px = max(_SMALLEST_PX, round(size[1] * _TEXT_SHARE))
+        # Contrast with 50 % grey is 5.3 to 1 for black, and 3.9 to 1 for white.
+        self._grey = 0 if background >= 110 else 255
+
+    def fixed(self, response: Response) -> dict[str, NDArray[np.uint8]]:
+        """Return every image that is known beforehand, by name."""
+        texts = self._texts
+        return {
+            "preparing": self._centred(texts.preparing),
+            "gaze-lost": self._centred(texts.gaze_lost),
+            "too-late": self._centred(texts.too_late),
+            "answer-left": self._answer(texts.first, texts.second, response),
+            "answer-right": self._answer(texts.second, texts.first, response),
+        }
+
+    def notice_of(self, picture: Picture) -> str:
+        """Return which notice an inter-trial picture carries; empty: none."""
+        if picture.notice is not None:
+            return _NOTICES.get(picture.notice, "")
+        return "gaze-lost" if picture.warned else ""
+
+    def page(self, text: str) -> NDArray[np.uint8]:
+        """Return a page of text; letters shrink where it is long."""
+        return self._block(text)
+
+    def question(self, page: Page, typed: str, chosen: int) -> NDArray[np.uint8]:
+        """Return a question with what was typed so far, or with its choices."""
+        if page.choices:
+            lines = [
+                f"{'●' if index == chosen else '○'}  {index + 1}  {choice}"
+                for index, choice in enumerate(page.choices)
+            ]
+        else:
+            lines = [typed + "▏"]
+        return self._block("\n".join((page.text, "", *lines, "", "↵")))
+
+    def _answer(self, left: str, right: str, response: Response) -> NDArray[np.uint8]:
+        """Return the answer screen: the question, and at each side its label and key."""
+        width, height = self._size
+        image = self._centred(self._texts.question, at=0.36)
+        for label, keys, x in (
+            (left, response.left_keys, 0.25),
+            (right, response.right_keys, 0.75),
+        ):
+            text = f"{label}\n{key_label(keys[0])}"
+            face = typeface_for([text], self._letter_px)
+            block = text_image(text.split("\n"), face, width // 2, align="centre", grey=self._grey)
+            _paste(image, block, (round(width * x) - width // 4, round(height * 0.5)))
+        return image
+
+    def _centred(self, text: str, at: float = 0.45) -> NDArray[np.uint8]:
+        return self._block(text, align="centre", at=at)
+
+    def _block(
+        self, text: str, *, align: Align = "left", at: float | None = None
+    ) -> NDArray[np.uint8]:
+        width, height = self._size
+        room = round(height * (1 - 2 * _MARGIN_SHARE))
+        letter_px = self._letter_px
+        while True:
+            face = typeface_for([text], letter_px)
+            across = min(round(width * (1 - 2 * _MARGIN_SHARE)), _LONGEST_LINE * letter_px)
+            lines = wrap(text, face, across)
+            if len(lines) * face.line_px <= room or letter_px <= _SMALLEST_PX:
+                break
+            letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
+        block = text_image(lines, face, across, align=align, grey=self._grey)
+        top = round(height * at) if at is not None else (height - len(block)) // 2
+        image = np.zeros((height, width, 4), np.uint8)
+        _paste(image, block, ((width - across) // 2, max(0, top)))
+        return image
+
+
+def _paste(image: NDArray[np.uint8], block: NDArray[np.uint8], place: tuple[int, int]) -> None:
+    """Copy what of `block` lies on the image."""
+    x, y = place
+    height, width = image.shape[:2]
+    fits = block[: max(0, height - y), : max(0, width - x)]
+    image[y : y + fits.shape[0], x : x + fits.shape[1]] = fits

@@ -1,0 +1,415 @@
+"""The stage of real sittings: a window that shows clips frame by frame and pages of text.
+
+A thin shell: what is shown when is the trial machine's business, which frames and hashes the
+manifest's, and how a flip is stamped the window's.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import moderngl
+import numpy as np
+
+from protocols.errors import StudyError
+from protocols.manifest import Manifest
+from protocols.plan import PlannedTrial
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Texts
+from study_app.clips import ClipStore, Pair
+from study_app.draw import Painter
+from study_app.gaze.geometry import Viewing
+from study_app.pages import Pages
+from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+from study_app.strip import BLOCK_PX, BLOCKS
+from study_app.target import target_image
+from study_app.trial import Phase
+from study_app.virtual import Observer
+from study_app.window import Window
+
+NOTICE_S = 1.5
+"""How long a participant can read why an attempt was void."""
+PATCH_PX = 48
+"""Edge of the photodiode's patch, in the lower right corner."""
+_POLL_SHARE = 0.6
+"""Share of a refresh in which keys are taken as they come while an answer is awaited."""
+_UPLOAD_SHARE = 0.4
+"""Share of a refresh that uploads may take while nothing moves."""
+_SIMULATED_PAGE_S = 0.4
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What a lab may add to the picture."""
+
+    strip: bool = False
+    """Frame strip: number and CRC of every flip."""
+    photodiode: bool = False
+    """Patch that is white at every other clip frame."""
+
+
+class Presenter:
+    """A `Stage` on a window.
+
+    Parameters
+    ----------
+    window : Window
+        Open.
+    protocol : StudyProtocol
+        What is shown.
+    texts : Texts
+        In the participant's language.
+    manifest : Manifest
+        Of the clips.
+    stimuli : Path
+        Their folder.
+    refresh_hz : float
+        As measured.
+    extras : Extras
+        Strip and patch.
+    observer : Observer, optional
+        Answers and turns pages in place of a person; real keys work as well.
+    on_prepare : callable, optional
+        Called with (trial, attempt) before each attempt.
+
+    Raises
+    ------
+    StudyError
+        If a text cannot be written, memory is too small, or an extra would cover a clip.
+    """
+
+    def __init__(
+        self,
+        window: Window,
+        protocol: StudyProtocol,
+        texts: Texts,
+        manifest: Manifest,
+        stimuli: Path,
+        *,
+        refresh_hz: float,
+        extras: Extras | None = None,
+        observer: Observer | None = None,
+        on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None,
+    ) -> None:
+        self._window, self._protocol = window, protocol
+        self._refresh_hz, self._extras = refresh_hz, extras or Extras()
+        self._observer, self._on_prepare = observer, on_prepare
+        background = round(255 * protocol.display.background)
+        self._painter = Painter(window.ctx, window.size, background)
+        self._pages = Pages(window.size, texts, background)
+        self._store = ClipStore(window.ctx, stimuli, manifest)
+        width, height = self._store.size
+        self._clip_place = (window.size[0] - width) // 2, (window.size[1] - height) // 2
+        self._check_extras(width, height)
+        self._statics = {
+            name: self._painter.texture(image)
+            for name, image in self._pages.fixed(protocol.response).items()
+        }
+        self._prepare_target(background)
+        self._trial: PlannedTrial | None = None
+        self._attempt = 1
+        self._next: Pair | None = None
+        self._clips: tuple[moderngl.TextureArray, moderngl.TextureArray] | None = None
+        self._number = 0
+        self._last_s = window.now()
+        self._notice: tuple[str, float] | None = None
+        self._answer: tuple[str, float] | None = None
+        self._asked = False
+        self._page_texture: moderngl.Texture | None = None
+
+    def __enter__(self) -> Presenter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what is on the graphics card; the window stays open."""
+        gc.enable()
+        self._store.close()
+        for texture in (*self._statics.values(), self._target):
+            texture.release()
+        self._painter.release()
+
+    @property
+    def refresh_hz(self) -> float:
+        """The measured rate."""
+        return self._refresh_hz
+
+    def now(self) -> float:
+        """Return the monotonic clock, in seconds."""
+        return self._window.now()
+
+    def expect(self, trial: PlannedTrial) -> None:
+        """Load the trial's clips while nothing moves: it comes next."""
+        self._next = trial.clips
+
+    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
+        """Have the trial's clips in graphics memory, saying so while it takes time."""
+        self._store.allow(True)
+        while self._notice and self.now() < self._notice[1] + NOTICE_S:
+            self._flip(lambda: self._draw_static(str(self._notice and self._notice[0])))
+            self._store.pump(self.now())
+        self._notice = None
+        self._store.expect(trial.clips)
+        while not self._store.ready(trial.clips):
+            self._store.pump(self.now() + _UPLOAD_SHARE / self._refresh_hz)
+            if not self._store.ready(trial.clips):
+                self._flip(lambda: self._draw_static("preparing"))
+        self._store.allow(False)
+        self._trial, self._attempt, self._next = trial, attempt, None
+        self._clips = self._store.show(trial.clips)
+        self._answer, self._asked = None, False
+        self._warm_up()
+        self._on_prepare(trial, attempt)
+        gc.collect()
+        gc.disable()
+        self._window.poll()
+        self._window.focus_lost()  # what happened while preparing voids nothing
+
+    def show(self, picture: Picture) -> Shown:
+        """Draw, flip, and return the flip's stamp and number."""
+        resting = picture.phase in (Phase.RESPOND, Phase.ITI)
+        if resting:
+            self._between_clips(picture)
+        shown = self._flip(lambda: self._draw(picture))
+        if picture.phase is Phase.RESPOND and self._observer and self._trial and not self._asked:
+            self._asked = True
+            key, after_s = self._observer.answer(self._trial, self._attempt)
+            self._answer = key, shown.t_s + after_s
+        return shown
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys that went down since the last call."""
+        presses = list(self._window.key_presses())
+        if self._window.closing():
+            presses.append(KeyPress(self._protocol.response.quit_keys[0], self.now()))
+        if self._answer and self.now() >= self._answer[1]:
+            presses.append(KeyPress(*self._answer))
+            self._answer = None
+        return presses
+
+    def focus_lost(self) -> bool:
+        """Return whether another window has the keyboard."""
+        return self._window.focus_lost()
+
+    def page(self, page: Page) -> PageResult:
+        """Show a page until one of its keys goes down."""
+        gc.enable()
+        self._store.allow(True)
+        began_s = self.now()
+        self._notice = None
+        self._window.take_focus()
+        self._window.key_presses()
+        self._window.typed()
+        if page.name == "question":
+            result = self._question(page, began_s)
+        else:
+            result = self._wait(page, began_s)
+        return result
+
+    def look_at(
+        self, place_px: tuple[float, float], duration_s: float, poll: Callable[[], None]
+    ) -> bool:
+        """Show the fixation target somewhere, calling `poll` at every flip.
+
+        Returns
+        -------
+        bool
+            False if a quit key went down.
+        """
+        edge = self._target.width // 2
+        place = round(place_px[0]) - edge, round(place_px[1]) - edge
+
+        def draw() -> None:
+            self._painter.clear()
+            self._painter.image(self._target, place)
+
+        until_s = self.now() + duration_s
+        while self.now() < until_s:
+            self._flip(draw)
+            poll()
+            if any(press.key in self._protocol.response.quit_keys for press in self.key_presses()):
+                return False
+        return True
+
+    # Pages
+
+    def _wait(self, page: Page, began_s: float) -> PageResult:
+        scripted = self._scripted(page, began_s)
+        self._show_page(self._pages.page(page.text))
+        while True:
+            self._flip_page()
+            for press in self.key_presses():
+                if press.key in page.keys and press.t_s >= began_s + page.least_s:
+                    return PageResult(press.key, "", press.t_s - began_s)
+            if scripted and self.now() >= scripted[1]:
+                return PageResult(scripted[0].key, scripted[0].answer, self.now() - began_s)
+            if not page.keys and self.now() >= began_s + NOTICE_S:
+                return PageResult("", "", self.now() - began_s)
+
+    def _question(self, page: Page, began_s: float) -> PageResult:
+        scripted = self._scripted(page, began_s)
+        text, chosen, drawn = "", -1, None
+        while True:
+            if drawn != (text, chosen):
+                drawn = (text, chosen)
+                self._show_page(self._pages.question(page, text, chosen))
+            self._flip_page()
+            typed = self._window.typed()
+            for press in self.key_presses():
+                if press.key == "enter" and (chosen >= 0 or not page.choices):
+                    answer = page.choices[chosen] if page.choices else text
+                    return PageResult("enter", answer, self.now() - began_s)
+                if press.key == "backspace":
+                    text = text[:-1]
+                elif page.choices:
+                    chosen = _chosen(press.key, chosen, len(page.choices))
+            if not page.choices:
+                text += "".join(char for char in typed if char.isprintable())
+            if scripted and self.now() >= scripted[1]:
+                return PageResult(scripted[0].key, scripted[0].answer, self.now() - began_s)
+
+    def _scripted(self, page: Page, began_s: float) -> tuple[PageResult, float] | None:
+        if self._observer is None or not page.keys:
+            return None
+        result = self._observer.turn_page(page)
+        return result, began_s + max(page.least_s, _SIMULATED_PAGE_S)
+
+    def _show_page(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:
+        if self._page_texture is not None:
+            self._page_texture.release()
+        self._page_texture = self._painter.texture(image)
+
+    def _flip_page(self) -> None:
+        texture = self._page_texture
+        assert texture is not None
+
+        def draw() -> None:
+            self._painter.clear()
+            self._painter.image(texture, (0, 0))
+
+        self._store.pump(self.now())
+        self._flip(draw)
+
+    # Flips
+
+    def _flip(self, draw: Callable[[], None]) -> Shown:
+        draw()
+        if self._extras.strip:
+            self._painter.strip(self._number)
+        stamp = self._window.flip()
+        shown = Shown(stamp.t_s, self._number, stamp.evidence)
+        self._number += 1
+        self._last_s = stamp.t_s
+        return shown
+
+    def _draw(self, picture: Picture) -> None:
+        painter = self._painter
+        phase = picture.phase
+        light = 0.0
+        name = ""
+        if phase is Phase.RESPOND and self._trial is not None:
+            name = f"answer-{self._trial.first_side}"
+        elif phase is Phase.ITI:
+            name = self._pages.notice_of(picture)
+        painter.clear()
+        if name:
+            painter.image(self._statics[name], (0, 0))
+        if picture.clip is not None and picture.frame is not None and self._clips is not None:
+            painter.clip_frame(self._clips[picture.clip], picture.frame, self._clip_place)
+            light = 1.0 - picture.frame % 2
+        if phase in (Phase.FIXATE, Phase.GAP) or (
+            picture.clip is not None and (self._protocol.trial.dot_over_clips or self._dot_beside)
+        ):
+            painter.image(self._target, self._target_place)
+        if self._extras.photodiode:
+            painter.patch(self._patch_place, PATCH_PX, light)
+
+    def _draw_static(self, name: str) -> None:
+        self._painter.clear()
+        self._painter.image(self._statics[name], (0, 0))
+        if self._extras.photodiode:
+            self._painter.patch(self._patch_place, PATCH_PX, 0.0)
+
+    def _between_clips(self, picture: Picture) -> None:
+        """Use the time in which nothing moves: load the next pair, take keys as they come."""
+        self._store.allow(True)
+        if self._next is not None:
+            self._store.expect(self._next)
+            self._next = None
+        period_s = 1.0 / self._refresh_hz
+        self._store.pump(self.now() + _UPLOAD_SHARE * period_s)
+        if picture.phase is Phase.RESPOND:
+            self._window.pump_until(self._last_s + _POLL_SHARE * period_s)
+        else:
+            gc.enable()
+            name = self._pages.notice_of(picture)
+            if name and self._notice is None:
+                self._notice = name, self.now()
+
+    def _warm_up(self) -> None:
+        """Draw everything the trial will draw, without flipping, so that nothing is the first."""
+        assert self._clips is not None
+        assert self._trial is not None
+        for index in (0, self._store.frames - 1):
+            for clip in (0, 1):
+                self._draw(Picture(Phase.FIRST, clip, index))
+        self._draw(Picture(Phase.RESPOND))
+        self._draw(Picture(Phase.GAP))
+        if self._extras.strip:
+            self._painter.strip(self._number)
+        self._painter.finish()
+
+    def _prepare_target(self, background: int) -> None:
+        timing = self._protocol.trial
+        viewing = Viewing.of(self._window.display)
+        x_px, y_px = viewing.to_px(timing.fixation_x_deg, timing.fixation_y_deg)
+        half = timing.dot_deg / 2
+        left, _ = viewing.to_px(timing.fixation_x_deg - half, timing.fixation_y_deg)
+        right, _ = viewing.to_px(timing.fixation_x_deg + half, timing.fixation_y_deg)
+        image = target_image(right - left, background)
+        edge = len(image) // 2
+        self._target = self._painter.texture(image)
+        self._target_place = round(x_px) - edge, round(y_px) - edge
+        width, height = self._store.size
+        x, y = self._clip_place
+        self._dot_beside = not (
+            x - edge < x_px < x + width + edge and y - edge < y_px < y + height + edge
+        )
+
+    def _check_extras(self, width: int, height: int) -> None:
+        across, down = self._window.size
+        if self._extras.strip and (
+            self._clip_place[1] < BLOCK_PX or across < BLOCKS * BLOCK_PX or height > down
+        ):
+            raise StudyError(
+                f"--strip: the frame strip needs {BLOCKS * BLOCK_PX}x{BLOCK_PX} pixels free above"
+                f" and below the clips (they are {width}x{height} on {across}x{down}); make the"
+                " clips smaller, or leave the strip out"
+            )
+        self._patch_place = across - PATCH_PX, down - PATCH_PX - BLOCK_PX
+        if (
+            self._extras.photodiode
+            and self._patch_place[0] < self._clip_place[0] + width
+            and (self._patch_place[1] < self._clip_place[1] + height)
+        ):
+            raise StudyError(
+                f"--photodiode: the patch needs {PATCH_PX} pixels beside or below the clips (they"
+                f" are {width}x{height} on {across}x{down}); make the clips smaller, or leave it"
+                " out"
+            )
+
+
+def _chosen(key: str, chosen: int, count: int) -> int:
+    """Return the choice after a key: digits pick one, arrows move."""
+    digit = key.removeprefix("kp_")
+    if digit.isdigit() and 1 <= int(digit) <= count:
+        return int(digit) - 1
+    if key in ("up", "down"):
+        step = 1 if key == "down" else -1
+        return (chosen + step) % count if chosen >= 0 else (0 if step > 0 else count - 1)
+    return chosen

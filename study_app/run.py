@@ -1,0 +1,266 @@
+"""Runs a sitting before a real display: window, display check, gaze, conductor, and the end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import require_feasible
+from protocols.journal import AnyEvent, Attempt, Note
+from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.manifest import check_manifest, read_manifest
+from protocols.plan import PlannedTrial
+from protocols.schema import StudyProtocol
+from study_app.clips import check_files
+from study_app.conduct import Outcome, conduct
+from study_app.display_check import DisplayCheck, check_display, write_report
+from study_app.gaze.geometry import Viewing
+from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.simulated import HUMAN, SimulatedGaze
+from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.markers import LslMarkers
+from study_app.observer import ArtificialObserver, ObserverModel, rng_of
+from study_app.opening import Setting, begin, resume, texts_of
+from study_app.presenter import Extras, Presenter
+from study_app.sittings import is_stillborn, sitting_folder
+from study_app.validation import PointQuality, summarise, validate
+from study_app.window import Pacing, Window
+
+RecordedEvents = list[AnyEvent]
+
+
+@dataclass(frozen=True)
+class SittingOptions:
+    """Everything `session run` and `session resume` are asked for."""
+
+    protocol: StudyProtocol
+    display: Display
+    stimuli: Path
+    root: Path
+    participant: str
+    language: str | None = None
+    gaze: str | None = None
+    """``lsl:NAME``, ``mouse``, ``replay:FILE``; None: no source."""
+    pacing: Pacing = "vsync"
+    extras: Extras = field(default_factory=Extras)
+    markers: bool = False
+    validate: bool = True
+    """Validate the gaze source before each block; left out, the journal says so."""
+    simulate: bool = False
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Told how a sitting goes."""
+
+    on_check: Callable[[DisplayCheck], None] = lambda _: None
+    on_validation: Callable[[list[PointQuality], CalibrationResult], None] = lambda _p, _r: None
+    on_attempt: Callable[[Attempt, RecordedEvents], None] = lambda _a, _e: None
+
+
+def utc_now() -> str:
+    """Return the wall clock, UTC."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
+
+
+def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
+    """Begin a participant's sitting and run it to its end, or until it is stopped.
+
+    Raises
+    ------
+    StudyError
+        As `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
+    """
+    return _sit(options, listener or Listener(), resuming=False)
+
+
+def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
+    """Go on with a sitting that stopped: same plan, same order.
+
+    Raises
+    ------
+    StudyError
+        As `run_sitting`, and as `resume` says.
+    """
+    return _sit(options, listener or Listener(), resuming=True)
+
+
+def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outcome:
+    protocol, display = options.protocol, options.display
+    # All that can be refused without a window is refused before one covers the screen.
+    manifest = read_manifest(options.stimuli)
+    check_manifest(protocol, manifest)
+    require_feasible(protocol, display, manifest)
+    check_files(options.stimuli, manifest)
+    language = _language(options, resuming=resuming)
+    texts = texts_of(protocol, language)
+    if (options.gaze or "").startswith("replay") and not options.simulate:
+        raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
+    with ExitStack() as stack:
+        window = stack.enter_context(Window(display, pacing=options.pacing))
+        check = check_display(window, utc_now)
+        listener.on_check(check)
+        gaze = _gaze(options, window, check.measured_hz)
+        if gaze is not None:
+            stack.callback(gaze.close)
+        presenter = stack.enter_context(
+            Presenter(
+                window,
+                protocol,
+                texts,
+                manifest,
+                options.stimuli,
+                refresh_hz=check.measured_hz,
+                extras=options.extras,
+                observer=_observer(options),
+                on_prepare=_restart(options, gaze),
+            )
+        )
+        setting = Setting(
+            protocol=protocol,
+            display=display,
+            manifest=manifest,
+            root=options.root,
+            wall_clock=utc_now,
+            simulated=options.simulate,
+            display_report=write_report(options.root, check),
+            timing_evidence=check.evidence,
+        )
+        if resuming:
+            recorder, plan = resume(setting, options.participant, presenter, gaze)
+        else:
+            recorder, plan = begin(setting, options.participant, language, presenter, gaze)
+        mark = LslMarkers(options.participant) if options.markers else _no_marks
+        validated = None
+        if gaze is not None and options.validate:
+            validated = _validation(display, gaze, presenter, listener)
+        elif gaze is not None:
+            recorder.append(Note(**recorder.stamps(), text="gaze was not validated"))
+        with recorder, _signals_quit(window, protocol):
+            return conduct(
+                setting,
+                plan,
+                recorder,
+                presenter,
+                gaze,
+                on_attempt=lambda attempt: listener.on_attempt(attempt, recorder.events),
+                mark=mark,
+                validate=validated,
+            )
+
+
+def _language(options: SittingOptions, *, resuming: bool) -> str:
+    protocol = options.protocol
+    folder = sitting_folder(options.root, protocol, options.participant)
+    if not resuming:
+        if folder.exists() and not is_stillborn(folder):
+            raise StudyError(
+                f"participant: a code is used once (got {options.participant!r}, which has"
+                f" {folder}); take another code, or 'metamerlab session resume' to go on"
+            )
+        return options.language or protocol.text.default_language
+    return read_journal(folder / JOURNAL_NAME, lenient=True).start.language
+
+
+def _observer(options: SittingOptions) -> ArtificialObserver | None:
+    if not options.simulate:
+        return None
+    return ArtificialObserver(
+        ObserverModel(), options.protocol.response, options.seed, options.participant
+    )
+
+
+def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSource | None:
+    protocol, display = options.protocol, options.display
+    if protocol.gaze.mode == "none":
+        if options.gaze is not None:
+            raise StudyError(
+                "--gaze: this protocol watches no gaze (gaze.mode = 'none'); leave it out, or set"
+                " the mode to 'monitor'"
+            )
+        return None
+    if options.simulate and options.gaze is None:
+        dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
+        return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
+    if options.gaze is None:
+        raise StudyError(
+            f"--gaze: this protocol needs a gaze source (gaze.mode = {protocol.gaze.mode!r}): lsl,"
+            " lsl:NAME or mouse"
+        )
+    if options.gaze.startswith("mouse"):
+        window.show_cursor()
+    return open_gaze(options.gaze, Desk(display, window.now, window.cursor_px, refresh_hz))
+
+
+def _restart(
+    options: SittingOptions, gaze: GazeSource | None
+) -> Callable[[PlannedTrial, int], None]:
+    """Return what is done before each attempt: an artificial eye begins anew."""
+
+    def restart(trial: PlannedTrial, attempt: int) -> None:
+        if isinstance(gaze, SimulatedGaze):
+            rng = rng_of(options.seed, "attempt", options.participant, trial.id, attempt)
+            gaze.restart(int(rng.integers(2**63)))
+
+    return restart
+
+
+def _validation(
+    display: Display, gaze: GazeSource, presenter: Presenter, listener: Listener
+) -> Callable[[], CalibrationResult | None]:
+    viewing = Viewing.of(display)
+
+    def on_target(target_px: tuple[float, float]) -> None:
+        if isinstance(gaze, SimulatedGaze):
+            gaze.look_at(viewing.to_deg(*target_px))
+
+    def run() -> CalibrationResult | None:
+        points = validate(gaze, viewing, presenter.look_at, on_target)
+        if isinstance(gaze, SimulatedGaze):
+            gaze.look_at(None)
+        if points is None:
+            return None
+        result = summarise(points)
+        listener.on_validation(points, result)
+        return result
+
+    return run
+
+
+def _no_marks(_text: str, _t_s: float) -> None:
+    """Nobody listens."""
+
+
+@contextmanager
+def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
+    """Let Ctrl-C in the terminal, or a polite kill, press the quit key; a second one stops hard."""
+    asked: list[int] = []
+    before: Mapping[int, object] = {}
+
+    def on_signal(number: int, _frame: object) -> None:
+        asked.append(number)
+        if len(asked) > 1:
+            raise KeyboardInterrupt
+        window.press(protocol.response.quit_keys[0])
+        print(
+            "asked the participant's window to quit; press again to stop at once",
+            file=sys.stderr,
+        )
+
+    with suppress(ValueError):  # not the main thread: signals are someone else's
+        before = {
+            number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+        }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]

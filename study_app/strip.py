@@ -1,0 +1,117 @@
+"""A number in the picture: which flip this is, for a camera or a frame grabber to read.
+
+A row of blocks at the upper and at the lower edge of the screen: white, black, 24 bits of the
+flip's number and 8 bits of its CRC, most significant bit first (white is 1). A capture that was
+torn between two flips shows two different numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+NUMBER_BITS = 24
+CRC_BITS = 8
+GUARD = (1, 0)
+BLOCKS = len(GUARD) + NUMBER_BITS + CRC_BITS
+BLOCK_PX = 8
+"""Edge of a block; the strip is `BLOCKS` of them wide and one high."""
+_CRC_POLYNOMIAL = 0x07  # x^8 + x^2 + x + 1
+
+
+def crc8(data: bytes) -> int:
+    """Return the CRC-8 of `data` (polynomial 07, initial value 0, as in SMBus)."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ _CRC_POLYNOMIAL if crc & 0x80 else crc << 1) & 0xFF
+    return crc
+
+
+def code_of(number: int) -> int:
+    """Return the 32 bits that stand for a flip's number (modulo 2^24) and its CRC."""
+    number %= 1 << NUMBER_BITS
+    return number << CRC_BITS | crc8(number.to_bytes(NUMBER_BITS // 8, "big"))
+
+
+def read_strip(row: NDArray[np.uint8]) -> int | None:
+    """Return the number in one row of pixels, or None where there is no whole strip.
+
+    Parameters
+    ----------
+    row : ndarray of shape (at least BLOCKS * BLOCK_PX,)
+        Grey values from the left edge of the screen.
+    """
+    bits = row[BLOCK_PX // 2 : BLOCKS * BLOCK_PX : BLOCK_PX] >= 128
+    if len(bits) != BLOCKS or tuple(bits[: len(GUARD)].astype(int)) != GUARD:
+        return None
+    code = int("".join("1" if bit else "0" for bit in bits[len(GUARD) :]), 2)
+    number = code >> CRC_BITS
+    return number if code == code_of(number) else None
+
+
+class Seen(NamedTuple):
+    """One captured picture."""
+
+    number: int
+    """What its strip says."""
+    content: str
+    """A hash of the clip's place, by any function of the pixels."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One flip that was not what the log says."""
+
+    number: int
+    expected: str
+    found: str
+
+    def __str__(self) -> str:
+        return f"flip {self.number}: must show {self.expected} (found {self.found})"
+
+
+def compare(
+    logged: Mapping[int, str | None], captured: Sequence[Seen], names: Mapping[str, str]
+) -> list[Difference]:
+    """Return every difference between what was logged and what was captured.
+
+    Parameters
+    ----------
+    logged : mapping
+        Number of each flip -> the name of the clip frame it showed; None: no clip, any content.
+    captured : sequence of Seen
+        In the order in which the pictures appeared, each once.
+    names : mapping
+        Hash of the pixels -> name of the clip frame.
+
+    Returns
+    -------
+    list of Difference
+        In the order of the log: flips that are missing, out of order, or show something else.
+        Empty where all flips appeared once, in order, with the right content.
+    """
+    first_at: dict[int, int] = {}
+    for place, seen in enumerate(captured):
+        first_at.setdefault(seen.number, place)
+    found: list[Difference] = []
+    latest = -1
+    for number, frame in logged.items():
+        expected = frame or "no clip"
+        place = first_at.get(number, -1)
+        if place < 0:
+            found.append(Difference(number, expected, "no such flip"))
+            continue
+        if place < latest:
+            found.append(Difference(number, expected, "the flip after a later one"))
+        latest = max(latest, place)
+        content = captured[place].content
+        if frame is not None and names.get(content) != frame:
+            shown = names.get(content, "pixels of no clip frame")
+            found.append(Difference(number, expected, shown))
+    return found

@@ -1,0 +1,156 @@
+"""Text as an image, in any script that a font of this machine can write.
+
+Pillow draws, with raqm for scripts that need shaping and for right-to-left lines.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont, features
+
+from protocols.errors import StudyError
+from study_app.fonts import find_fonts, missing_characters
+
+Align = Literal["left", "centre"]
+LINE_SPACING = 1.45
+_SHAPED = re.compile("[\u0590-\u0dff\u0e00-\u0fff\u1000-\u109f\u1780-\u17ff\ufb1d-\ufefc]")
+"""Hebrew, Arabic, Indic and South-East Asian scripts: wrong without shaping."""
+_SPACELESS = re.compile("[\u2e80-\u9fff\uac00-\ud7a3\uf900-\ufaff\uff00-\uffef]")
+"""Scripts written without spaces: a line may break between any two characters ..."""
+_NOT_FIRST = "、。，．・：；？！）」』】〕〉》ー々ぁぃぅぇぉっゃゅょァィゥェォッャュョ"  # noqa: RUF001
+"""... except before these."""
+
+
+@dataclass(frozen=True)
+class Typeface:
+    """A font file at a size, for texts it can write."""
+
+    path: Path
+    size_px: int
+
+    @property
+    def line_px(self) -> int:
+        """Distance of two lines."""
+        return round(self.size_px * LINE_SPACING)
+
+
+def typeface_for(texts: Sequence[str], size_px: int) -> Typeface:
+    """Return a font that holds every character of `texts`.
+
+    Raises
+    ------
+    StudyError
+        If no font on this machine does, naming the characters; or if the script needs shaping
+        and the shaping library is missing.
+    """
+    text = "".join(sorted(set("".join(texts)) - set("\n")))
+    if _SHAPED.search(text) and not features.check("raqm"):
+        raise StudyError(
+            "text: this script needs shaping (Pillow finds no raqm); install libfribidi0"
+        )
+    return Typeface(_font_for(text), size_px)
+
+
+@lru_cache(maxsize=32)
+def _font_for(text: str) -> Path:
+    best: tuple[int, Path | None, str] = (len(text) + 1, None, text)
+    for path in find_fonts():
+        try:
+            missing = missing_characters(path, text)
+        except OSError:
+            continue
+        if not missing:
+            return path
+        best = min(best, (len(missing), path, missing), key=lambda entry: entry[0])
+    _, nearest, missing = best
+    shown = " ".join(missing[:12]) + (" ..." if len(missing) > 12 else "")
+    raise StudyError(
+        f"text: one font must hold every character that is shown (the best here, {nearest}, lacks"
+        f" {len(missing)}: {shown}); install a font of that script, for instance fonts-noto-core"
+        " or fonts-noto-cjk"
+    )
+
+
+def is_right_to_left(text: str) -> bool:
+    """Return whether the first strong character runs from right to left."""
+    for char in text:
+        direction = unicodedata.bidirectional(char)
+        if direction in ("R", "AL"):
+            return True
+        if direction == "L":
+            return False
+    return False
+
+
+def wrap(text: str, typeface: Typeface, width_px: int) -> list[str]:
+    """Break a text into lines that fit; line feeds in it stay."""
+    font = _load(typeface)
+    lines: list[str] = []
+    for paragraph in text.split("\n"):
+        line = ""
+        for piece in _pieces(paragraph):
+            if line and font.getlength((line + piece).rstrip()) > width_px:
+                lines.append(line.rstrip())
+                line = piece.lstrip()
+            else:
+                line += piece
+        lines.append(line.rstrip())
+    return lines
+
+
+def _pieces(paragraph: str) -> list[str]:
+    """Return what may not be broken: words with the spaces after them, single ideographs."""
+    pieces: list[str] = []
+    for word in re.findall(r"\S+\s*|\s+", paragraph):
+        start = 0
+        for place in range(1, len(word)):
+            near = _SPACELESS.match(word[place]) or _SPACELESS.match(word[place - 1])
+            if near and word[place] not in _NOT_FIRST and not word[place].isspace():
+                pieces.append(word[start:place])
+                start = place
+        pieces.append(word[start:])
+    return pieces
+
+
+def text_image(
+    lines: Sequence[str], typeface: Typeface, width_px: int, *, align: Align = "left", grey: int = 0
+) -> NDArray[np.uint8]:
+    """Draw lines of text.
+
+    Returns
+    -------
+    ndarray of shape (H, width_px, 4)
+        RGBA with straight alpha: the text's grey, transparent elsewhere. Right-to-left lines
+        stand at the right edge.
+    """
+    font = _load(typeface)
+    height = typeface.line_px * max(1, len(lines)) + typeface.size_px // 2
+    mask = Image.new("L", (width_px, height), 0)
+    draw = ImageDraw.Draw(mask)
+    for index, line in enumerate(lines):
+        right = is_right_to_left(line)
+        length = font.getlength(line)
+        left = (width_px - length) / 2 if align == "centre" else width_px - length if right else 0
+        baseline = index * typeface.line_px + typeface.size_px
+        direction = ("rtl" if right else "ltr") if features.check("raqm") else None
+        draw.text(
+            (max(0, left), baseline), line, fill=255, font=font, anchor="ls", direction=direction
+        )
+    image = np.empty((height, width_px, 4), np.uint8)
+    image[..., :3] = grey
+    image[..., 3] = np.asarray(mask)
+    return image
+
+
+@lru_cache(maxsize=32)
+def _load(typeface: Typeface) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(typeface.path, typeface.size_px)

@@ -1,0 +1,150 @@
+"""What vouches for the stamps of flips: the driver's own counters, a fence, or nothing."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from protocols.display import Display
+from protocols.errors import StudyError
+
+Evidence = Literal["glXGetSyncValuesOML", "fence", "unverified", "software timer"]
+"""Best first: the driver counted the refresh; the swap was waited for, and the intervals fit the
+display; it was waited for, and they do not; no display takes part, a timer paces the flips."""
+
+NO_WAIT_SHARE = 0.6
+"""Swaps faster than this share of a refresh period did not wait for the display."""
+
+
+class SyncValues:
+    """The counters of ``GLX_OML_sync_control``, where they answer.
+
+    Some drivers advertise the extension and answer False: the answer counts, not the string.
+    """
+
+    def __init__(self, library: ctypes.CDLL, display: int, drawable: int) -> None:
+        get_proc = library.glXGetProcAddressARB
+        get_proc.restype, get_proc.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+        i64 = ctypes.POINTER(ctypes.c_int64)
+        address = get_proc(b"glXWaitForSbcOML")
+        self._wait = (
+            ctypes.CFUNCTYPE(
+                ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_int64, i64, i64, i64
+            )(address)
+            if address
+            else None
+        )
+        address = get_proc(b"glXGetSyncValuesOML")
+        self._get = (
+            ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, i64, i64, i64)(address)
+            if address
+            else None
+        )
+        self._display, self._drawable = display, drawable
+        self._values = [ctypes.c_int64() for _ in range(3)]  # microseconds, refreshes, swaps
+        self._pointers = [ctypes.byref(value) for value in self._values]
+
+    @classmethod
+    def of_window(cls, glfw: Any, window: Any) -> SyncValues | None:
+        """Return the counters of a GLFW window; None where they do not answer."""
+        try:
+            if glfw.get_platform() != glfw.PLATFORM_X11:
+                return None
+            library = ctypes.CDLL("libGL.so.1")
+            drawable = int(glfw.get_glx_window(window) or 0)
+            counters = cls(library, int(glfw.get_x11_display() or 0), drawable)
+        except (OSError, AttributeError, TypeError, ValueError):
+            return None
+        return counters if counters.answers() else None
+
+    def answers(self) -> bool:
+        """Return whether the driver gives values, and not only the extension's name."""
+        if self._get is None or self._wait is None or not self._display or not self._drawable:
+            return False
+        given = self._get(ctypes.c_void_p(self._display), self._drawable, *self._pointers)
+        return bool(given) and self._values[0].value > 0
+
+    def last_swap_s(self) -> float | None:
+        """Wait for the swap just asked for; return when it happened, or None if unanswered."""
+        if self._wait is None:
+            return None
+        display = ctypes.c_void_p(self._display)
+        if not self._wait(display, self._drawable, 0, *self._pointers):
+            return None
+        return self._values[0].value / 1e6
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Measured intervals between flips, summed up."""
+
+    flips: int
+    median_s: float
+    sd_s: float
+    min_s: float
+    max_s: float
+    missed: int
+    """Intervals of two or more refreshes."""
+    doubled: int
+    """Intervals of less than half a refresh."""
+
+    @property
+    def refresh_hz(self) -> float:
+        """The measured rate."""
+        return 1.0 / self.median_s
+
+
+def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
+    """Sum up the stamps of flips in a row.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three.
+    """
+    if len(stamps_s) < 3:
+        raise ValueError(f"at least three stamps are needed (got {len(stamps_s)})")
+    gaps = [late - early for early, late in itertools.pairwise(stamps_s)]
+    median_s = max(statistics.median(gaps), 1e-9)
+    whole = [gap for gap in gaps if 0.5 <= gap * nominal_hz < 1.5]
+    # The median of 120 gaps is no measure of 59.94 Hz against 60: the mean of those in time is.
+    period_s = statistics.fmean(whole) if len(whole) > len(gaps) / 2 else median_s
+    return Intervals(
+        flips=len(stamps_s),
+        median_s=period_s,
+        sd_s=statistics.pstdev(whole or gaps),
+        min_s=min(gaps),
+        max_s=max(gaps),
+        missed=sum(gap * nominal_hz >= 1.5 for gap in gaps),
+        doubled=sum(gap * nominal_hz < 0.5 for gap in gaps),
+    )
+
+
+def judge(intervals: Intervals, display: Display, evidence: Evidence) -> Evidence:
+    """Return what the measured intervals leave of the evidence.
+
+    Raises
+    ------
+    StudyError
+        If the swaps did not wait for the display.
+    """
+    if evidence == "software timer":
+        return evidence
+    if intervals.median_s * display.refresh_hz < NO_WAIT_SHARE:
+        raise StudyError(
+            f"display {display.name!r}: every swap must wait for the refresh at"
+            f" {display.refresh_hz:g} Hz (found {intervals.refresh_hz:.0f} swaps per second); turn"
+            " vertical synchronisation on in the driver's settings. For a rehearsal without it,"
+            " --software-pacing"
+        )
+    off = abs(intervals.refresh_hz / display.refresh_hz - 1)
+    plausible = (
+        off <= display.refresh_tolerance_share
+        and intervals.missed + intervals.doubled <= 0.05 * intervals.flips
+        and intervals.sd_s <= 0.1 / display.refresh_hz
+    )
+    return evidence if plausible or evidence == "glXGetSyncValuesOML" else "unverified"

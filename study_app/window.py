@@ -1,0 +1,310 @@
+"""The window: full screen on the named monitor, its flips with their stamps, keys, gamepad.
+
+GLFW's events carry no time stamps: a key is stamped when it is polled, and it is polled at least
+once per refresh.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import glfw
+import moderngl
+
+from pipeline.errors import GLUnavailableError
+from pipeline.gl.context import adopt_context
+from protocols.display import Display
+from protocols.errors import StudyError
+from study_app.gamepad import Gamepad
+from study_app.keys import key_name
+from study_app.stage import KeyPress
+from study_app.vsync import Evidence, SyncValues
+
+Pacing = Literal["vsync", "software"]
+RATE_SLACK_HZ = 1.0
+"""Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
+
+
+class FlipStamp(NamedTuple):
+    """When a flip happened, and what vouches for it."""
+
+    t_s: float
+    evidence: Evidence
+
+
+class Window:
+    """A full-screen window with an OpenGL 4.3 context, current in this thread.
+
+    Parameters
+    ----------
+    display : Display
+        What must be there: resolution, rate and, where it names one, the monitor.
+    pacing : {"vsync", "software"}
+        `vsync`: the swap waits for the display. `software`: a timer stands in for a display
+        without vertical synchronisation; for rehearsals and tests, and recorded as such.
+
+    Raises
+    ------
+    StudyError
+        If there is no screen, no such monitor, the mode is another one, or no OpenGL 4.3.
+    """
+
+    def __init__(self, display: Display, *, pacing: Pacing = "vsync") -> None:
+        self.display, self.pacing = display, pacing
+        self._presses: list[KeyPress] = []
+        self._typed: list[str] = []
+        self._closing, self._is_open = False, False
+        self._focused, self._lost_focus = False, False
+        self._line_s = -math.inf  # software pacing: the grid line of the flip before
+        self._last_s = -math.inf
+        glfw.ERROR_REPORTING = "ignore"
+        if not glfw.init():
+            raise StudyError(
+                "a session needs a screen (found none:"
+                f" DISPLAY={os.environ.get('DISPLAY', '')!r}); start it from the desktop of the"
+                " machine that the display is connected to"
+            )
+        try:
+            self._open(display)
+        except BaseException:
+            glfw.terminate()
+            raise
+
+    def _open(self, display: Display) -> None:
+        monitor = choose_monitor(display)
+        mode = glfw.get_video_mode(monitor)
+        check_mode(display, mode.size.width, mode.size.height, float(mode.refresh_rate))
+        self.monitor_name = _text(glfw.get_monitor_name(monitor))
+        self.monitor_mm: tuple[int, int] = glfw.get_monitor_physical_size(monitor)
+        self.mode_hz = float(mode.refresh_rate)
+        for hint, value in (
+            (glfw.CONTEXT_VERSION_MAJOR, 4),
+            (glfw.CONTEXT_VERSION_MINOR, 3),
+            (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+            (glfw.OPENGL_FORWARD_COMPAT, True),
+            (glfw.DOUBLEBUFFER, True),
+            (glfw.RED_BITS, 8),
+            (glfw.GREEN_BITS, 8),
+            (glfw.BLUE_BITS, 8),
+            (glfw.SAMPLES, 0),
+            (glfw.SRGB_CAPABLE, False),
+            (glfw.AUTO_ICONIFY, False),
+            (glfw.REFRESH_RATE, mode.refresh_rate or glfw.DONT_CARE),
+        ):
+            glfw.window_hint(hint, value)
+        self._handle = glfw.create_window(
+            display.width_px, display.height_px, "metamerlab", monitor, None
+        )
+        if not self._handle:
+            raise StudyError(
+                f"a window with OpenGL 4.3 must open (found: {_last_error()}); install a driver"
+                " with OpenGL 4.3, or run 'metamerlab doctor'"
+            )
+        self._is_open = True
+        glfw.make_context_current(self._handle)
+        glfw.swap_interval(1 if self.pacing == "vsync" else 0)
+        try:
+            self.ctx: moderngl.Context = adopt_context()
+        except GLUnavailableError as error:
+            raise StudyError(str(error)) from error
+        size = glfw.get_framebuffer_size(self._handle)
+        if size != (display.width_px, display.height_px):
+            raise StudyError(
+                f"display {display.name!r}: the window must have {display.width_px}x"
+                f"{display.height_px} pixels (got {size[0]}x{size[1]}); turn desktop scaling off"
+            )
+        self.ctx.screen.use()
+        self._sync = SyncValues.of_window(glfw, self._handle) if self.pacing == "vsync" else None
+        glfw.set_key_callback(self._handle, self._on_key)
+        glfw.set_char_callback(self._handle, self._on_char)
+        glfw.set_window_focus_callback(self._handle, self._on_focus)
+        glfw.set_window_close_callback(self._handle, self._on_close)
+        glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
+        self._gamepad = Gamepad(glfw)
+        self._take_focus()
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the window; safe to call twice."""
+        if self._is_open:
+            self._is_open = False
+            glfw.destroy_window(self._handle)
+            glfw.terminate()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.display.width_px, self.display.height_px
+
+    @property
+    def evidence(self) -> Evidence:
+        """What vouches for flip stamps, as far as is known before any was measured."""
+        if self.pacing == "software":
+            return "software timer"
+        return "glXGetSyncValuesOML" if self._sync else "fence"
+
+    def now(self) -> float:
+        """Return the session's clock: monotonic, in seconds."""
+        return time.monotonic()
+
+    def flip(self) -> FlipStamp:
+        """Swap, wait until it happened, and return its stamp."""
+        if self.pacing == "software":
+            self._wait_for_line()
+        glfw.swap_buffers(self._handle)
+        stamp = FlipStamp(0.0, self.evidence)
+        exact_s = self._sync.last_swap_s() if self._sync else None
+        self.ctx.finish()
+        if exact_s is not None and abs(self.now() - exact_s) < 1.0:
+            stamp = FlipStamp(exact_s, "glXGetSyncValuesOML")
+        elif self.pacing == "vsync":
+            stamp = FlipStamp(self.now(), "fence")
+        else:
+            stamp = FlipStamp(self.now(), "software timer")
+        # Two clocks never run backwards against each other in one log.
+        self._last_s = max(stamp.t_s, self._last_s)
+        self.poll()
+        return FlipStamp(self._last_s, stamp.evidence)
+
+    def pump_until(self, t_s: float) -> None:
+        """Take events as they come, until the clock reads `t_s`."""
+        while (left_s := t_s - self.now()) > 0:
+            glfw.wait_events_timeout(left_s)
+            self._gamepad.poll(self._press)
+
+    def poll(self) -> None:
+        """Take what events there are."""
+        glfw.poll_events()
+        self._gamepad.poll(self._press)
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys that went down since the last call, oldest first."""
+        presses, self._presses = self._presses, []
+        return presses
+
+    def typed(self) -> str:
+        """Return the characters typed since the last call."""
+        text, self._typed = "".join(self._typed), []
+        return text
+
+    def press(self, key: str) -> None:
+        """Let a key go down now, as an artificial observer or a signal does."""
+        self._press(key)
+
+    def closing(self) -> bool:
+        """Return, once, whether someone asked the window to close."""
+        asked, self._closing = self._closing, False
+        return asked
+
+    def focus_lost(self) -> bool:
+        """Return whether another window has, or had since the last call, the keyboard."""
+        lost, self._lost_focus = self._lost_focus or not self._focused, False
+        return lost
+
+    def take_focus(self) -> None:
+        """Ask for the keyboard again."""
+        self._take_focus()
+
+    def cursor_px(self) -> tuple[float, float]:
+        """Return the mouse, from the upper left corner of the screen."""
+        x, y = glfw.get_cursor_pos(self._handle)
+        return float(x), float(y)
+
+    def show_cursor(self) -> None:
+        """Show the mouse: it stands in for an eye."""
+        glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_NORMAL)
+
+    def _take_focus(self) -> None:
+        glfw.focus_window(self._handle)
+        until_s = self.now() + 2.0
+        while not glfw.get_window_attrib(self._handle, glfw.FOCUSED) and self.now() < until_s:
+            glfw.wait_events_timeout(0.02)
+        self._focused = bool(glfw.get_window_attrib(self._handle, glfw.FOCUSED))
+        self._lost_focus = False
+
+    def _wait_for_line(self) -> None:
+        period_s = 1.0 / self.display.refresh_hz
+        now_s = self.now()
+        if now_s - self._line_s > 100 * period_s:  # after a pause the grid starts anew
+            self._line_s = now_s
+            return
+        late = math.ceil((now_s - self._line_s) / period_s)
+        self._line_s += max(1, late) * period_s
+        self.pump_until(self._line_s)
+
+    def _press(self, key: str) -> None:
+        self._presses.append(KeyPress(key, self.now()))
+
+    def _on_key(self, _window: Any, key: int, scancode: int, action: int, _mods: int) -> None:
+        if action == glfw.PRESS and (name := key_name(glfw, key, scancode)):
+            self._press(name)
+
+    def _on_char(self, _window: Any, codepoint: int) -> None:
+        self._typed.append(chr(codepoint))
+
+    def _on_focus(self, _window: Any, focused: int) -> None:
+        self._focused = bool(focused)
+        self._lost_focus = self._lost_focus or not focused
+
+    def _on_close(self, window: Any) -> None:
+        glfw.set_window_should_close(window, False)
+        self._closing = True
+
+
+def choose_monitor(display: Display) -> Any:
+    """Return the monitor a display file names, or the primary one.
+
+    Raises
+    ------
+    StudyError
+        If no monitor has that name; it lists those that are there.
+    """
+    monitors = glfw.get_monitors()
+    names = [_text(glfw.get_monitor_name(monitor)) for monitor in monitors]
+    if not monitors:
+        raise StudyError("a monitor must be connected (found none)")
+    if not display.monitor:
+        return glfw.get_primary_monitor()
+    if display.monitor not in names:
+        raise StudyError(
+            f"display {display.name!r}: monitor {display.monitor!r} must be connected (found"
+            f" {', '.join(names)}); connect it, or correct 'monitor' in the display file"
+        )
+    return monitors[names.index(display.monitor)]
+
+
+def check_mode(display: Display, width_px: int, height_px: int, rate_hz: float) -> None:
+    """Refuse a video mode other than the display file's; a rate of 0 is not stated.
+
+    Raises
+    ------
+    StudyError
+        Saying both modes and the cure.
+    """
+    size_fits = (width_px, height_px) == (display.width_px, display.height_px)
+    rate_fits = rate_hz == 0 or abs(rate_hz - display.refresh_hz) <= RATE_SLACK_HZ
+    if not (size_fits and rate_fits):
+        found = f"{width_px}x{height_px}" + (f" at {rate_hz:g} Hz" if rate_hz else "")
+        raise StudyError(
+            f"display {display.name!r}: the monitor must run at {display.width_px}x"
+            f"{display.height_px}, {display.refresh_hz:g} Hz (found {found}); set that mode in"
+            " the desktop's settings, or name the display that is there with --display"
+        )
+
+
+def _text(value: bytes | str) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _last_error() -> str:
+    _, description = glfw.get_error()
+    return _text(description) if description else "no reason given"

@@ -1,0 +1,108 @@
+"""Deletes a participant's data; a stone stays in its place, and the slot becomes free."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from protocols.errors import StudyError
+from protocols.journal import SessionStart, Withdrawal, event_line
+from protocols.journal_file import JOURNAL_NAME
+from study_app.sittings import Sitting, claimed, find_sittings
+
+
+def find_participant(root: Path, code: str, study: str | None = None) -> Sitting:
+    """Return the one sitting of a participant.
+
+    Raises
+    ------
+    StudyError
+        If there is none, or one in each of several studies and `study` is not given.
+    """
+    found = [sitting for sitting in find_sittings(root, study) if sitting.participant == code]
+    if not found:
+        raise StudyError(
+            f"{root}: must hold a session of participant {code!r} (found none);"
+            " 'metamerlab session list' names them"
+        )
+    if len(found) > 1:
+        names = ", ".join(sitting.study for sitting in found)
+        raise StudyError(f"participant {code!r} took part in {names}; say which with --study")
+    return found[0]
+
+
+def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | None = None) -> int:
+    """Delete everything recorded of a participant but a stone: study, slot and time.
+
+    Killed half-way, it is gone on with by calling it again.
+
+    Returns
+    -------
+    int
+        How many files were deleted.
+
+    Raises
+    ------
+    StudyError
+        If there is no such participant, the session is open in another program, the journal's
+        first line is damaged (its slot is not known), or the disk refuses.
+    """
+    with claimed(root):
+        sitting = find_participant(root, code, study)
+        path = sitting.folder / JOURNAL_NAME
+        files = sum(entry.is_file() for entry in sitting.folder.rglob("*"))
+        if sitting.state == "withdrawn":
+            if files == 1:
+                raise StudyError(f"{sitting.folder}: participant {code!r} withdrew before")
+            slot = None
+        else:
+            slot = _slot(sitting)
+        try:
+            with path.open("rb") as held:
+                _refuse_if_open(held.fileno(), path)
+                if slot is not None:
+                    _put_stone(sitting, slot, wall_clock())
+                for entry in sorted(sitting.folder.iterdir()):
+                    if entry.name == JOURNAL_NAME:
+                        continue
+                    if entry.is_dir() and not entry.is_symlink():
+                        shutil.rmtree(entry)
+                    else:
+                        entry.unlink()
+        except OSError as error:
+            raise StudyError(
+                f"{sitting.folder}: the disk refused ({error.strerror}); withdraw again"
+            ) from None
+    return files - (slot is None)
+
+
+def _slot(sitting: Sitting) -> int:
+    first = sitting.journal.events[0] if sitting.journal.events else None
+    if not isinstance(first, SessionStart):
+        raise StudyError(
+            f"{sitting.folder / JOURNAL_NAME}: the first line must be whole, it names the slot"
+            " that becomes free; restore it from a copy, or delete the folder by hand"
+        )
+    return first.slot
+
+
+def _refuse_if_open(descriptor: int, path: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise StudyError(f"{path}: another program has this session open; close it first") from None
+
+
+def _put_stone(sitting: Sitting, slot: int, at: str) -> None:
+    """Replace the journal in one step."""
+    path = sitting.folder / JOURNAL_NAME
+    stone = Withdrawal(n=0, t_s=0.0, at=at, study=sitting.study, slot=slot)
+    temporary = path.with_name("stone.part")
+    with temporary.open("wb") as file:
+        file.write(event_line(stone))
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)

@@ -1,0 +1,293 @@
+"""A screen without a monitor, a study of a few small clips, and ways to run sittings on it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from protocols.display import Display
+from protocols.hashing import sha256_file
+from protocols.journal_file import Journal, read_journal
+from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import Clip, Manifest, Renderer, write_manifest
+from protocols.schema import StudyProtocol
+
+WIDTH, HEIGHT = 640, 480
+NEEDED = ("Xvfb", "openbox", "xdotool")
+
+DISPLAY = f"""
+name = "little"
+width_px = {WIDTH}
+height_px = {HEIGHT}
+width_mm = 192.0
+height_mm = 144.0
+distance_mm = 600.0
+refresh_hz = 60.0
+clip_memory_mib = 64
+"""
+
+
+def _replace(text: str, values: dict[str, str]) -> str:
+    """Give keys of a TOML text other values; every key must be there."""
+    for key, value in values.items():
+        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
+        assert count, key
+    return text
+
+
+@dataclass(frozen=True)
+class Study:
+    """A protocol file, its display and its clips, below one folder."""
+
+    folder: Path
+
+    @property
+    def path(self) -> Path:
+        return self.folder / "study.toml"
+
+    @property
+    def stimuli(self) -> Path:
+        return self.folder / "clips"
+
+    @property
+    def sessions(self) -> Path:
+        return self.folder / "sessions"
+
+    @property
+    def protocol(self) -> StudyProtocol:
+        return load_protocol(self.path)
+
+    @property
+    def display(self) -> Display:
+        return load_display(str(self.folder / "little.toml"))
+
+    def journal(self, code: str = "P01") -> Journal:
+        return read_journal(self.sessions / "demo" / code / "journal.jsonl")
+
+    def frame(self, clip: str, index: int) -> np.ndarray:
+        """The pixels of a stored frame, (height, width, 3)."""
+        with Image.open(self.stimuli / clip / f"{index:06d}.png") as image:
+            return np.asarray(image.convert("RGB"))
+
+
+def write_study(folder: Path, values: dict[str, str] | None = None, pixels: int = 1) -> Study:
+    """Write a short version of the demo study with clips of noise."""
+    text = shipped("studies")["demo"].read_text(encoding="utf-8")
+    text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
+    text = re.sub(r'\n\[\[scenes\]\]\nname = "colonnade".*?(?=\n\[\[)', "\n", text, flags=re.S)
+    text = re.sub(r'\n\[\[sizes\]\]\nname = "large".*?(?=\n\[\[)', "\n", text, flags=re.S)
+    text = _replace(
+        text,
+        {
+            "display": '"little.toml"',
+            "width_deg": "2.75",
+            "height_deg": "1.9",
+            "duration_s": "0.2",
+            "blocks": "1",
+            "break_s": "0.0",
+            "fixation_s": "0.1",
+            "fixation_timeout_s": "5.0",
+            "gap_s": "0.1",
+            "iti_s": "0.1",
+            # A busy machine misses refreshes; what follows is tested on a virtual clock.
+            "dropped_frames_max": "10000",
+            "catch_min_share": "0.0",
+        }
+        | (values or {}),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    (folder / "little.toml").write_text(DISPLAY, encoding="utf-8")
+    study = Study(folder)
+    protocol, display = study.protocol, study.display
+    width, height = display.centred_size_px(protocol.clips.width_deg, protocol.clips.height_deg)
+    clips = []
+    for number, name in enumerate(protocol.clip_names()):
+        rng = np.random.default_rng((pixels, number))
+        clip_folder = study.stimuli / str(name)
+        clip_folder.mkdir(parents=True)
+        hashes = []
+        for index in range(protocol.clips.frames):
+            frame = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+            path = clip_folder / f"{index:06d}.png"
+            Image.fromarray(frame).save(path)
+            hashes.append(sha256_file(path))
+        clips.append(
+            Clip(
+                scene=name.scene,
+                size=name.size,
+                method=name.method,
+                width_px=width,
+                height_px=height,
+                fps=protocol.clips.fps,
+                bit_depth=8,
+                seed=0,
+                parameters={},
+                hole_share=0.02,
+                cache_key="0" * 64,
+                frames_sha256=tuple(hashes),
+            )
+        )
+    write_manifest(
+        study.stimuli,
+        Manifest(
+            format=1,
+            study=protocol.study.name,
+            stimuli_sha256=protocol.stimuli_sha256,
+            display=display.name,
+            revision="test",
+            renderer=Renderer(vendor="", renderer="noise", version=""),
+            versions={},
+            clips=tuple(clips),
+        ),
+    )
+    return study
+
+
+@pytest.fixture
+def make_study(tmp_path: Path) -> Callable[..., Study]:
+    """Give a function that writes a study with other values below the test's folder."""
+    return lambda values=None, name="study": write_study(tmp_path / name, values)
+
+
+@dataclass(frozen=True)
+class Screen:
+    """An X server whose picture lies in a file, with a window manager."""
+
+    name: str
+    file: Path
+
+    @property
+    def env(self) -> dict[str, str]:
+        return {**os.environ, "DISPLAY": self.name, "LIBGL_ALWAYS_SOFTWARE": "1"}
+
+    def picture(self) -> np.ndarray:
+        """What is on the screen now, (height, width, 3)."""
+        data = self.file.read_bytes()
+        header = int.from_bytes(data[:4], "big")
+        colours = int.from_bytes(data[76:80], "big")
+        pixels = np.frombuffer(data, np.uint8, offset=header + 12 * colours)
+        return pixels[: WIDTH * HEIGHT * 4].reshape(HEIGHT, WIDTH, 4)[..., 2::-1]
+
+    def keys(self, *names: str) -> None:
+        """Let keys go down and up, as a keyboard does."""
+        subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
+
+    def start(self, *arguments: object, **kwargs: object) -> subprocess.Popen[str]:
+        """Start `metamerlab` on this screen."""
+        return subprocess.Popen(
+            [sys.executable, "-c", "from study_app.cli import main; main()", *map(str, arguments)],
+            env=self.env,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            **kwargs,
+        )
+
+    def run(self, *arguments: object, **kwargs: object) -> subprocess.CompletedProcess[str]:
+        """Run `metamerlab` on this screen to its end."""
+        process = self.start(*arguments, **kwargs)
+        try:
+            out, err = process.communicate(timeout=240)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            out, err = process.communicate()
+            raise AssertionError(f"did not end:\n{out}\n{err}") from None
+        return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+    def script(self, text: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Run Python text on this screen; it must succeed."""
+        done = subprocess.run(
+            [sys.executable, "-c", text, *map(str, arguments)],
+            env=self.env,
+            text=True,
+            capture_output=True,
+            timeout=240,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done
+
+    def session(self, verb: str, study: Study, *more: object, code: str = "P01") -> list[object]:
+        """Arguments of `session run` or `session resume`."""
+        return [
+            "session", verb, study.path, "--stimuli", study.stimuli, "--out", study.sessions,
+            "--participant", code, "--software-pacing", *more,
+        ]  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
+    """Yield an Xvfb with openbox; without them skip, or fail where REQUIRE_GL=1."""
+    missing = [name for name in NEEDED if shutil.which(name) is None]
+    if missing:
+        reason = f"no {', '.join(missing)} here"
+        if os.environ.get("REQUIRE_GL") == "1":
+            pytest.fail(f"REQUIRE_GL=1, and there is {reason}")
+        pytest.skip(reason)
+    folder = tmp_path_factory.mktemp("screen")
+    reading, writing = os.pipe()
+    server = subprocess.Popen(
+        [
+            "Xvfb", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24",
+            "-fbdir", str(folder), "-nolisten", "tcp",
+        ],
+        pass_fds=(writing,),
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        number = pipe.readline().strip()
+    assert number, "Xvfb did not start"
+    made = Screen(f":{number}", folder / "Xvfb_screen0")
+    manager = subprocess.Popen(["openbox"], env=made.env, stderr=subprocess.DEVNULL)
+    time.sleep(0.5)
+    yield made
+    for process in (manager, server):
+        process.send_signal(signal.SIGTERM)
+        process.wait(timeout=10)
+
+
+def wait_for(condition: Callable[[], object], what: str, timeout_s: float = 60.0) -> object:
+    """Poll until a condition holds."""
+    until_s = time.monotonic() + timeout_s
+    while time.monotonic() < until_s:
+        if value := condition():
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"waited in vain for {what}")
+
+
+@pytest.fixture(scope="session")
+def wait() -> Callable[..., object]:
+    """Give `wait_for`."""
+    return wait_for
+
+
+@pytest.fixture
+def flips_of() -> Callable[[Study, str], list[dict[str, str]]]:
+    """Give a function that reads every flip of a participant's attempts, in order."""
+
+    def read(study: Study, code: str = "P01") -> list[dict[str, str]]:
+        import csv
+
+        rows = []
+        for attempt in study.journal(code).attempts:
+            path = study.sessions / "demo" / code / attempt.flips_file.file
+            with path.open() as file:
+                rows += list(csv.DictReader(file))
+        return rows
+
+    return read
