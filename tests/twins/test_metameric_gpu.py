@@ -1,0 +1,568 @@
+"""Metameric inpainting on the GPU against its definition, stage by stage and as a whole."""
+
+import dataclasses
+from functools import cache
+
+import moderngl
+import numpy as np
+import pytest
+
+from pipeline.camera import Camera, reprojection
+from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
+from pipeline.errors import InputError
+from pipeline.features.reference import analyse
+from pipeline.frame import WarpedFrame
+from pipeline.gl.texture import create_texture, format_of, read_back, texture_from, upload
+from pipeline.inpaint.reference import Level, guide_from_depth
+from pipeline.synthesis import gpu, reference
+from pipeline.synthesis.gpu import MetamericPass
+from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.reference import metameric_fill, noise_amplitudes, sample, shaped_noise
+from pipeline.synthesis.settings import MetamericSettings
+
+Z_NEAR_M = 1.0
+ROUNDOFF = 2.0**-24  # of one float32 operation
+# Roundings, counted in docs/precision.md.
+GUIDED = 9 + 13 + 14  # of one pull and push, gamma from 0, 0.25, 0.5, 1
+LOW_BAND = 9  # of one level
+BAND = 11  # of a coefficient from its 3x3 colours
+SHARES = 9  # of a guided interpolation
+LOOK_UP = 40  # of noise between texels, with its gain
+# From end to end: a sixteenth of an 8-bit step. A band whose variance the base has all but
+# reached is the root of a small difference, whose error no count of roundings keeps small.
+WHOLE_ATOL = 2.0**-12
+
+
+def disc_scene(rng, size, *, inf_background=False):
+    """Make noise behind a disc that moved, with two holes; flow in 256ths of a pixel."""
+    height, width = size
+    y, x = np.mgrid[:height, :width] + 0.5
+    radius = max(1.0, 0.25 * min(size))
+    disc = np.hypot(x - 0.4 * width, y - 0.5 * height) < radius
+    was = np.hypot(x - 0.4 * width - 0.6 * radius, y - 0.5 * height) < radius
+    hole = (was & ~disc) | ((x > 0.9 * width) & (y < 0.3 * height))
+    hole[0, 0] = False
+    if not hole.any() and hole.size > 1:
+        hole[-1, -1] = True
+    texture = 0.5 + 0.12 * rng.standard_normal((height, width, 3))
+    texture += 0.1 * np.sin(0.7 * x + 0.4 * y)[..., None] * [1.0, 0.7, 0.2]
+    colour = np.where(disc[..., None], [0.9, 0.1, 0.1], texture.clip(0, 1))
+    background = np.inf if inf_background else 5.0
+    flow = np.where(disc[..., None], [13.0, 0.0], [4 + 77 / 256, -2 - 31 / 256])
+    return WarpedFrame(
+        colour.astype(np.float32),
+        np.where(disc, 2.0, background).astype(np.float32),
+        hole,
+        flow.astype(np.float32),
+    )
+
+
+def cameras(size):
+    """Give the matrix of a target camera beside and turned a little from its source."""
+    source = Camera.with_field_of_view(size[1], size[0], 50)
+    target = source.moved(np.array([0.11, -0.07, 0.05]))
+    pose = target.world_from_camera.copy()
+    angle = 0.03
+    turn = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    pose[:3, :3] = pose[:3, :3] @ turn
+    return reprojection(source, dataclasses.replace(target, world_from_camera=pose))
+
+
+class Run:
+    """A pass with the textures of one frame; fills as often as it is called."""
+
+    def __init__(self, ctx, frame, settings):
+        self.frame, self.settings = frame, settings
+        height, width = frame.size
+        self.fill_pass = MetamericPass(ctx, (width, height), settings)
+        self._image = create_texture(ctx, (width, height), "rgba32f")
+        self._depth_m = create_texture(ctx, (width, height), "r32f")
+        self._flow_px = create_texture(ctx, (width, height), "rg32f")
+        self.matrix = cameras(frame.size) if settings.anchor == "camera" else None
+
+    def load(self, frame=None):
+        frame = frame or self.frame
+        alpha = ~frame.hole[..., None]
+        upload(self._image, np.concatenate([frame.colour, alpha], -1, dtype=np.float32))
+        upload(self._depth_m, frame.depth_m)
+        upload(self._flow_px, frame.flow_px)
+
+    def call(self, seed=3):
+        self.fill_pass(
+            self._image,
+            self._depth_m,
+            self._flow_px,
+            z_near_m=Z_NEAR_M,
+            seed=seed,
+            source_from_target=self.matrix,
+        )
+
+    def __call__(self, frame=None, seed=3):
+        self.load(frame)
+        self.call(seed)
+        return read_back(self._image)
+
+    def reference(self, seed=3, **changes):
+        return metameric_fill(
+            self.frame,
+            dataclasses.replace(self.settings, **changes),
+            seed=seed,
+            z_near_m=Z_NEAR_M,
+            source_from_target=self.matrix,
+        )
+
+    def buffers(self):
+        """Give all buffers and textures that the pass writes, for poisoning."""
+        fixed = (self.fill_pass._noise, self.fill_pass.base.lists._infos)
+        pending, found = [self.fill_pass], []
+        while pending:
+            item = pending.pop()
+            if isinstance(item, moderngl.Buffer | moderngl.Texture):
+                found += [] if any(item is one for one in (*fixed, *found)) else [item]
+            elif isinstance(item, list | tuple):
+                pending += item
+            elif type(item).__module__.startswith("pipeline."):
+                pending += vars(item).values()
+        return found
+
+    def release(self):
+        for thing in (self.fill_pass, self._image, self._depth_m, self._flow_px):
+            thing.release()
+
+
+@pytest.fixture
+def prepare(gl_context):
+    """Give a function that builds a run; all are released after the test."""
+    runs = []
+
+    def build(frame, **settings):
+        runs.append(Run(gl_context, frame, MetamericSettings(**settings)))
+        return runs[-1]
+
+    yield build
+    for run in runs:
+        run.release()
+
+
+@pytest.fixture(autouse=True)
+def _noise_is_made_once(monkeypatch):
+    """Both twins ask for the same noise again and again; its own tests are elsewhere."""
+    for module in (gpu, reference):
+        monkeypatch.setattr(module, "noise_bands", cached_noise)
+
+
+@cache
+def cached_noise(seed, levels, channels):
+    return noise_bands(seed, levels, channels)
+
+
+def moment_tolerances(run, fill, k):
+    """Bound mean and second moment of level k, absolute, by the magnitudes of this frame."""
+    resolutions = max(1, int(np.ceil(np.log2(max(run.frame.size)))))
+    largest = np.abs(analyse(ycbcr_from_rgb(fill.base), k + 1).bands[k]).max()
+    base = GUIDED * resolutions * ROUNDOFF
+    # Taps' magnitudes sum to 0.733 at most, and each difference has two colours.
+    band = 2 * 0.733 * (base + LOW_BAND * k * ROUNDOFF) + BAND * 0.733 * ROUNDOFF
+    mean = band + GUIDED * resolutions * largest * ROUNDOFF
+    second = 2 * largest * band + (1 + GUIDED * resolutions) * largest**2 * ROUNDOFF
+    return mean, second
+
+
+def amplitude_tolerance(bands, amplitude):
+    """Bound an amplitude made from given moments and colours, absolute.
+
+    The variance's terms and those of the base's energy are at most (2 x largest)^2 and cost
+    8 roundings; a coefficient's own error, BAND, counts twice its size twice. The root of a
+    variance that is off by v is off by sqrt(v) at most, and by v / root where that is less.
+    """
+    largest = np.abs(bands).max()
+    off = (8 * (2 * largest) ** 2 + 2 * (2 * largest) * BAND * 0.733) * ROUNDOFF
+    with np.errstate(divide="ignore"):
+        return np.minimum(np.sqrt(off), off / amplitude) + 9 * amplitude * ROUNDOFF
+
+
+def noise_tolerance(run, amplitudes, guide, anchor_px):
+    """Bound the colour that given amplitudes and base lead to, absolute: (H, W, 3)."""
+    settings = run.settings
+    noise = cached_noise(3, settings.levels, 1 if settings.channels == "correlated" else 3)
+    farthest_px = np.abs(anchor_px).max() + max(run.frame.size)
+    moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
+    total = np.zeros((*run.frame.size, 3))
+    for k, level in enumerate(amplitudes):
+        tallest = 2 * np.abs(noise.tiles[k]).max()  # the look-up's gain is at most 2
+        size = Level(np.abs(level.values), level.validity, level.guide)
+        here = sample(size, guide, k + 1, settings.depth_threshold)
+        texel = (LOOK_UP + SHARES + 6) * ROUNDOFF + 4 * moved_px
+        total += tallest * texel * here.reshape(*run.frame.size, 3, 3).sum(axis=2)
+    return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
+
+
+def needed(hole, k):
+    """Tell which texels of level k's half the interpolation at hole pixels reaches."""
+    wanted = np.zeros([-(-edge // (2 << k)) for edge in hole.shape], bool)
+    rows, columns = np.nonzero(hole)
+    first = [np.floor((axis + 0.5) / (2 << k) - 0.5).astype(int) for axis in (rows, columns)]
+    for down in (0, 1):
+        for right in (0, 1):
+            wanted[
+                np.clip(first[0] + down, 0, wanted.shape[0] - 1),
+                np.clip(first[1] + right, 0, wanted.shape[1] - 1),
+            ] = True
+    return wanted
+
+
+def close_enough(run, filled, fill):
+    """Assert that every hole pixel is within the bound, but for a thousandth at most.
+
+    Each of those must be a threshold decision: moving the threshold by less than what the
+    guide is off must move the reference there too.
+    """
+    hole = run.frame.hole
+    off = hole & (np.abs(filled[..., :3] - fill.colour) > WHOLE_ATOL).any(axis=-1)
+    if off.any():
+        assert off.sum() <= 1e-3 * hole.size
+        margin = 12 * ROUNDOFF  # two guides, 6 each
+        threshold = run.settings.depth_threshold
+        others = [
+            run.reference(depth_threshold=threshold + shift).colour for shift in (-margin, margin)
+        ]
+        decided = np.any([(other != fill.colour).any(axis=-1) for other in others], axis=0)
+        assert decided[off].all()
+    assert filled[~hole][:, :3].tobytes() == run.frame.colour[~hole].tobytes()
+    np.testing.assert_array_equal(filled[..., 3], ~hole)
+
+
+SIZES = [(1, 2), (1, 70), (53, 1), (2, 2), (7, 5), (48, 64), (61, 83), (90, 301)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_fill_on_gpu_matches_reference(prepare, rng, size):
+    run = prepare(disc_scene(rng, size))
+
+    close_enough(run, run(), run.reference())
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"levels": 1},
+        {"levels": 2, "gamma": 0.0, "base_gamma": 1.0},
+        {"levels": 3, "channels": "independent", "skip_depth_edges": False},
+        {"levels": 5, "gamma": 1.0, "base_gamma": 0.0, "anchor": "screen"},
+        {"levels": 6, "gamma": 0.25, "base_gamma": 0.5, "channels": "independent"},
+        {"anchor": "camera"},
+        {"anchor": "camera", "channels": "independent", "noise": 0.5},
+        {"anchor": "screen", "skip_depth_edges": False},
+        {"noise": 0.0},
+        {"depth_threshold": 1.0},
+    ],
+    ids=lambda settings: ",".join(f"{key}={value}" for key, value in settings.items()),
+)
+def test_every_setting_matches_reference(prepare, rng, settings):
+    run = prepare(disc_scene(rng, (75, 90)), **settings)
+
+    close_enough(run, run(), run.reference())
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("levels", range(1, 7))
+@pytest.mark.parametrize("channels", ["correlated", "independent"])
+@pytest.mark.parametrize("anchor", ["flow", "camera", "screen"])
+@pytest.mark.parametrize("skip_depth_edges", [True, False])
+@pytest.mark.parametrize("gamma", [0.0, 0.25, 0.5, 1.0])
+def test_every_combination_matches_reference(
+    prepare, rng, levels, channels, anchor, skip_depth_edges, gamma
+):
+    for size in ((61, 83), (1, 40), (33, 270)):
+        run = prepare(
+            disc_scene(rng, size),
+            levels=levels,
+            channels=channels,
+            anchor=anchor,
+            skip_depth_edges=skip_depth_edges,
+            gamma=gamma,
+            base_gamma=1.0 - gamma if gamma in (0.0, 1.0) else gamma,
+        )
+
+        close_enough(run, run(), run.reference())
+
+
+class Stages:
+    """What the GPU has in its buffers after a fill, as the reference would have it."""
+
+    def __init__(self, run):
+        frame, fill_pass = run.frame, run.fill_pass
+        self.filled = run()[..., :3]
+        levels, sizes = run.settings.levels, fill_pass.base.resolutions.sizes
+        texels = np.frombuffer(fill_pass._amplitude_texels.read(), np.float32).reshape(-1, 3, 4)
+        self.moments, self.validity, self.amplitudes, self.guides = [], [], [], []
+        for k in range(levels):
+            columns, rows = sizes[k + 1]
+            buffer = np.frombuffer(fill_pass.moments.at(k + 1).read(), np.float32)
+            planes = buffer.reshape(-1, rows, columns, 5, 4)[k].astype(np.float64)
+            seconds = (planes[..., 1:4, 3], planes[..., 3, :3], planes[..., 4, :3])
+            pairs = [np.concatenate([planes[..., b, :3], seconds[b]], axis=-1) for b in range(3)]
+            self.moments.append(np.concatenate(pairs, axis=-1))
+            self.validity.append(planes[..., 0, 3])
+            here, texels = texels[: rows * columns], texels[rows * columns :]
+            self.amplitudes.append(here[..., :3].reshape(rows, columns, 9).astype(np.float64))
+            self.guides.append(here[:, 0, 3].reshape(rows, columns).astype(np.float64))
+        lows = [read_back(low) for low in fill_pass.low_bands._coarser]
+        run.load()
+        fill_pass.base(run._image, run._depth_m, Z_NEAR_M)
+        self.base = read_back(run._image)[..., :3].astype(np.float64)
+        self.bands = [
+            analyse(ycbcr_from_rgb(np.nan_to_num(colour.astype(np.float64))), 1).bands[0]
+            for colour in (self.base, *(low[..., :3] for low in lows))
+        ]
+        np.testing.assert_array_equal(self.base[~frame.hole], frame.colour[~frame.hole])
+
+
+@pytest.mark.parametrize("channels", ["correlated", "independent"])
+@pytest.mark.parametrize("size", [(61, 83), (130, 301)])
+def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
+    """First pulls and completed moments; then each later stage from what the GPU gave it."""
+    run = prepare(disc_scene(rng, size), channels=channels)
+    stages, fill = Stages(run), run.reference()
+    cross = channels == "correlated"
+    for k, exact in enumerate(fill.statistics):
+        wanted = needed(run.frame.hole, k)
+        # Validity stays as first pulled, and push never touches certain texels.
+        np.testing.assert_array_equal(stages.validity[k][wanted], exact.validity[wanted])
+        for part, atol in zip(np.s_[:3, 3:], moment_tolerances(run, fill, k), strict=True):
+            found, right = (
+                values.reshape(*values.shape[:2], 3, 6)[..., part][wanted]
+                for values in (stages.moments[k], exact.values)
+            )
+            np.testing.assert_allclose(found, right, rtol=0, atol=atol)
+        np.testing.assert_allclose(
+            stages.guides[k][wanted], exact.guide[wanted], rtol=0, atol=6 * ROUNDOFF
+        )
+
+        right = noise_amplitudes(stages.moments[k], stages.bands[k], cross=cross)
+        first = 1 if cross else 3  # a slope's error has no bound where luma has no variance
+        found, right = (
+            values.reshape(-1, 3, 3)[wanted.ravel()][..., :first]
+            for values in (stages.amplitudes[k], right)
+        )
+        assert (np.abs(found - right) <= amplitude_tolerance(stages.bands[k], right)).all()
+
+    hole = run.frame.hole
+    guide = guide_from_depth(run.frame.depth_m, Z_NEAR_M)
+    amplitudes = [
+        Level(
+            np.where(needed(run.frame.hole, k)[..., None], values, 0.0), exact.validity, exact.guide
+        )
+        for k, (values, exact) in enumerate(zip(stages.amplitudes, fill.statistics, strict=True))
+    ]
+    noise = cached_noise(3, 4, 1 if cross else 3)
+    added = shaped_noise(amplitudes, guide, fill.anchor_px, noise, run.settings.depth_threshold)
+    colour = (stages.base + added @ RGB_FROM_YCBCR.T).clip(0, 1)
+    tolerance = noise_tolerance(run, amplitudes, guide, fill.anchor_px)
+    assert (np.abs(stages.filled - colour) <= tolerance)[hole].all()
+    assert np.median(tolerance[hole]) < 2.0**-11  # a bound that bounds something
+
+
+def test_a_background_at_infinity_is_filled(prepare, rng):
+    run = prepare(disc_scene(rng, (60, 80), inf_background=True))
+
+    close_enough(run, run(), run.reference())
+
+
+def test_two_runs_give_the_same_bits(prepare, rng):
+    """Of one pass with another frame and seed between, and of another pass."""
+    frame, other = (disc_scene(rng, (70, 130)) for _ in range(2))
+    run = prepare(frame)
+
+    first = run()
+    between = run(other, seed=9)
+    again = run(frame, seed=3)
+
+    assert first.tobytes() == again.tobytes()
+    assert first.tobytes() != between.tobytes()
+    assert prepare(frame)().tobytes() == first.tobytes()
+
+
+def noisy_depth_scene(width, levels):
+    """A narrow hole beside a band where every kernel straddles a jump of depth.
+
+    Nothing there is valid, so push must look far beyond the ring of tiles that is read.
+    """
+    rng = np.random.default_rng(0)
+    size = (16, width)
+    end = (112 << (levels - 1)) + 2
+    hole = np.zeros(size, bool)
+    hole[:, end - 4 : end] = True
+    depth = np.full(size, 5, np.float32)
+    depth[:, end : end + (200 << (levels - 1)) : 2] = 2
+    flow = np.zeros((*size, 2), np.float32)
+    return WarpedFrame(rng.random((*size, 3), np.float32), depth, hole, flow)
+
+
+@pytest.mark.parametrize(("levels", "width"), [(1, 1024), (2, 2048), (4, 300)])
+def test_nothing_left_in_memory_is_ever_read(prepare, levels, width):
+    """All that the pass writes is first set to NaN, or to 7: the fill must not notice."""
+    run = prepare(noisy_depth_scene(width, levels), levels=levels)
+    run()
+    results = []
+    for value in (np.nan, 7.0):
+        for item in run.buffers():
+            bytes_ = (
+                item.size
+                if isinstance(item, moderngl.Buffer)
+                else item.width * item.height * format_of(item).bytes_per_texel
+            )
+            item.write(np.full(bytes_ // 4, value, np.float32).tobytes())
+        results.append(run())
+
+    assert results[0].tobytes() == results[1].tobytes()
+    close_enough(run, results[0], run.reference())
+
+
+def test_an_empty_mask_gives_the_frame_back(prepare, rng):
+    frame = disc_scene(rng, (40, 50))
+    frame = dataclasses.replace(frame, hole=np.zeros_like(frame.hole))
+    run = prepare(frame)
+
+    assert run()[..., :3].tobytes() == frame.colour.tobytes()
+
+
+def test_a_call_allocates_nothing_and_reads_nothing_back(prepare, rng, gl_watch, monkeypatch):
+    frame = disc_scene(rng, (70, 90))
+    run = prepare(frame)
+    run()
+    run.load()
+
+    def refuse(*_, **__):
+        pytest.fail("read back, or allocated, between frames")
+
+    with monkeypatch.context() as patch:
+        for kind, names in (
+            (moderngl.Buffer, ("read", "read_into", "read_chunks", "orphan")),
+            (moderngl.Texture, ("read", "read_into")),
+            (moderngl.Context, ("buffer", "texture", "compute_shader", "finish")),
+        ):
+            for name in names:
+                patch.setattr(kind, name, refuse)
+        watch = gl_watch()
+        run.call()
+        gained = watch.gained()
+
+    assert not gained
+
+
+@pytest.mark.parametrize("levels", [1, 4, 6])
+@pytest.mark.parametrize("size", [(1, 2), (40, 60), (300, 200)])
+def test_dispatches_are_counted_right(prepare, rng, monkeypatch, size, levels):
+    made = []
+    for name in ("run", "run_indirect"):
+        plain = getattr(moderngl.ComputeShader, name)
+
+        def counted(self, *args, plain=plain, **kwargs):
+            made.append(self)
+            return plain(self, *args, **kwargs)
+
+        monkeypatch.setattr(moderngl.ComputeShader, name, counted)
+    run = prepare(disc_scene(rng, size), levels=levels)
+
+    run()
+
+    assert len(made) == run.fill_pass.dispatches
+
+
+@pytest.mark.parametrize("edge", [512, 1024, 2048])
+def test_four_levels_need_at_most_sixty_dispatches(gl_context, edge):
+    fill_pass = MetamericPass(gl_context, (edge, 64), MetamericSettings())
+    dispatches = fill_pass.dispatches
+    fill_pass.release()
+
+    assert dispatches <= 60
+
+
+@pytest.mark.parametrize("channels", ["correlated", "independent"])
+def test_a_pass_holds_at_most_128_bytes_per_pixel(gl_context, channels):
+    fill_pass = MetamericPass(gl_context, (1024, 1024), MetamericSettings(channels=channels))
+    held = fill_pass.held_bytes
+    fill_pass.release()
+
+    assert held <= 128 * 1024 * 1024
+
+
+def test_held_bytes_are_what_is_held(prepare, rng):
+    run = prepare(disc_scene(rng, (60, 75)))
+
+    held = sum(
+        item.size
+        if isinstance(item, moderngl.Buffer)
+        else item.width * item.height * format_of(item).bytes_per_texel
+        for item in run.buffers()
+    )
+    lists = run.fill_pass.base.lists
+    noise = run.fill_pass._noise
+    fixed = lists._infos.size + noise.width * noise.height * 16
+
+    assert run.fill_pass.held_bytes == held + fixed
+
+
+@pytest.mark.parametrize("argument", ["image", "depth_m", "flow_px"])
+def test_textures_of_another_size_are_refused(gl_context, argument):
+    fill_pass = MetamericPass(gl_context, (8, 9), MetamericSettings())
+    formats = {"image": "rgba32f", "depth_m": "r32f", "flow_px": "rg32f"}
+    good = {name: create_texture(gl_context, (8, 9), kind) for name, kind in formats.items()}
+    wrong = create_texture(gl_context, (9, 8), formats[argument])
+
+    with pytest.raises(InputError, match=rf"^{argument} must be 8x9"):
+        fill_pass(**(good | {argument: wrong}), z_near_m=1.0, seed=1)
+    for thing in (fill_pass, wrong, *good.values()):
+        thing.release()
+
+
+def test_a_camera_anchor_without_cameras_is_refused(prepare, rng):
+    run = prepare(disc_scene(rng, (20, 30)), anchor="camera")
+    run.matrix = None
+
+    with pytest.raises(InputError, match="source_from_target"):
+        run()
+
+
+def test_the_motorcycle_matches_reference(prepare, gl_context):
+    """The real pair, a crop around the front wheel, as the warp leaves it."""
+    from pipeline.warp.gpu import warp_frame
+    from stimuli.scenes.stereo import built_in_pair
+
+    frame = built_in_pair("motorcycle").warp_input()
+    whole = warp_frame(gl_context, frame.source, frame.flow_px)
+    crop = np.s_[150:362, 90:411]
+    warped = WarpedFrame(
+        *(
+            np.ascontiguousarray(part[crop])
+            for part in (whole.colour, whole.depth_m, whole.hole, whole.flow_px)
+        )
+    )
+    assert warped.hole.mean() > 0.03
+    run = prepare(warped)
+
+    close_enough(run, run(), run.reference())
+
+
+def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng):
+    """Colours inside holes are of no account."""
+    frame = disc_scene(rng, (30, 40))
+    settings = MetamericSettings()
+    results = []
+    for inside in (0.0, 123.0):
+        colour = np.where(frame.hole[..., None], np.float32(inside), frame.colour)
+        image = texture_from(
+            gl_context,
+            np.concatenate([colour, ~frame.hole[..., None]], -1, dtype=np.float32),
+            "rgba32f",
+        )
+        depth_m = texture_from(gl_context, frame.depth_m, "r32f")
+        flow_px = texture_from(gl_context, frame.flow_px, "rg32f")
+        fill_pass = MetamericPass(gl_context, (40, 30), settings)
+        fill_pass(image, depth_m, flow_px, z_near_m=1.0, seed=1)
+        results.append(read_back(image))
+        for thing in (image, depth_m, flow_px, fill_pass):
+            thing.release()
+
+    assert results[0].tobytes() == results[1].tobytes()
