@@ -81,13 +81,7 @@ void work(ivec2 pixel) {
     int place = pixel.y * work_size.x + pixel.x;
     Pull p = pull_shares(valid, guide, coarse_guide[place]);
 
-    Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
-    Bands b = a, c = a, d = a;
-    if (whole.x) b = BANDS_AT(0, 1, 2, 1, 2, 3);
-    if (whole.y) c = BANDS_AT(1, 2, 3, 0, 1, 2);
-    if (whole.x && whole.y) d = BANDS_AT(1, 2, 3, 1, 2, 3);
-    else if (whole.x) d = b;
-    else if (whole.y) d = c;
+    BANDS_OF_CHILDREN(whole)
 
 #define MEAN(name) \
     (p.share.x * a.name + p.share.y * b.name + p.share.z * c.name + p.share.w * d.name)

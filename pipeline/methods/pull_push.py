@@ -9,20 +9,18 @@ from numpy.typing import NDArray
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.methods.method import composite
-from pipeline.pushpull.gpu import PushPullPass
+from pipeline.pushpull.gpu import PushPullPass, PyramidPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-
-_Pass = PushPullPass | WeightedPullPushPass
 
 
 class _ColourOnly:
     """A pass over one rgba32f texture (colour, weight), kept for the last frame size."""
 
-    pass_type: ClassVar[type[_Pass]]
+    pass_type: ClassVar[type[PyramidPass]]
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._pass: _Pass | None = None
+        self._pass: PyramidPass | None = None
         self._image: moderngl.Texture | None = None
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
@@ -41,7 +39,7 @@ class _ColourOnly:
             self._image.release()
         self._pass = self._image = None
 
-    def _prepared(self, size: tuple[int, int]) -> tuple[_Pass, moderngl.Texture]:
+    def _prepared(self, size: tuple[int, int]) -> tuple[PyramidPass, moderngl.Texture]:
         wanted = size[1], size[0]
         if self._pass is None or self._image is None or self._pass.size != wanted:
             self.release()

@@ -1,6 +1,7 @@
 """Push-pull on the GPU. Twin: reference.py."""
 
 from itertools import pairwise
+from typing import ClassVar
 
 import moderngl
 
@@ -10,8 +11,11 @@ from pipeline.gl.texture import check_size, check_texture, create_texture
 TILE = 8  # work-group edge, pixels
 
 
-class PushPullPass:
-    """Fill the unknown pixels of one rgba32f texture of a fixed size.
+class PyramidPass:
+    """Fill the unknown pixels of one rgba32f texture of a fixed size, level by level.
+
+    What one level does is up to the two shaders that a subclass names: `down` halves
+    (sampler 0, image 0), `up` completes (samplers 0 fine and 1 coarse, image 0).
 
     Compiles and allocates once, on construction. A call binds and dispatches: twice
     log2 of the longer edge, rounded up.
@@ -27,11 +31,14 @@ class PushPullPass:
         If the driver has no textures of this size.
     """
 
+    down: ClassVar[str]
+    up: ClassVar[str]
+
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
         check_size(ctx, size)
         self._ctx = ctx
-        self._pull = compile_compute(ctx, "pushpull/pull.comp.glsl", TILE=TILE)
-        self._push = compile_compute(ctx, "pushpull/push.comp.glsl", TILE=TILE)
+        self._down = compile_compute(ctx, self.down, TILE=TILE)
+        self._up = compile_compute(ctx, self.up, TILE=TILE)
         self.size = size
         # A single pixel still gets a level below it, so that it takes the path of the others.
         sizes = coarser_sizes(size) or [(1, 1)]
@@ -43,11 +50,10 @@ class PushPullPass:
         return 2 * len(self._coarser)
 
     def __call__(self, image: moderngl.Texture, filled: moderngl.Texture) -> None:
-        """Fill `image` (rgb, confidence; rgba32f) into `filled` (the same texture will do).
+        """Fill `image` (rgb, weight; rgba32f) into `filled` (the same texture will do).
 
-        The confidence of the result is 1 where the confidences of `image` are 0 or 1.
-        Colours must be finite also where they are unknown. Where no pixel at all is known
-        the result is zero, confidence included.
+        Weights and colours must be finite, weights at least 0, also where nothing is known.
+        Where no pixel at all is known the result is zero.
 
         Raises
         ------
@@ -59,11 +65,11 @@ class PushPullPass:
         levels = [image, *self._coarser]
         for fine, coarse in pairwise(levels):
             fine.use(0)
-            self._dispatch(self._pull, coarse)
+            self._dispatch(self._down, coarse)
         for index in reversed(range(len(levels) - 1)):
             levels[index].use(0)
             levels[index + 1].use(1)
-            self._dispatch(self._push, levels[index] if index else filled)
+            self._dispatch(self._up, levels[index] if index else filled)
 
     def _dispatch(self, shader: moderngl.ComputeShader, target: moderngl.Texture) -> None:
         target.bind_to_image(0, read=False, write=True)
@@ -74,8 +80,18 @@ class PushPullPass:
         """Free textures and shaders."""
         for texture in self._coarser:
             texture.release()
-        self._pull.release()
-        self._push.release()
+        self._down.release()
+        self._up.release()
+
+
+class PushPullPass(PyramidPass):
+    """Classic push-pull; weights are confidences in [0, 1]. Twin: reference.py.
+
+    The confidence of the result is 1 where the confidences of `image` are 0 or 1.
+    """
+
+    down = "pushpull/pull.comp.glsl"
+    up = "pushpull/push.comp.glsl"
 
 
 def coarser_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:

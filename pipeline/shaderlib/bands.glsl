@@ -51,3 +51,14 @@ Bands bands_of(vec3 nw, vec3 n, vec3 ne, vec3 w, vec3 c, vec3 e, vec3 sw, vec3 s
     bands_of(window_##r0##c0.rgb, window_##r0##c1.rgb, window_##r0##c2.rgb,                  \
              window_##r1##c0.rgb, window_##r1##c1.rgb, window_##r1##c2.rgb,                  \
              window_##r2##c0.rgb, window_##r2##c1.rgb, window_##r2##c2.rgb)
+
+// Declares a to d: the bands of the 2x2 children, row by row. The first stands for one that
+// an odd border has not (`whole` false).
+#define BANDS_OF_CHILDREN(whole)                                  \
+    Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);                         \
+    Bands b = a, c = a, d = a;                                    \
+    if (whole.x) b = BANDS_AT(0, 1, 2, 1, 2, 3);                  \
+    if (whole.y) c = BANDS_AT(1, 2, 3, 0, 1, 2);                  \
+    if (whole.x && whole.y) d = BANDS_AT(1, 2, 3, 1, 2, 3);       \
+    else if (whole.x) d = b;                                      \
+    else if (whole.y) d = c;

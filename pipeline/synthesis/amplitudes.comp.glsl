@@ -38,13 +38,7 @@ void work(ivec2 pixel) {
     ivec2 size = imageSize(level);
     FETCH_WINDOW(level, pixel, size)
     bvec2 whole = lessThan(inner_ + 1, size);
-    Bands a = BANDS_AT(0, 1, 2, 0, 1, 2);
-    Bands b = a, c = a, d = a;
-    if (whole.x) b = BANDS_AT(0, 1, 2, 1, 2, 3);
-    if (whole.y) c = BANDS_AT(1, 2, 3, 0, 1, 2);
-    if (whole.x && whole.y) d = BANDS_AT(1, 2, 3, 1, 2, 3);
-    else if (whole.x) d = b;
-    else if (whole.y) d = c;
+    BANDS_OF_CHILDREN(whole)
 
     vec4 plane_1 = moments[from + 1], plane_2 = moments[from + 2];
     vec4 plane_3 = moments[from + 3], plane_4 = moments[from + 4];
