@@ -1,0 +1,264 @@
+"""Solids and surfaces that the built-in scenes are made of, in metres, with texture places.
+
+`uv` counts textures: `texture_m` is how much of the world one copy of a texture covers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stimuli.world import Mesh
+
+Height = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+
+
+def surface(
+    position: NDArray[np.float64], uv: NDArray[np.float64], *, closed: bool = False
+) -> Mesh:
+    """A grid of points (rows, columns, 3) as triangles with smooth normals.
+
+    `closed` says that the last column lies on the first (a tube).
+    """
+    rows, columns, _ = position.shape
+    along_rows = np.gradient(position, axis=0) if rows > 1 else np.zeros_like(position)
+    if closed:
+        ring = np.concatenate([position[:, -2:-1], position, position[:, 1:2]], axis=1)
+        along_columns = (ring[:, 2:] - ring[:, :-2]) / 2
+    else:
+        along_columns = np.gradient(position, axis=1)
+    normal = np.cross(along_rows, along_columns)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.where(length > 1e-12, normal / np.maximum(length, 1e-12), (0.0, 1.0, 0.0))
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    triangles = np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3)
+    count = rows * columns
+    return Mesh(
+        position.reshape(count, 3).astype(np.float32),
+        normal.reshape(count, 3).astype(np.float32),
+        uv.reshape(count, 2).astype(np.float32),
+        np.ones((count, 3), np.float32),
+        triangles.astype(np.uint32),
+    )
+
+
+def ground(
+    low: tuple[float, float],
+    high: tuple[float, float],
+    step_m: float,
+    texture_m: float,
+    height: Height | None = None,
+) -> Mesh:
+    """Ground from corner `low` to `high` in (x, z), at y = `height` (x, z)."""
+    x = np.linspace(low[0], high[0], max(2, round((high[0] - low[0]) / step_m)))
+    z = np.linspace(low[1], high[1], max(2, round((high[1] - low[1]) / step_m)))
+    xx, zz = np.meshgrid(x, z)
+    yy = np.zeros_like(xx) if height is None else height(xx, zz)
+    return surface(np.stack([xx, yy, zz], -1), np.stack([xx, zz], -1) / texture_m)
+
+
+def wall(
+    start: tuple[float, float],
+    end: tuple[float, float],
+    low_m: float,
+    high_m: float,
+    texture_m: float,
+    step_m: float = 0.4,
+) -> Mesh:
+    """An upright sheet over the line `start` to `end` in (x, z)."""
+    length = float(np.hypot(end[0] - start[0], end[1] - start[1]))
+    columns = max(2, round(length / step_m) + 1)
+    rows = max(2, round((high_m - low_m) / step_m) + 1)
+    t, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(low_m, high_m, rows))
+    x, z = start[0] + t * (end[0] - start[0]), start[1] + t * (end[1] - start[1])
+    mesh = surface(np.stack([x, y, z], -1), np.stack([t * length, y], -1) / texture_m)
+    return mesh
+
+
+def box(
+    centre: ArrayLike, size: ArrayLike, texture_m: float, *, step_m: float = 0.5,
+    turn_deg: float = 0.0, offset: tuple[float, float] = (0.0, 0.0),
+) -> Mesh:  # fmt: skip
+    """A block; `offset` shifts its texture, so that neighbours differ."""
+    half = np.asarray(size, np.float64) / 2
+    faces = []
+    for axis in range(3):
+        u_axis, v_axis = ((2, 1), (0, 2), (0, 1))[axis]
+        for sign in (-1.0, 1.0):
+            counts = [max(2, round(2 * half[a] / step_m) + 1) for a in (u_axis, v_axis)]
+            u, v = np.meshgrid(
+                np.linspace(-half[u_axis], half[u_axis], counts[0]),
+                np.linspace(-half[v_axis], half[v_axis], counts[1]),
+            )
+            position = np.zeros((*u.shape, 3))
+            position[..., axis] = sign * half[axis]
+            position[..., u_axis], position[..., v_axis] = u, v
+            shift = np.asarray(offset) + 0.37 * axis
+            face = surface(position, np.stack([u, v], -1) / texture_m + shift)
+            normal = np.zeros_like(face.normal)
+            normal[:, axis] = sign
+            faces.append(Mesh(face.position_m, normal, face.uv, face.colour, face.triangles))
+    x, y, z = np.asarray(centre, np.float64)
+    return Mesh.joined(faces).moved(float(x), float(y), float(z), turn_deg=turn_deg)
+
+
+def tube(
+    path: ArrayLike,
+    radius_m: ArrayLike,
+    texture_m: tuple[float, float],
+    *,
+    sides: int = 12,
+    flutes: int = 0,
+    flute_depth: float = 0.0,
+) -> Mesh:
+    """A round body along `path` (N, 3) with a radius at each point: trunks, branches, columns.
+
+    `texture_m` is (around, along).
+    """
+    line = np.asarray(path, np.float64)
+    radius = np.broadcast_to(np.asarray(radius_m, np.float64), (len(line),))
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    reference = np.array([1.0, 0.0, 0.0]) if abs(tangent[:, 0]).max() < 0.9 else np.array([0, 0, 1])
+    side = np.cross(tangent, reference)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(tangent, side)
+    turn = np.linspace(0, 2 * np.pi, sides + 1)
+    profile = (
+        1 - flute_depth * (0.5 + 0.5 * np.cos(flutes * turn)) if flutes else np.ones_like(turn)
+    )
+    reach = radius[:, None] * profile[None, :]
+    position = (
+        line[:, None]
+        + (reach * np.cos(turn))[..., None] * side[:, None]
+        + (reach * np.sin(turn))[..., None] * other[:, None]
+    )
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    around = 2 * np.pi * radius.max() / texture_m[0]
+    copies = max(1, round(around))
+    u, v = np.meshgrid(turn / (2 * np.pi) * copies, along / texture_m[1])
+    mesh = surface(position, np.stack([u, v], -1), closed=True)
+    outward = position - line[:, None]
+    flip = np.sum(mesh.normal * outward.reshape(-1, 3), axis=1, keepdims=True) < 0
+    return Mesh(
+        mesh.position_m, np.where(flip, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
+        mesh.triangles,
+    )  # fmt: skip
+
+
+def lathe(profile: ArrayLike, texture_m: float, *, sides: int = 24) -> Mesh:
+    """A body turned about the vertical; `profile` (N, 2) is (radius, height)."""
+    outline = np.asarray(profile, np.float64)
+    turn = np.linspace(0, 2 * np.pi, sides + 1)
+    radius, height = outline[:, 0, None], outline[:, 1, None]
+    position = np.stack(
+        [radius * np.cos(turn), np.broadcast_to(height, (len(outline), sides + 1)),
+         radius * np.sin(turn)], axis=-1,
+    )  # fmt: skip
+    along = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(outline, axis=0).T))])
+    copies = max(1, round(2 * np.pi * outline[:, 0].max() / texture_m))
+    u, v = np.meshgrid(turn / (2 * np.pi) * copies, along / texture_m)
+    mesh = surface(position, np.stack([u, v], -1), closed=True)
+    middle = np.stack([np.zeros(1), [outline[:, 1].mean()], np.zeros(1)], -1)
+    outward = np.sum(mesh.normal * (mesh.position_m - middle), axis=1, keepdims=True)
+    return Mesh(
+        mesh.position_m, np.where(outward < 0, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
+        mesh.triangles,
+    )  # fmt: skip
+
+
+def boulder(
+    rng: np.random.Generator, radius_m: float, texture_m: float, rough: float = 0.25
+) -> Mesh:
+    """A rounded rock, flattened a little."""
+    rows, columns = 14, 22
+    polar = np.linspace(0, np.pi, rows)[:, None]
+    turn = np.linspace(0, 2 * np.pi, columns + 1)[None, :]
+    unit = np.stack(
+        [np.sin(polar) * np.cos(turn), np.cos(polar) + 0 * turn, np.sin(polar) * np.sin(turn)], -1
+    )
+    lumps = np.zeros(unit.shape[:2])
+    for scale in (1.0, 2.0, 4.0):
+        for _ in range(5):
+            way, phase = rng.normal(size=3), rng.uniform(0, 2 * np.pi)
+            lumps += np.sin(scale * (unit @ way) * 1.4 + phase) / scale / 5
+    position = unit * (radius_m * (1 + rough * lumps))[..., None] * (1.0, 0.72, 1.0)
+    copies = max(1, round(2 * np.pi * radius_m / texture_m))
+    uv = np.stack(
+        [copies * turn / (2 * np.pi) + 0 * polar, polar / np.pi * max(1, copies // 2) + 0 * turn],
+        -1,
+    )
+    mesh = surface(position, uv, closed=True)
+    flip = np.sum(mesh.normal * unit.reshape(-1, 3), axis=1, keepdims=True) < 0
+    return Mesh(
+        mesh.position_m, np.where(flip, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
+        mesh.triangles,
+    )  # fmt: skip
+
+
+def card(
+    foot: ArrayLike, width_m: float, height_m: float, turn_deg: float, *, lean: float = 0.0
+) -> Mesh:
+    """An upright picture that stands at `foot`, all of its texture on it; lit like the ground."""
+    sine, cosine = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
+    across = np.array([cosine, 0.0, -sine]) * width_m / 2
+    up = np.array([lean * sine, 1.0, lean * cosine]) * height_m
+    base = np.asarray(foot, np.float64)
+    position = np.array([[base - across, base + across], [base - across + up, base + across + up]])
+    mesh = surface(position, np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]]))
+    upward = np.tile(np.array([[0.0, 1.0, 0.0]], np.float32), (4, 1))
+    return Mesh(mesh.position_m, upward, mesh.uv, mesh.colour, mesh.triangles)
+
+
+def crown(
+    rng: np.random.Generator,
+    centre: ArrayLike,
+    radius_m: tuple[float, float, float],
+    cards: int,
+    card_m: float,
+    *,
+    shell: float = 0.55,
+) -> Mesh:
+    """Leaf cards that fill an ellipsoid, denser outside; normals point away from its middle."""
+    meshes = []
+    middle = np.asarray(centre, np.float64)
+    for _ in range(cards):
+        way = rng.normal(size=3)
+        way /= np.linalg.norm(way)
+        place = middle + way * np.asarray(radius_m) * rng.uniform(shell, 1.0) ** 0.7
+        a = rng.normal(size=3)
+        a -= 0.35 * way * (a @ way)
+        a /= np.linalg.norm(a)
+        b = np.cross(a, rng.normal(size=3))
+        b /= np.linalg.norm(b)
+        half = card_m * rng.uniform(0.75, 1.25) / 2
+        position = np.array(
+            [[place - half * a - half * b, place + half * a - half * b],
+             [place - half * a + half * b, place + half * a + half * b]]
+        )  # fmt: skip
+        uv = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
+        flat = surface(position, uv)
+        bent = np.tile((way * 0.75 + np.array([0, 0.45, 0])).astype(np.float32), (4, 1))
+        bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+        tone = np.full((4, 3), rng.uniform(0.75, 1.15), np.float32)
+        meshes.append(Mesh(flat.position_m, bent, flat.uv, tone, flat.triangles))
+    return Mesh.joined(meshes)
+
+
+def branch_path(
+    rng: np.random.Generator, start: ArrayLike, direction: ArrayLike, length_m: float,
+    *, points: int = 9, wander: float = 0.12, droop: float = 0.0,
+) -> NDArray[np.float64]:  # fmt: skip
+    """A crooked line for a trunk or branch."""
+    heading = np.asarray(direction, np.float64)
+    heading = heading / np.linalg.norm(heading)
+    step = length_m / (points - 1)
+    line = [np.asarray(start, np.float64)]
+    for _ in range(points - 1):
+        heading = heading + wander * rng.normal(size=3) + np.array([0.0, -droop, 0.0])
+        heading /= np.linalg.norm(heading)
+        line.append(line[-1] + step * heading)
+    return np.array(line)

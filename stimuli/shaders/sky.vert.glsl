@@ -1,0 +1,9 @@
+#version 430
+// One triangle over the whole frame, behind everything.
+
+out vec2 place;  // in [0, 1] over the frame
+
+void main() {
+    place = vec2(gl_VertexID == 1 ? 2.0 : 0.0, gl_VertexID == 2 ? 2.0 : 0.0);
+    gl_Position = vec4(2.0 * place - 1.0, 1.0, 1.0);
+}
