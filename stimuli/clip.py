@@ -1,0 +1,223 @@
+"""One clip: survey its path, make its frames, write and hash them.
+
+A survey solves a path's extent, finds the margin, and stores the hole mask of every frame; it
+serves all methods of one scene and size. A clip then goes frame by frame: warp, fill, rescale,
+encode, write. Both leave what they finished behind when they are killed, and skip it when run
+again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.errors import InputError
+from pipeline.methods.registry import create_method
+from protocols.hashing import sha256_bytes
+from protocols.schema import ClipName
+from stimuli.exr import save_colour
+from stimuli.footage import Footage, Scenery, Shot
+from stimuli.orders import Orders
+from stimuli.paths import make_path
+from stimuli.png import decode, encode_frame, encode_mask, is_whole, write_whole
+from stimuli.solve import solve_extent
+
+ENCODERS = 2
+IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip
+SURVEY_NAME = "survey.json"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of a scene at a size before anything is filled."""
+
+    key: str
+    extent_m: float
+    margin_px: int
+    hole_share: float
+    """Mean over the frames."""
+    hole_share_least: float
+    hole_share_most: float
+    masks_sha256: tuple[str, ...]
+
+    @property
+    def masks_hash(self) -> str:
+        """One hash of all masks."""
+        return sha256_bytes("".join(self.masks_sha256).encode())
+
+
+def take_survey(
+    ctx: moderngl.Context, scenery: Scenery, orders: Orders, clip: ClipName, folder: Path
+) -> Survey:
+    """Solve the path of `clip`'s scene and size and write its hole masks into `folder`."""
+    key = orders.survey_key(clip)
+    known = read_survey(folder, key)
+    if known is not None:
+        return known
+    folder.mkdir(parents=True, exist_ok=True)
+    size = orders.size(clip)
+    shot = _shot(orders, clip, 0.0)
+    if size.extent_m is not None:
+        extent_m = size.extent_m
+        if extent_m > scenery.largest_extent_m * (1 + 1e-9):
+            raise InputError(
+                f"{clip.scene}: extent_m must be at most {scenery.largest_extent_m:.4g} m, as far"
+                f" as this scene's path goes (got {extent_m:g} m)"
+            )
+    else:
+        assert size.hole_share is not None
+        extent_m = solve_extent(ctx, scenery, shot, size.hole_share, f"{clip.scene}, {clip.size}")
+    footage = Footage(ctx, scenery, _shot(orders, clip, extent_m), holes_only=True)
+    try:
+        hashes, shares = [], []
+        for frame in range(shot.frames):
+            mask = footage.holes(frame)
+            data = encode_mask(mask)
+            write_whole(folder / f"{frame:06d}.png", data)
+            hashes.append(sha256_bytes(data))
+            shares.append(float(mask.mean()))
+    finally:
+        footage.release()
+    survey = Survey(
+        key=key,
+        extent_m=extent_m,
+        margin_px=footage.margin_px,
+        hole_share=float(f"{np.mean(shares):.6g}"),
+        hole_share_least=float(f"{min(shares):.6g}"),
+        hole_share_most=float(f"{max(shares):.6g}"),
+        masks_sha256=tuple(hashes),
+    )
+    write_whole(folder / SURVEY_NAME, json.dumps(asdict(survey), sort_keys=True).encode())
+    return survey
+
+
+def read_survey(folder: Path, key: str) -> Survey | None:
+    """Return a finished survey, if `folder` holds the one of `key`, with all its masks."""
+    try:
+        raw = json.loads((folder / SURVEY_NAME).read_bytes())
+        survey = Survey(**(raw | {"masks_sha256": tuple(raw["masks_sha256"])}))
+        if survey.key != key:
+            return None
+        for index, wanted in enumerate(survey.masks_sha256):
+            if sha256_bytes((folder / f"{index:06d}.png").read_bytes()) != wanted:
+                return None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return survey
+
+
+def make_frames(
+    ctx: moderngl.Context,
+    scenery: Scenery,
+    orders: Orders,
+    clip: ClipName,
+    survey: Survey,
+    folder: Path,
+) -> list[str]:
+    """Write every frame of `clip` into `folder` that is not there; return all their hashes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    clips = orders.protocol.clips
+    hashes: dict[int, str] = {}
+    missing = []
+    for frame in range(clips.frames):
+        known = _hash_if_whole(folder / f"{frame:06d}.png")
+        if known is not None and (not clips.exr or (folder / f"{frame:06d}.exr").exists()):
+            hashes[frame] = known
+        else:
+            missing.append(frame)
+    waiting: deque[tuple[int, Future[str]]] = deque()
+    with ThreadPoolExecutor(ENCODERS) as encoders:
+        try:
+            for frame, colour in _frames(ctx, scenery, orders, clip, survey, missing):
+                path = folder / f"{frame:06d}.png"
+                job = encoders.submit(_store, path, colour, clips.bit_depth, clips.exr)
+                waiting.append((frame, job))
+                if len(waiting) >= IN_FLIGHT:
+                    done, future = waiting.popleft()
+                    hashes[done] = future.result()
+            while waiting:
+                done, future = waiting.popleft()
+                hashes[done] = future.result()
+        finally:
+            for _, future in waiting:
+                future.cancel()
+    return [hashes[frame] for frame in range(clips.frames)]
+
+
+def read_mask(folder: Path, frame: int) -> NDArray[np.bool_]:
+    """Return the hole mask of one frame of a survey's folder."""
+    return np.asarray(decode(folder / f"{frame:06d}.png") > 0)
+
+
+def _frames(
+    ctx: moderngl.Context,
+    scenery: Scenery,
+    orders: Orders,
+    clip: ClipName,
+    survey: Survey,
+    wanted: list[int],
+) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    if not wanted:
+        return
+    shot = _shot(orders, clip, survey.extent_m)
+    footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
+    method = None
+    try:
+        if not orders.method(clip).is_reference:
+            given = orders.method(clip).parameters
+            method = create_method(orders.registry_name(clip), ctx, given)
+        for frame in wanted:
+            if method is None:
+                colour = footage.truth(frame)
+            else:
+                colour = method.fill(footage.warped(frame), orders.protocol.clips.seed)
+            yield frame, _rescaled(colour, orders)
+    except InputError as error:
+        raise InputError(f"{clip}: {error}") from error
+    finally:
+        if method is not None:
+            method.release()
+        footage.release()
+
+
+def _shot(orders: Orders, clip: ClipName, extent_m: float) -> Shot:
+    clips = orders.protocol.clips
+    path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
+    return Shot(path, orders.render_px, extent_m, clips.margin_share)
+
+
+def _rescaled(colour: NDArray[np.float32], orders: Orders) -> NDArray[np.float32]:
+    shown, filters = orders.shown_px, {"box": Image.Resampling.BOX}
+    if orders.protocol.clips.rescale == "none" or orders.render_px == shown:
+        return colour
+    chosen = filters.get(orders.protocol.clips.rescale, Image.Resampling.LANCZOS)
+    planes = [
+        np.asarray(Image.fromarray(np.ascontiguousarray(colour[..., c])).resize(shown, chosen))
+        for c in range(3)
+    ]
+    return np.stack(planes, axis=-1).clip(0, 1).astype(np.float32)
+
+
+def _store(path: Path, colour: NDArray[np.float32], bit_depth: int, exr: bool) -> str:
+    data = encode_frame(colour, bit_depth)
+    if exr:
+        save_colour(path.with_suffix(".exr"), colour, bits=32)
+    write_whole(path, data)  # last: a frame counts as done by its PNG
+    return sha256_bytes(data)
+
+
+def _hash_if_whole(path: Path) -> str | None:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    return sha256_bytes(data) if is_whole(data) else None

@@ -1,0 +1,98 @@
+"""What a build will make, before it is made: clips, frames, disk, time."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from stimuli.clip import ENCODERS
+from stimuli.footage import Footage, Shot
+from stimuli.orders import Orders
+from stimuli.paths import make_path
+from stimuli.png import encode_frame
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Sizes are measured on one frame of the first scene; times are rough."""
+
+    clips: int
+    frames: int
+    size_px: tuple[int, int]
+    disk_bytes: int
+    free_bytes: int
+    time_s: float
+    renderer: str
+
+
+def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
+    """Make one frame of the first scene by every method, time it, and multiply.
+
+    Raises
+    ------
+    InputError, OSError
+        As a build raises them for that scene.
+    """
+    from pipeline.methods.registry import create_method
+    from stimuli.worker import Bench
+
+    clips = orders.protocol.clips
+    first = orders.clip_names[0]
+    bench = Bench()
+    try:
+        started = time.perf_counter()
+        scenery = bench.scenery(orders, first)
+        opened_s = time.perf_counter() - started
+        path = make_path(orders.scene(first).camera, clips.frames, clips.fps)
+        extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
+        shot = Shot(path, orders.render_px, extent, clips.margin_share)
+        footage = Footage(bench.ctx, scenery, shot, probe=[0])
+        times: dict[str, float] = {}
+        frame_bytes = 0
+        frame = min(1, shot.frames - 1)
+        footage.warped(frame)
+        for name in orders.clip_names:
+            if (name.scene, name.size) != (first.scene, first.size):
+                continue
+            fill = None
+            if not orders.method(name).is_reference:
+                given = orders.method(name).parameters
+                fill = create_method(orders.registry_name(name), bench.ctx, given)
+            for _ in range(2):  # the first run compiles and warms up
+                started = time.perf_counter()
+                if fill is None:
+                    colour = footage.truth(frame)
+                else:
+                    colour = fill.fill(footage.warped(frame), clips.seed)
+                pipeline_s = time.perf_counter() - started
+            started = time.perf_counter()
+            frame_bytes = max(frame_bytes, len(encode_frame(colour, clips.bit_depth)))
+            encode_s = (time.perf_counter() - started) / ENCODERS
+            times[name.method] = max(pipeline_s, encode_s)
+            if fill is not None:
+                fill.release()
+        footage.release()
+        renderer = str(bench.ctx.info["GL_RENDERER"])
+    finally:
+        bench.release()
+    frames = len(orders.clip_names) * clips.frames
+    width, height = orders.shown_px
+    if clips.exr:
+        frame_bytes += 3 * 4 * width * height
+    scenes = {name.scene for name in orders.clip_names}
+    surveys = {(name.scene, name.size) for name in orders.clip_names}
+    usual_s = sum(times.values()) / len(times)
+    total_s = sum(clips.frames * times.get(name.method, usual_s) for name in orders.clip_names)
+    total_s += len(scenes) * opened_s + len(surveys) * (clips.frames + 50) * 0.6 * usual_s
+    there = next(place for place in (out, *out.absolute().parents) if place.exists())
+    return Estimate(
+        clips=len(orders.clip_names),
+        frames=frames,
+        size_px=(width, height),
+        disk_bytes=round(1.05 * frames * frame_bytes),
+        free_bytes=shutil.disk_usage(there).free,
+        time_s=total_s / max(workers, 1),
+        renderer=renderer,
+    )

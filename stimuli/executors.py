@@ -1,0 +1,71 @@
+"""Where jobs run: processes on this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import cast
+
+from protocols.errors import StudyError
+from stimuli.worker import start_worker
+
+CONNECT_S = 10.0
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def local_processes(workers: int) -> Iterator[Executor]:
+    """Processes of our own, which share the cores and die with this one."""
+    pool = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=start_worker,
+        initargs=(max(1, cores() // workers), os.getpid()),
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """The workers of a running Dask cluster, and how many there are.
+
+    Every worker must see the protocol's files and the output folder under the same paths.
+
+    Raises
+    ------
+    StudyError
+        If Dask is not installed, nothing answers, or the cluster has no worker.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise StudyError(
+            "--scheduler needs Dask; install it with: pip install 'metamerlab[dask]'"
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise StudyError(
+            f"--scheduler {address}: must be the address of a running Dask scheduler"
+            f" ({type(error).__name__}); start one with 'dask scheduler', or leave the option out"
+        ) from None
+    try:
+        workers = len(client.scheduler_info(n_workers=-1)["workers"])
+        if workers == 0:
+            raise StudyError(
+                f"--scheduler {address}: the cluster must have workers (it has none);"
+                f" start some with 'dask worker {address}'"
+            )
+        yield cast(Executor, client.get_executor(pure=False, retries=1)), workers
+    finally:
+        client.close()

@@ -1,0 +1,287 @@
+"""The frames of one clip before they are filled: warped views with holes, and the true views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.camera import Camera
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.gl.texture import read_back, texture_from
+from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.warp.settings import WarpSettings, Window
+from stimuli.motion import MotionPass, border_gap_px
+from stimuli.paths import Path, Pose
+from stimuli.render import Renderer, check_view
+
+MARGIN_ROUNDS = 8
+
+
+class Scenery(Protocol):
+    """What a camera can be pointed at."""
+
+    def source(
+        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float
+    ) -> tuple[SourceFrame, Camera]:
+        """Return the RGBZ picture at `pose` with a margin, and its camera.
+
+        `size_px` (width, height) is the shown part, in the picture's middle.
+        """
+        ...
+
+    def truth(
+        self, size_px: tuple[int, int], pose: Pose, extent_m: float, warped: WarpedFrame
+    ) -> NDArray[np.float32]:
+        """Return what the camera at `pose` really sees, of `size_px`."""
+        ...
+
+    @property
+    def typical_depth_m(self) -> float:
+        """The depth of what is near, to begin the search for a path's extent."""
+        ...
+
+    @property
+    def largest_extent_m(self) -> float:
+        """How far a path may reach; inf where nothing limits it."""
+        ...
+
+    def release(self) -> None:
+        """Free what is held on the GPU."""
+        ...
+
+
+class RenderedScenery:
+    """A world of triangles: every view of it is true."""
+
+    def __init__(self, ctx: moderngl.Context, renderer: Renderer, name: str) -> None:
+        del ctx
+        self._renderer = renderer
+        self._name = name
+        self._near_m: float | None = None
+
+    def source(
+        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float
+    ) -> tuple[SourceFrame, Camera]:
+        """Draw the view with its margin."""
+        viewpoint = self._renderer.world.viewpoint
+        camera = pose.applied_to(viewpoint.camera(*size_px, margin_px), extent_m)
+        frame = self._renderer.render(camera)
+        check_view(camera, frame, self._name)
+        return frame, camera
+
+    def truth(
+        self,
+        size_px: tuple[int, int],
+        pose: Pose,
+        extent_m: float,
+        warped: WarpedFrame,  # noqa: ARG002
+    ) -> NDArray[np.float32]:
+        """Draw the view from where the camera is."""
+        viewpoint = self._renderer.world.viewpoint
+        return self._renderer.render(pose.applied_to(viewpoint.camera(*size_px), extent_m)).colour
+
+    @property
+    def typical_depth_m(self) -> float:
+        """The depth that a twentieth of the picture is nearer than."""
+        if self._near_m is None:
+            camera = self._renderer.world.viewpoint.camera(96, 72)
+            frame = self._renderer.render(camera)
+            check_view(camera, frame, self._name)
+            self._near_m = float(np.percentile(frame.depth_m[np.isfinite(frame.depth_m)], 5))
+        return self._near_m
+
+    @property
+    def largest_extent_m(self) -> float:
+        """Nothing limits it."""
+        return float("inf")
+
+    def release(self) -> None:
+        """Free the world."""
+        self._renderer.release()
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How a clip is taken: the path at its extent, and the picture's size.
+
+    Parameters
+    ----------
+    size_px : (width, height)
+        Of what is shown.
+    margin_share : float
+        Least margin around it, in widths; it grows until no hole comes from outside.
+    """
+
+    path: Path
+    size_px: tuple[int, int]
+    extent_m: float
+    margin_share: float
+
+    @property
+    def frames(self) -> int:
+        """Frames of the clip."""
+        return len(self.path.poses)
+
+
+class Footage:
+    """Frames of one shot, any of them at any time: frame k alone is frame k in a row.
+
+    Parameters
+    ----------
+    margin_px : int, optional
+        As `margin_px` of an earlier footage of the same shot; left out: it is found, by making
+        the margin wider until no shown frame of `probe` has a hole that comes from outside.
+    probe : sequence of int, optional
+        Frames to find the margin for; all by default.
+    holes_only : bool
+        Leave holes without depth, which is faster where only they matter: `holes` alone is
+        meant to be called.
+
+    Raises
+    ------
+    InputError
+        If no margin is enough, or the scene shows nothing.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        scenery: Scenery,
+        shot: Shot,
+        *,
+        margin_px: int | None = None,
+        probe: list[int] | None = None,
+        holes_only: bool = False,
+    ) -> None:
+        self._ctx = ctx
+        self._scenery = scenery
+        self.shot = shot
+        self._settings = WarpSettings("remove" if holes_only else "full")
+        self._held: list[moderngl.Texture | MotionPass | WarpPass | WarpTextures] = []
+        self._source_frame: int | None = None
+        self._camera: Camera | None = None
+        self._frame: SourceFrame | None = None
+        self.margin_px = margin_px if margin_px is not None else self._find_margin(probe)
+
+    def warped(self, frame: int) -> WarpedFrame:
+        """Warp the source to `frame`; a real frame of temporal up-sampling has no holes."""
+        return replace(self._warp(frame).read_back(), frame_index=frame)
+
+    def holes(self, frame: int) -> NDArray[np.bool_]:
+        """Return the hole mask of `frame`, shape (H, W)."""
+        colour: NDArray[np.float32] = read_back(self._warp(frame).colour)
+        return np.asarray(colour[..., 3] == 0)
+
+    def truth(self, frame: int) -> NDArray[np.float32]:
+        """Return what the camera of `frame` really sees."""
+        path, shot = self.shot.path, self.shot
+        warped = self.warped(frame) if self._needs_warp else _NOTHING
+        return self._scenery.truth(shot.size_px, path.poses[frame], shot.extent_m, warped)
+
+    def release(self) -> None:
+        """Free what is held on the GPU; the scenery stays."""
+        for resource in self._held:
+            resource.release()
+        self._held.clear()
+        self._source_frame = None
+
+    def _warp(self, frame: int) -> WarpTextures:
+        camera = self._take_source(frame)
+        colour, depth, motion, warp, textures = self._passes
+        motion(depth, camera, self._target(frame, camera))
+        warp(colour, motion.target_depth_m, motion.flow_px, textures)
+        return textures
+
+    @property
+    def _needs_warp(self) -> bool:
+        return not isinstance(self._scenery, RenderedScenery)
+
+    def _target(self, frame: int, source: Camera) -> Camera:
+        """The frame's camera, in the source's pixel grid."""
+        path, extent_m = self.shot.path, self.shot.extent_m
+        start, end = path.source_pose(frame), path.poses[frame]
+        base = source
+        if path.source_frames is not None:  # undo the source's own pose first
+            pose = source.world_from_camera.copy()
+            pose[:3, :3] = pose[:3, :3] @ start.rotation.T
+            pose[:3, 3] -= pose[:3, :3] @ (extent_m * start.offset)
+            base = replace(source, world_from_camera=pose)
+        return end.applied_to(base, extent_m)
+
+    def _take_source(self, frame: int) -> Camera:
+        """Put the source of `frame` on the GPU, unless it is there."""
+        sources = self.shot.path.source_frames
+        key = -1 if sources is None else sources[frame]
+        if self._source_frame == key and self._held:
+            assert self._camera is not None
+            return self._camera
+        shot = self.shot
+        source, camera = self._scenery.source(
+            shot.size_px, self.margin_px, shot.path.source_pose(frame), shot.extent_m
+        )
+        self._upload(source)
+        self._source_frame, self._camera = key, camera
+        return camera
+
+    def _upload(self, source: SourceFrame) -> None:
+        for resource in self._held:
+            resource.release()
+        height, width = source.size
+        padded = np.concatenate([source.colour, np.ones((height, width, 1), np.float32)], axis=-1)
+        colour = texture_from(self._ctx, padded, "rgba32f")
+        depth = texture_from(self._ctx, source.depth_m, "r32f")
+        motion = MotionPass(self._ctx, (width, height))
+        window = Window.inside_margin(source.size, self.margin_px)
+        warp = WarpPass(self._ctx, (width, height), window, self._settings)
+        textures = WarpTextures.create(self._ctx, (window.width_px, window.height_px))
+        self._passes = (colour, depth, motion, warp, textures)
+        self._held = [colour, depth, motion, warp, textures]
+
+    def _find_margin(self, probe: list[int] | None) -> int:
+        shot = self.shot
+        frames = list(range(shot.frames)) if probe is None else probe
+        margin = round(shot.margin_share * shot.size_px[0])
+        for _ in range(MARGIN_ROUNDS):
+            gap = -np.inf
+            taken: tuple[int, SourceFrame, Camera] | None = None
+            for frame in frames:
+                sources = shot.path.source_frames
+                key = -1 if sources is None else sources[frame]
+                if taken is None or taken[0] != key:
+                    taken = (
+                        key,
+                        *self._scenery.source(
+                            shot.size_px, margin, shot.path.source_pose(frame), shot.extent_m
+                        ),
+                    )
+                _, source, camera = taken
+                target = self._target(frame, camera)
+                gap = max(gap, border_gap_px(camera, target, source.depth_m, margin))
+            if gap <= -1.0:
+                return margin
+            margin += int(np.ceil(1.15 * (gap + 1.0))) + 1
+            if margin > 2 * max(shot.size_px):
+                break
+        raise InputError(
+            f"a path of extent {shot.extent_m:.4g} m must show only what a source with a margin"
+            f" of {2 * max(shot.size_px)} px saw; ask for fewer holes, or move the camera away"
+            " from what is near"
+        )
+
+
+def _nothing() -> WarpedFrame:
+    one = np.ones((1, 1), np.float32)
+    return WarpedFrame(
+        np.zeros((1, 1, 3), np.float32), one, one > 2, np.zeros((1, 1, 2), np.float32)
+    )
+
+
+_NOTHING = _nothing()
+
+MakeScenery = Callable[[moderngl.Context], Scenery]

@@ -1,0 +1,119 @@
+"""From a scene of a protocol to something a camera can be pointed at, and what it is made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import moderngl
+
+from pipeline.errors import InputError
+from protocols.hashing import Json, sha256_file
+from protocols.stimuli_schema import (
+    BuiltinScene,
+    ExrScene,
+    MeshScene,
+    RgbdScene,
+    Scene,
+    StereoScene,
+    View,
+)
+from stimuli.footage import RenderedScenery, Scenery
+from stimuli.scenes.registry import build_scene, scene_entry
+from stimuli.world import Viewpoint, World
+
+BASE_MODULES = ("stimuli.clip", "stimuli.footage", "stimuli.open_scene", "stimuli.solve")
+
+
+def open_scenery(ctx: moderngl.Context, scene: Scene, folder: Path) -> Scenery:
+    """Make the scenery of `scene`; its files lie relative to `folder`.
+
+    Raises
+    ------
+    InputError, OSError
+        If a file is missing or broken, or the scene shows nothing.
+    """
+    if isinstance(scene, (BuiltinScene, MeshScene)):
+        from stimuli.render import Renderer
+
+        return RenderedScenery(ctx, Renderer(ctx, open_world(scene, folder)), scene.name)
+    from stimuli.scenes.photo import open_rgbd, open_stereo
+    from stimuli.scenes.sequence import open_sequence
+
+    if isinstance(scene, StereoScene):
+        return open_stereo(scene, folder)
+    if isinstance(scene, RgbdScene):
+        return open_rgbd(scene, folder)
+    return open_sequence(scene, folder)
+
+
+def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
+    """Make the world of a rendered scene, seen from the protocol's view where it gives one."""
+    if isinstance(scene, BuiltinScene):
+        world = build_scene(scene.builtin, scene.seed, scene.parameters)
+    else:
+        from stimuli.scenes.mesh_file import load_world
+
+        if scene.parameters:
+            raise InputError(
+                f"{scene.name}: a mesh scene takes no parameters (got {', '.join(scene.parameters)})"
+            )
+        world = load_world(folder / scene.file, scale=scene.scale)
+    return world if scene.view is None else world.seen_from(_viewpoint(scene.view, world))
+
+
+def scene_inputs(scene: Scene, folder: Path) -> Json:
+    """What decides the scene's pixels: its entry, its files' hashes and its sources' modules."""
+    entry = scene.model_dump(mode="json", exclude={"name", "label"})
+    return {"scene": entry, "files": {name: sha256_file(path) for name, path in
+                                      scene_files(scene, folder).items()}}  # fmt: skip
+
+
+def scene_modules(scene: Scene) -> tuple[str, ...]:
+    """The modules that make the scene, for `stimuli.sources`."""
+    if isinstance(scene, BuiltinScene):
+        return ("stimuli.render", scene_entry(scene.builtin).module)
+    if isinstance(scene, MeshScene):
+        return ("stimuli.render", "stimuli.scenes.mesh_file")
+    if isinstance(scene, ExrScene):
+        return ("stimuli.scenes.sequence",)
+    return ("stimuli.scenes.photo",)
+
+
+def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
+    """The files that a scene reads, by their name in the protocol.
+
+    Raises
+    ------
+    FileNotFoundError
+        If one is missing.
+    """
+    names: list[str] = []
+    if isinstance(scene, MeshScene):
+        from stimuli.scenes.mesh_file import files_of
+
+        return {path.name: path for path in files_of(folder / scene.file)}
+    if isinstance(scene, StereoScene):
+        from stimuli.scenes.photo import is_built_in
+
+        if is_built_in(scene, folder):
+            return {}
+        names = [scene.left, scene.right, scene.disparity]
+    elif isinstance(scene, RgbdScene):
+        names = [scene.rgb, scene.depth]
+    elif isinstance(scene, ExrScene):
+        from stimuli.scenes.sequence import frame_files
+
+        return {path.name: path for path in frame_files(scene, folder)}
+    found = {name: folder / name for name in names}
+    for path in found.values():
+        if not path.is_file():
+            raise FileNotFoundError(2, "No such file", str(path))
+    return found
+
+
+def _viewpoint(view: View, world: World) -> Viewpoint:
+    chosen = Viewpoint(view.position_m, view.look_at_m, world.viewpoint.vertical_fov_deg)
+    if view.vertical_fov_deg is not None:
+        chosen = replace(chosen, vertical_fov_deg=view.vertical_fov_deg)
+    return chosen

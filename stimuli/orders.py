@@ -1,0 +1,132 @@
+"""What is to be made: every clip of a study with all that decides its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pipeline.methods.registry import check_method_name, method_parameters
+from protocols.display import Display
+from protocols.feasibility import clip_size_px
+from protocols.hashing import Json, sha256_file, sha256_json
+from protocols.manifest import cache_key
+from protocols.schema import ClipName, StudyProtocol
+from protocols.stimuli_schema import Method, Scene, Size
+from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
+from stimuli.sources import source_sha256
+
+
+@dataclass(frozen=True)
+class Orders:
+    """A study to build; small, and the same on every machine that reads the same files.
+
+    Parameters
+    ----------
+    folder : Path
+        What file names in the protocol are relative to.
+    """
+
+    protocol: StudyProtocol
+    display: Display
+    folder: Path
+
+    @cached_property
+    def clip_names(self) -> tuple[ClipName, ...]:
+        """Every clip, scenes together."""
+        return self.protocol.clip_names()
+
+    @cached_property
+    def _surveys(self) -> dict[tuple[str, str], str]:
+        return {}
+
+    @property
+    def shown_px(self) -> tuple[int, int]:
+        """Width and height of every clip on the display."""
+        return clip_size_px(self.protocol, self.display)
+
+    @property
+    def render_px(self) -> tuple[int, int]:
+        """Width and height at which frames are made, before they are rescaled."""
+        width, height = self.shown_px
+        asked = self.protocol.clips.render_width_px
+        return (width, height) if asked is None else (asked, max(1, round(height * asked / width)))
+
+    def scene(self, clip: ClipName) -> Scene:
+        """The scene of a clip."""
+        return self.protocol.scene(clip.scene)
+
+    def size(self, clip: ClipName) -> Size:
+        """The size of a clip."""
+        return next(size for size in self.protocol.sizes if size.name == clip.size)
+
+    def method(self, clip: ClipName) -> Method:
+        """The method of a clip."""
+        return self.protocol.method(clip.method)
+
+    def registry_name(self, clip: ClipName) -> str:
+        """The method's registry name, with its path made relative to `folder`."""
+        name = self.method(clip).registry_name
+        kind, colon, path = name.partition(":")
+        return f"{kind}:{self.folder / path}" if colon else name
+
+    def parameters(self, clip: ClipName) -> dict[str, Any]:
+        """Every parameter of the clip's method, given or by default."""
+        if self.method(clip).is_reference:
+            return {}
+        return method_parameters(self.registry_name(clip)) | self.method(clip).parameters
+
+    def survey_key(self, clip: ClipName) -> str:
+        """The hash of all that decides extent, margin and holes of a clip."""
+        return self._survey_key(clip.scene, clip.size)
+
+    def clip_key(self, clip: ClipName) -> str:
+        """The manifest's cache key: all that decides a clip's pixels."""
+        clips = self.protocol.clips
+        inputs: dict[str, Json] = {
+            "survey": self.survey_key(clip),
+            "method": self._method_inputs(clip),
+            "seed": clips.seed,
+            "bit_depth": clips.bit_depth,
+            "shown_px": list(self.shown_px),
+            "rescale": clips.rescale,
+            "exr": clips.exr,
+        }
+        return cache_key(inputs)
+
+    def _survey_key(self, scene_name: str, size_name: str) -> str:
+        known = self._surveys
+        key = (scene_name, size_name)
+        if key not in known:
+            scene = self.protocol.scene(scene_name)
+            size = next(size for size in self.protocol.sizes if size.name == size_name)
+            clips = self.protocol.clips
+            known[key] = sha256_json(
+                {
+                    "scene": scene_inputs(scene, self.folder),
+                    "sources": source_sha256(*BASE_MODULES, *scene_modules(scene)),
+                    "size": size.model_dump(mode="json", include={"hole_share", "extent_m"}),
+                    "render_px": list(self.render_px),
+                    "frames": clips.frames,
+                    "fps": clips.fps,
+                    "margin_share": clips.margin_share,
+                }
+            )
+        return known[key]
+
+    def _method_inputs(self, clip: ClipName) -> Json:
+        if self.method(clip).is_reference:
+            return "reference"
+        name = self.registry_name(clip)
+        entry = check_method_name(name)
+        inputs: dict[str, Json] = {
+            "name": entry.name,
+            "parameters": self.parameters(clip),
+            "sources": source_sha256(entry.target.partition(":")[0]),
+        }
+        if entry.takes_path:
+            path = Path(name.partition(":")[2])
+            files = sorted(path.iterdir()) if path.is_dir() else [path]
+            inputs["files"] = {f.name: sha256_file(f) for f in files if f.is_file()}
+        return inputs

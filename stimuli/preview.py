@@ -1,0 +1,69 @@
+"""A small video of a clip, to look at: not what participants see."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pipeline.errors import InputError
+from protocols.manifest import Clip
+from stimuli.png import decode
+
+PREVIEW_FOLDER = "previews"
+LARGEST_PX = 480
+
+
+def preview_path(out: Path, clip: Clip) -> Path:
+    """Return where the preview of `clip` lies; its name carries the clip's hash."""
+    return out / PREVIEW_FOLDER / f"{clip.clip_name}.{clip.sha256[:12]}.webm"
+
+
+def write_preview(out: Path, clip: Clip, path: Path) -> None:
+    """Write a WebM (VP8) of at most 480 px, at the clip's rate.
+
+    Raises
+    ------
+    InputError
+        If a frame is damaged, or the video cannot be written.
+    """
+    scale = min(1.0, LARGEST_PX / max(clip.width_px, clip.height_px))
+    size = tuple(max(2, round(scale * edge) // 2 * 2) for edge in (clip.width_px, clip.height_px))
+    temporary = path.with_name(f".{os.getpid()}.part.webm")
+    with _quiet_stderr():
+        writer = cv2.VideoWriter(
+            str(temporary), cv2.VideoWriter.fourcc(*"VP80"), clip.fps, (size[0], size[1])
+        )
+    try:
+        for index in range(len(clip.frames_sha256)):
+            frame = decode(out / clip.frame_path(index))
+            if frame.dtype == np.uint16:
+                frame = (frame >> 8).astype(np.uint8)
+            small = cv2.resize(
+                np.ascontiguousarray(frame[..., ::-1]), size, interpolation=cv2.INTER_AREA
+            )
+            writer.write(small)
+        writer.release()
+        if not temporary.exists() or temporary.stat().st_size == 0:
+            raise InputError(f"{path}: the preview could not be written; set clips.preview = false")
+        temporary.replace(path)
+    finally:
+        writer.release()
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """OpenCV writes straight to the descriptor that it doubts VP8 in WebM; it works."""
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
