@@ -8,6 +8,7 @@ BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
     "warp": "the warp against a plain copy of its frame",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
+    "variants": "every switch of metameric by itself: quality, and flicker of clips",
     "session": "a whole simulated session",
     "analysis": "bootstraps, power and false positives of the statistics",
     "front_door": "CPU time of `metamerlab --help`",

@@ -13,7 +13,7 @@ from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.method import composite
 from pipeline.synthesis.gpu import MetamericPass
-from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings
+from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings, Texture
 
 _FORMATS = ("rgba32f", "r32f", "rg32f")  # colour with validity, depth, motion
 
@@ -97,6 +97,7 @@ class Metameric(_Guided[MetamericPass]):
         channels: Channels = MetamericSettings.channels,
         anchor: Anchor = MetamericSettings.anchor,
         skip_depth_edges: bool = MetamericSettings.skip_depth_edges,
+        texture: Texture = MetamericSettings.texture,
         z_near_m: float = 0.0,
     ) -> None:
         super().__init__(ctx, z_near_m)
@@ -114,6 +115,7 @@ class Metameric(_Guided[MetamericPass]):
             channels=channels,
             anchor=anchor,
             skip_depth_edges=skip_depth_edges,
+            texture=texture,
         )
 
     def _build(self, size: tuple[int, int]) -> MetamericPass:

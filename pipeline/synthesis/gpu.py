@@ -134,6 +134,13 @@ class MetamericPass:
             own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
 
+    @property
+    def origin_px(self) -> moderngl.Texture:
+        """From where hole pixels took their texture, with ``texture="background"``: rg32f."""
+        if self._seek is None:
+            raise ValueError('origins need texture "background"')
+        return self._seek.origin_px
+
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
         if seed == self._seed:
@@ -267,12 +274,12 @@ class SeekPass:
             **steps,
         )
         self._shader["depth_threshold"] = depth_threshold
-        self._origin = create_texture(ctx, size, "rg32f")
+        self.origin_px = create_texture(ctx, size, "rg32f")
 
     @property
     def held_bytes(self) -> int:
         """Memory, bytes."""
-        return texture_bytes(self._origin)
+        return texture_bytes(self.origin_px)
 
     def __call__(
         self,
@@ -286,12 +293,12 @@ class SeekPass:
         image.bind_to_image(0, read=True, write=False)
         depth_m.bind_to_image(1, read=True, write=False)
         flow_px.bind_to_image(2, read=True, write=False)
-        self._origin.bind_to_image(3, read=False, write=True)
+        self.origin_px.bind_to_image(3, read=False, write=True)
         self._shader["z_near_m"] = z_near_m
         lists.run(self._shader, ("holes", 1))
-        return self._origin
+        return self.origin_px
 
     def release(self) -> None:
         """Free shader and texture."""
         self._shader.release()
-        self._origin.release()
+        self.origin_px.release()

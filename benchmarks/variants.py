@@ -1,0 +1,320 @@
+"""Every switch of `metameric` by itself: `script/bench variants --help`.
+
+On stereo pairs, against the other photograph inside interior holes; and on clips of a
+textured plane behind a disc, ten frames of lateral motion, where flicker is measured too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from rich.progress import track
+from scipy import ndimage
+
+from benchmarks.quality import interior, pairs
+from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
+from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.gl.context import create_context, describe, release_context
+from pipeline.inpaint.reference import (
+    Level,
+    guide_from_depth,
+    guided_base,
+    interpolate,
+    means_and_variances,
+    near_a_hole,
+    pull_push,
+)
+from pipeline.inpaint.region import SOURCE_RINGS, source_resolution
+from pipeline.methods.metameric import Metameric
+from pipeline.quality import Quality, evaluate
+from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.reference import inpainted_amplitudes, noise_amplitudes, shaped_noise
+from pipeline.synthesis.settings import MetamericSettings
+from pipeline.warp.gpu import warp_frame
+from protocols.revision import code_revision, package_version
+from stimuli import pictures
+
+RESULTS = Path(__file__).parent / "results" / "variants.json"
+CLIP_EDGE_PX = 192
+CLIP_FRAMES = 10
+CLIP_STEP_PX = 0.7  # motion of the background per frame; the disc moves 3.3 more
+CLIP_SCORED = (4, 9)  # frames that are compared with the truth
+TEXTURES = ("brick", "grass", "gravel")
+
+Fill: TypeAlias = Callable[[WarpedFrame, float], NDArray[np.float32]]
+
+DEFAULTS = MetamericSettings()
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row: the default settings but for `settings`."""
+
+    label: str
+    settings: MetamericSettings = DEFAULTS
+    lowpass_base: bool = False  # the paper's base; numpy only
+
+
+BACKGROUND = MetamericSettings(texture="background")
+VARIANTS = (
+    Variant("texture noise (default)"),
+    Variant("texture background", BACKGROUND),
+    Variant("texture background, noise 0.5", replace(BACKGROUND, noise=0.5)),
+    Variant("texture background, base_gamma 0", replace(BACKGROUND, base_gamma=0.0)),
+    Variant("texture background, base_gamma 0.5", replace(BACKGROUND, base_gamma=0.5)),
+    Variant("noise 0", MetamericSettings(noise=0.0)),
+    Variant("noise 0.5", MetamericSettings(noise=0.5)),
+    Variant("skip_depth_edges false", MetamericSettings(skip_depth_edges=False)),
+    Variant("channels independent", MetamericSettings(channels="independent")),
+    Variant("base_gamma 0", MetamericSettings(base_gamma=0.0)),
+    Variant("base_gamma 0.5", MetamericSettings(base_gamma=0.5)),
+    Variant("gamma 0", MetamericSettings(gamma=0.0)),
+    Variant("gamma 1", MetamericSettings(gamma=1.0)),
+    Variant("low-pass base", lowpass_base=True),
+    Variant("low-pass base, noise 0", MetamericSettings(noise=0.0), lowpass_base=True),
+)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Of one variant on one scene; flicker of clips only."""
+
+    quality: Quality
+    flicker: float | None = None
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Warped frames of a plane behind a disc, with what they should show."""
+
+    frames: list[WarpedFrame]
+    truth: list[NDArray[np.float32]]
+    z_near_m: float = 2.0
+
+
+def lowpass_base_fill(
+    warped: WarpedFrame, settings: MetamericSettings, *, seed: int, z_near_m: float
+) -> NDArray[np.float32]:
+    """Fill as the paper's equation has it: low-pass residual, band means and shaped noise.
+
+    Kuffner dos Anjos et al. 2022, section 3.4: ``mu_l + sum mu_ij + xi_ij sigma_ij``. The
+    inpainted residual takes the place of the depth-guided colour; the noise has all of the
+    inpainted deviation, for band means carry none.
+    """
+    levels, hole = settings.levels, warped.hole
+    guide = guide_from_depth(warped.depth_m, z_near_m)
+    base_levels = guided_base(
+        warped.colour,
+        hole,
+        guide,
+        levels=levels,
+        gamma=settings.base_gamma,
+        threshold=settings.depth_threshold,
+    )
+    base = np.where(hole[..., None], base_levels[0].values, warped.colour)
+    guides = [level.guide for level in base_levels]
+    statistics, _ = inpainted_amplitudes(base, hole, guides, settings)
+    cross = settings.channels == "correlated"
+    pyramid = analyse(ycbcr_from_rgb(base), levels)
+    *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
+    bands, amplitudes = [], []
+    for level, found in enumerate(statistics):
+        mean, _ = means_and_variances(found.values, cross=cross)
+        flat = Level(mean.reshape(*mean.shape[:2], -1), found.validity, found.guide)
+        shape = pyramid.bands[level].shape
+        smooth = interpolate(flat, guides[level], settings.depth_threshold)[0].reshape(shape)
+        bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
+        own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
+        amplitudes.append(replace(found, values=noise_amplitudes(found.values, own, cross=cross)))
+    source = source_resolution(levels)
+    near = near_a_hole(hole, source, SOURCE_RINGS, source)[:: 1 << levels, :: 1 << levels]
+    known = (near & ~residual_spoiled).astype(np.float64)
+    residual = pull_push(
+        Level(pyramid.residual, known, guides[levels]), settings.gamma, settings.depth_threshold
+    )[0].values
+    residual = np.where(residual_spoiled[..., None], residual, pyramid.residual)
+    x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
+    noise = shaped_noise(
+        amplitudes,
+        guide,
+        np.stack([x, y], axis=-1) - warped.flow_px,
+        noise_bands(seed, levels, 1 if cross else 3),
+        settings.depth_threshold,
+    )
+    image = synthesise(Pyramid(tuple(bands), residual)) + settings.noise * noise
+    filled = np.clip(rgb_from_ycbcr(image), 0.0, 1.0)
+    return np.where(hole[..., None], filled, warped.colour).astype(np.float32)
+
+
+def moving_texture(ctx: moderngl.Context, name: str) -> Clip:
+    """Warp a plane of one of scikit-image's textures, and a disc in front, to ten frames."""
+    from skimage import data, transform
+
+    edge = CLIP_EDGE_PX
+    grey = transform.resize(getattr(data, name)() / 255, (320, 320), anti_aliasing=True)
+    plane = np.clip(grey[:edge, : edge + 32, None] * (1.0, 0.9, 0.75), 0, 1).astype(np.float32)
+    y, x = np.mgrid[:edge, :edge] + 0.5
+    disc = (x - 0.36 * edge) ** 2 + (y - 0.5 * edge) ** 2 < (0.23 * edge) ** 2
+    source = SourceFrame(
+        np.where(disc[..., None], (0.8, 0.1, 0.1), plane[:, :edge]).astype(np.float32),
+        np.where(disc, 2, 5).astype(np.float32),
+    )
+    frames, truth = [], []
+    for index in range(CLIP_FRAMES):
+        flow_px = np.zeros((edge, edge, 2), np.float32)
+        flow_px[..., 0] = CLIP_STEP_PX * index + np.where(disc, 6 + 3.3 * index, 0)
+        frames.append(warp_frame(ctx, source, flow_px))
+        shown = _glided(plane, -CLIP_STEP_PX * index, order=1)[:, :edge]
+        truth.append(np.clip(shown, 0, 1).astype(np.float32))
+    return Clip(frames, truth)
+
+
+def flicker(fills: Sequence[NDArray[np.float32]], clip: Clip) -> float:
+    """Root-mean-square change from frame to frame at one place of the background.
+
+    Over places that are holes in both frames. 0 is still; resampling by part of a pixel
+    costs some, which the truth shows.
+    """
+    still = [_glided(fill, CLIP_STEP_PX * index) for index, fill in enumerate(fills)]
+    inside = []
+    for index, frame in enumerate(clip.frames):
+        core = ndimage.binary_erosion(frame.hole, np.ones((3, 3)))
+        moved = _glided(core.astype(np.float32)[..., None], CLIP_STEP_PX * index, order=1)
+        inside.append(moved[..., 0] > 0.99)
+    changes = [
+        (still[k + 1] - still[k])[inside[k] & inside[k + 1]] ** 2 for k in range(len(still) - 1)
+    ]
+    return float(np.sqrt(np.concatenate(changes).mean()))
+
+
+def _glided(image: NDArray[np.float32], by_px: float, order: int = 3) -> NDArray[np.float64]:
+    """What lies `by_px` to the right of each pixel."""
+    return np.asarray(
+        ndimage.shift(image.astype(np.float64), (0, -by_px, 0), order=order, mode="nearest")
+    )
+
+
+def filler(ctx: moderngl.Context, variant: Variant, z_near_m: float) -> tuple[Fill, Metameric]:
+    """Return what fills a frame by `variant`, and the method to release."""
+    method = Metameric(ctx, **asdict(variant.settings), z_near_m=z_near_m)
+
+    def fill(warped: WarpedFrame, z_near_m: float) -> NDArray[np.float32]:
+        if variant.lowpass_base:
+            return lowpass_base_fill(warped, variant.settings, seed=0, z_near_m=z_near_m)
+        return method.fill(warped, 0)
+
+    return fill, method
+
+
+def score_pair(
+    ctx: moderngl.Context, variant: Variant, warped: WarpedFrame, truth: NDArray[np.float32]
+) -> tuple[Scored, NDArray[np.float32]]:
+    """Fill one frame; quality inside its interior holes."""
+    z_near_m = float(warped.depth_m.min())
+    fill, method = filler(ctx, variant, z_near_m)
+    filled = fill(warped, z_near_m)
+    method.release()
+    return Scored(evaluate(filled, truth, interior(warped.hole))), filled
+
+
+def score_clip(
+    ctx: moderngl.Context, variant: Variant, clip: Clip
+) -> tuple[Scored, NDArray[np.float32]]:
+    """Fill all frames; mean quality of the scored ones, flicker of all; and the last fill."""
+    fill, method = filler(ctx, variant, clip.z_near_m)
+    fills = [fill(frame, clip.z_near_m) for frame in clip.frames]
+    method.release()
+    found = [asdict(evaluate(fills[k], clip.truth[k], clip.frames[k].hole)) for k in CLIP_SCORED]
+    mean = Quality(**{key: float(np.mean([one[key] for one in found])) for key in found[0]})
+    return Scored(mean, flicker(fills, clip)), fills[-1]
+
+
+def table(results: dict[str, dict[str, Scored]]) -> str:
+    """Render as Markdown: one row per scene and variant."""
+    lines = [
+        "| scene | variant | PSNR dB | SSIM | high-frequency ratio | band error | flicker |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for scene, rows in results.items():
+        for label, scored in rows.items():
+            q = scored.quality
+            still = "" if scored.flicker is None else f"{scored.flicker:.4f}"
+            lines.append(
+                f"| {scene} | {label} | {q.psnr_db:.2f} | {q.ssim:.3f} |"
+                f" {q.high_frequency_ratio:.2f} | {q.band_error:.3f} | {still} |"
+            )
+    return "\n".join(lines)
+
+
+def measure(
+    ctx: moderngl.Context, folder: Path | None, sheets: Path | None
+) -> tuple[dict[str, dict[str, Scored]], dict[str, float]]:
+    """Score all variants on all scenes; and the flicker of each clip's truth."""
+    results: dict[str, dict[str, Scored]] = {}
+    truth_flicker = {}
+    images: dict[str, list[tuple[str, pictures.Picture]]] = {}
+    for name, pair in pairs(folder):
+        if pair.right is None:
+            continue
+        frame = pair.warp_input()
+        warped = warp_frame(ctx, frame.source, frame.flow_px)
+        results[name], images[name] = {}, [("truth", pictures.of_colour(pair.right))]
+        for variant in track(VARIANTS, name):
+            scored, filled = score_pair(ctx, variant, warped, pair.right)
+            results[name][variant.label] = scored
+            images[name].append((variant.label, pictures.of_colour(filled)))
+    for name in TEXTURES:
+        clip = moving_texture(ctx, name)
+        truth_flicker[name] = flicker(clip.truth, clip)
+        results[name], images[name] = {}, [("truth", pictures.of_colour(clip.truth[-1]))]
+        for variant in track(VARIANTS, name):
+            scored, filled = score_clip(ctx, variant, clip)
+            results[name][variant.label] = scored
+            images[name].append((variant.label, pictures.of_colour(filled)))
+    if sheets is not None:
+        sheets.mkdir(parents=True, exist_ok=True)
+        for name, tiles in images.items():
+            pictures.save_picture(sheets / f"{name}.png", pictures.sheet(tiles))
+    return results, truth_flicker
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure, print, and store with what the numbers depend on."""
+    parser = argparse.ArgumentParser(prog="script/bench variants", description=__doc__)
+    parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    arguments = parser.parse_args(argv)
+    ctx = create_context()
+    try:
+        renderer = str(describe(ctx))
+        results, truth_flicker = measure(ctx, arguments.pairs, arguments.sheets)
+    finally:
+        release_context(ctx)
+    print(table(results))
+    print("flicker of the truth:", {k: round(v, 4) for k, v in truth_flicker.items()})
+    record = {
+        "version": package_version(),
+        "revision": code_revision(),
+        "renderer": renderer,
+        "truth_flicker": truth_flicker,
+        "scenes": {
+            scene: {label: asdict(scored) for label, scored in rows.items()}
+            for scene, rows in results.items()
+        },
+    }
+    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
