@@ -61,6 +61,9 @@ def _session_rules(
     main = decisions[decisions["kind"] == "main"]
     left = main.groupby("session")["chosen_side"].apply(lambda sides: (sides == "left").mean())
     one_side = pd.concat([left, 1.0 - left], axis=1).max(axis=1).to_dict()
+    one_sided = f"more than {_percent(rules.same_side_max_share)} of answers on one side"
+    if rules.same_side_max_share >= 1.0:
+        one_sided = "answers on one side: the protocol sets no limit"
     return [
         (
             f"fewer than {_percent(rules.completed_min_share)} of the planned trials decided",
@@ -74,7 +77,7 @@ def _session_rules(
             ),
         ),
         (
-            f"more than {_percent(rules.same_side_max_share)} of answers on one side",
+            one_sided,
             lambda row: one_side.get(row["session"], 0.0) > rules.same_side_max_share + 1e-9,
         ),
     ]

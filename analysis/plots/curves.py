@@ -94,7 +94,9 @@ def learning_plot(
         axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4)
         if count.min() > 1:
             reach = each.std(ddof=1).to_numpy() / np.sqrt(count) * stats.t.ppf(0.975, count - 1)
-            axes.fill_between(places, mean - reach, mean + reach, color=BLUE, alpha=0.2, lw=0)
+            low, high = bounds if bounds is not None else (-np.inf, np.inf)
+            lower, upper = np.maximum(mean - reach, low), np.minimum(mean + reach, high)
+            axes.fill_between(places, lower, upper, color=BLUE, alpha=0.2, lw=0)
         if bounds is not None:
             margin = 0.03 * (bounds[1] - bounds[0])
             axes.set_ylim(bounds[0] - margin, bounds[1] + margin)

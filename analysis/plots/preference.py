@@ -47,8 +47,8 @@ def preference_bars(
 
     Notes
     -----
-    The dark part of a bar is the share of the method on the left. Whiskers are the clustered
-    limits; the column repeats share and limits in numbers.
+    A bar is split at the share of the method on the left; the dark part is the method chosen
+    more often. Whiskers are the clustered limits; the column repeats share and limits.
     """
     rows, headings, place, last = [], [], 0.0, None
     for cell in cells:
@@ -131,7 +131,10 @@ def forest_plot(
     width_in: float = 7.0,
     simulated: bool = False,
 ) -> Figure:
-    """Draw odds ratios with clustered limits, on a logarithmic axis, with the margin band."""
+    """Draw odds ratios with clustered limits, on a logarithmic axis, with the margin band.
+
+    Coloured where the verdict, by adjusted p, is a preference; the limits are not adjusted.
+    """
     with style(width_in):
         names = [_pair(cell, label, width_in) for cell in cells]
         lines = max(name.count("\n") for name in names) + 1
@@ -145,7 +148,7 @@ def forest_plot(
         axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
         axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 3)))
         for y, cell in enumerate(cells):
-            colour = BLUE if cell.lower > 0.5 else ORANGE if cell.upper < 0.5 else GREY
+            colour = {"preferred": BLUE, "rejected": ORANGE}.get(cell.verdict, GREY)
             axes.plot([cell.odds_lower, cell.odds_upper], [y, y], color=colour, lw=1.4)
             axes.plot(cell.odds_ratio, y, "o", color=colour, ms=4)
             text = (

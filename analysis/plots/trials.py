@@ -50,14 +50,13 @@ def heat_map(
         axes.imshow(shares, cmap=_DIVERGING, vmin=0.0, vmax=1.0, aspect="auto")
         for (row, column), value in np.ndenumerate(shares):
             text = "-" if np.isnan(value) else share_text(float(value))
-            dark = not np.isnan(value) and abs(value - 0.5) > 0.33
             axes.text(
                 column,
                 row,
                 text,
                 ha="center",
                 va="center",
-                color="white" if dark else "black",
+                color=_readable_on(_DIVERGING(0.5 if np.isnan(value) else float(value))),
                 fontsize=size - 1,
             )
         axes.xaxis.tick_top()
@@ -156,6 +155,14 @@ def reaction_plot(
         axes.set_ylim(len(summaries) - 0.5, -0.6)
         axes.tick_params(axis="y", length=0)
     return figure
+
+
+def _readable_on(colour: tuple[float, float, float, float]) -> str:
+    """Return black or white, whichever contrasts more (WCAG 2 relative luminance)."""
+    rgb = np.asarray(colour[:3])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    luminance = float(linear @ (0.2126, 0.7152, 0.0722))
+    return "white" if 1.05 / (luminance + 0.05) > (luminance + 0.05) / 0.05 else "black"
 
 
 def _share_bar(axes: Axes, y: int, share: Proportion, colour: str) -> None:

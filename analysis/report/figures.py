@@ -42,17 +42,18 @@ def report_figures(
     made = [
         ReportFigure(
             "preference",
-            "Share of trials in which the method on the left was chosen. Whiskers: "
-            f"{level} limits that respect participants and scenes; dots: participants; dashed:"
-            " chance.",
+            "Share of trials in which the method on the left was chosen; dark: the one chosen more"
+            f" often. Whiskers: {level} limits that respect participants and scenes; dots:"
+            " participants; dashed: chance.",
             lambda width: preference_bars(
                 cells, dots, label=label, width_in=width, simulated=simulated
             ),
         ),
         ReportFigure(
             "forest",
-            f"Odds of choosing the first method of each pair, with {level} limits. Grey band:"
-            " smallest effect of interest.",
+            f"Odds of choosing the first method of each pair, with {level} limits (each comparison"
+            " alone). Blue: the first is preferred after correction; orange: the second; grey:"
+            " neither is. Grey band: smaller than the smallest effect of interest.",
             lambda width: forest_plot(cells, label=label, width_in=width, simulated=simulated),
         ),
     ]
@@ -61,7 +62,8 @@ def report_figures(
         made.append(
             ReportFigure(
                 "scale",
-                f"Quality in JOD (mean zero) with {level} bootstrap limits.",
+                f"Quality in JOD (mean zero; of two 1 JOD apart, 75 % choose the better) with"
+                f" {level} bootstrap limits.",
                 lambda width: jod_plot(scales, label=label, width_in=width, simulated=simulated),
             )
         )

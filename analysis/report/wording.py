@@ -220,7 +220,8 @@ def scale_text(one: SizeScale, settings: Settings) -> str:
         )
     if one.agreement is not None:
         parts.append(
-            f"Kendall's u = {number(one.agreement.u)}, χ²({number(one.agreement.df, 1)}) ="
+            f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
+            f" alike), χ²({number(one.agreement.df, 1)}) ="
             f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
         )
     if one.triads:
@@ -228,7 +229,7 @@ def scale_text(one: SizeScale, settings: Settings) -> str:
         zeta = sum(result.zeta for _, result in one.triads) / len(one.triads)
         parts.append(
             f"{circular} of {len(one.triads)} participants contradict themselves in circles"
-            f" (mean Kendall's ζ = {number(zeta)})."
+            f" (mean Kendall's ζ = {number(zeta)}; 1: never)."
         )
     if one.observers.flagged:
         parts.append(

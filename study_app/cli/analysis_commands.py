@@ -52,6 +52,7 @@ app = typer.Typer(
 )
 
 _PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
+_DESIGN_HELP = "Protocol to plan for (.toml), or the name of a shipped study."
 _REPLACE_HELP = "Put the new result in the place of an earlier one."
 
 
@@ -138,7 +139,7 @@ def tidy(
 
 @app.command()
 def power(
-    protocol: Annotated[Path, typer.Argument(help=_PROTOCOL_HELP)],
+    protocol: Annotated[Path, typer.Argument(help=_DESIGN_HELP)],
     rate: Annotated[
         float | None,
         typer.Option(
@@ -165,7 +166,7 @@ def power(
 
     Trials of one person, and of one scene, are alike; the deviations say how much. The
     defaults, 0.6 and 0.4 logits, are those of published listening and image studies of this
-    shape.
+    shape. Power is the chance that such a study finds what is there.
 
     Example: metamerlab analysis power demo --rate 0.65 --out power
     """
@@ -290,6 +291,13 @@ def _print_power(curve: PowerCurve) -> None:
             f"{curve.false_positives[index]:.3f}",
         )
     console.print(table)
+    console.print(
+        "primary: the primary comparison is significant, tested alone; each of family: one of the"
+        " comparisons, on average, after correction; every: all of them;"
+        f" equivalent at .5: were the share one half, it is shown to lie within ±{curve.margin:.2f}"
+        " of it; false positives: were it one half, the primary comparison is significant all the"
+        " same"
+    )
     for name, goal, people in curve.needed:
         wanted = f"more than {curve.participants[-1]}" if people is None else str(people)
         console.print(f"{name}, power {goal:.0%}: {wanted} participants")
