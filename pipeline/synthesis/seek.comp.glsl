@@ -51,10 +51,10 @@ ivec2 octant_of(vec2 vector) {
     return ivec2(sign(vector) * vec2(greaterThan(extent, OCTANT_TANGENT * extent.yx)));
 }
 
-// Steps to the first known pixel; 0: none within reach.
-int steps_to_known(ivec2 pixel, ivec2 direction) {
+// Steps to the first known pixel; 0: none within `reach`.
+int steps_to_known(ivec2 pixel, ivec2 direction, int reach) {
     ivec2 place = pixel;
-    for (int count = 1; count <= REACH; ++count) {
+    for (int count = 1; count <= reach; ++count) {
         place += direction;
         if (!is_inside(place)) return 0;
         if (!is_hole(place)) return count;
@@ -68,35 +68,43 @@ struct Side {
 };
 
 Side background_side(ivec2 pixel, float guide) {
-    int to_opener = 0, to_background = 0;  // squared lengths; 0: none yet
-    ivec2 opener = pixel, nearest = ivec2(0);
-    for (int number = 0; number < 8; ++number) {
+    // Of opener and background: squared length and number, so that the first of equals wins.
+    const ivec2 NONE = ivec2(0x7fffffff, 8);
+    ivec2 to_opener = NONE, to_background = NONE;
+    ivec2 opener = pixel;
+    int reach = REACH;
+    for (int turn = 0; turn < 8; ++turn) {
+        // Sides before corners, opposites together: the sooner both are met, the less to walk.
+        int number = ((turn & 1) << 2) | (turn & 2) | (turn >> 2);
         ivec2 direction = octant(number);
-        int steps = steps_to_known(pixel, direction);
+        int steps = steps_to_known(pixel, direction, reach);
         if (steps == 0) continue;
         int squared = steps * steps * (direction.x * direction.x + direction.y * direction.y);
         ivec2 end = pixel + steps * direction;
-        if (guide - guide_at(end) <= depth_threshold) {
-            if (to_background == 0 || squared < to_background) {
-                to_background = squared;
-                nearest = direction;
+        bool behind = guide - guide_at(end) <= depth_threshold;
+        ivec2 best = behind ? to_background : to_opener;
+        if (squared < best.x || (squared == best.x && number < best.y)) {
+            if (behind) {
+                to_background = ivec2(squared, number);
+            } else {
+                to_opener = ivec2(squared, number);
+                opener = end;
             }
-        } else if (to_opener == 0 || squared < to_opener) {
-            to_opener = squared;
-            opener = end;
         }
+        int farther = max(to_opener.x, to_background.x);
+        if (farther != NONE.x) reach = min(reach, int(sqrt(float(farther))) + 1);
     }
-    if (to_background == 0) return Side(ivec2(0), 0);
+    if (to_background == NONE) return Side(ivec2(0), 0);
     vec2 relative = flow_at(pixel) - flow_at(opener);
-    float reach = length(relative);
-    bool opened = to_opener > 0 && reach > 0.0 && sqrt(float(to_opener)) <= reach + MARGIN;
+    float moved = length(relative);
+    bool opened = to_opener != NONE && moved > 0.0 && sqrt(float(to_opener.x)) <= moved + MARGIN;
     Side side;
-    side.direction = opened ? octant_of(relative) : nearest;
-    side.steps = steps_to_known(pixel, side.direction);
+    side.direction = opened ? octant_of(relative) : octant(to_background.y);
+    side.steps = steps_to_known(pixel, side.direction, REACH);
     // The other way, where the background side is another foreground or out of sight.
     if (side.steps == 0 || !is_background(pixel + side.steps * side.direction, guide)) {
         side.direction = -side.direction;
-        side.steps = steps_to_known(pixel, side.direction);
+        side.steps = steps_to_known(pixel, side.direction, REACH);
         if (side.steps == 0 || !is_background(pixel + side.steps * side.direction, guide)) {
             side.steps = 0;
         }
