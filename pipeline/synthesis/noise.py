@@ -11,6 +11,7 @@ weighing is a graphic equaliser.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,9 @@ class NoiseBands:
     lag_correlation: NDArray[np.float32]
 
 
+@lru_cache(maxsize=2)
 def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
-    """Make the noise of one seed; the same on every platform.
+    """Make the noise of one seed; the same on every platform. Its arrays are read-only.
 
     Every band of a tile is scaled so that its coefficients have unit variance.
     """
@@ -47,7 +49,10 @@ def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     kernels = fitted_kernels()
     pyramid = analyse(periodic, levels, kernels)
     tiles = np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
-    return NoiseBands(tiles.astype(np.float32), lag_correlation(tiles))
+    noise = NoiseBands(tiles.astype(np.float32), lag_correlation(tiles))
+    for array in (noise.tiles, noise.lag_correlation):
+        array.flags.writeable = False
+    return noise
 
 
 def lag_correlation(tiles: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -1,7 +1,6 @@
 """Metameric inpainting on the GPU against its definition, stage by stage and as a whole."""
 
 import dataclasses
-from functools import cache
 
 import moderngl
 import numpy as np
@@ -14,7 +13,6 @@ from pipeline.features.reference import analyse
 from pipeline.frame import WarpedFrame
 from pipeline.gl.texture import create_texture, format_of, read_back, texture_from, upload
 from pipeline.inpaint.reference import Level, guide_from_depth
-from pipeline.synthesis import gpu, reference
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import metameric_fill, noise_amplitudes, sample, shaped_noise
@@ -144,18 +142,6 @@ def prepare(gl_context):
         run.release()
 
 
-@pytest.fixture(autouse=True)
-def _noise_is_made_once(monkeypatch):
-    """Both twins ask for the same noise again and again; its own tests are elsewhere."""
-    for module in (gpu, reference):
-        monkeypatch.setattr(module, "noise_bands", cached_noise)
-
-
-@cache
-def cached_noise(seed, levels, channels):
-    return noise_bands(seed, levels, channels)
-
-
 def moment_tolerances(run, fill, k):
     """Bound mean and second moment of level k, absolute, by the magnitudes of this frame."""
     resolutions = max(1, int(np.ceil(np.log2(max(run.frame.size)))))
@@ -184,7 +170,7 @@ def amplitude_tolerance(bands, amplitude):
 def noise_tolerance(run, amplitudes, guide, anchor_px):
     """Bound the colour that given amplitudes and base lead to, absolute: (H, W, 3)."""
     settings = run.settings
-    noise = cached_noise(3, settings.levels, 1 if settings.channels == "correlated" else 3)
+    noise = noise_bands(3, settings.levels, 1 if settings.channels == "correlated" else 3)
     farthest_px = np.abs(anchor_px).max() + max(run.frame.size)
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
@@ -355,7 +341,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
         )
         for k, (values, exact) in enumerate(zip(stages.amplitudes, fill.statistics, strict=True))
     ]
-    noise = cached_noise(3, 4, 1 if cross else 3)
+    noise = noise_bands(3, 4, 1 if cross else 3)
     added = shaped_noise(amplitudes, guide, fill.anchor_px, noise, run.settings.depth_threshold)
     colour = (stages.base + added @ RGB_FROM_YCBCR.T).clip(0, 1)
     tolerance = noise_tolerance(run, amplitudes, guide, fill.anchor_px)
