@@ -167,15 +167,8 @@ def _check_one_study(
     folder: Path, readings: Sequence[tuple[str, Journal, SessionStart]], protocol: StudyProtocol
 ) -> None:
     hashes: dict[str, list[str]] = {}
-    people: dict[str, str] = {}
     for name, _, start in readings:
         hashes.setdefault(start.protocol_sha256, []).append(name)
-        if start.participant in people:
-            raise StudyError(
-                f"{folder}: every participant must have one sitting (got {start.participant!r} in"
-                f" {people[start.participant]} and {name}); remove the copy"
-            )
-        people[start.participant] = name
     if len(hashes) > 1:
         listed = "; ".join(
             f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
@@ -199,6 +192,15 @@ def _check_one_study(
             f"{folder}: simulated and recorded sittings must not be mixed"
             f" (simulated: {', '.join(simulated[:5])}); keep them in separate folders"
         )
+    people: dict[str, str] = {}
+    for name, _, start in readings:
+        # Last: two studies or a simulation may well share a participant's code.
+        if start.participant in people:
+            raise StudyError(
+                f"{folder}: every participant must have one sitting (got {start.participant!r} in"
+                f" {people[start.participant]} and {name}); move the copy out of this folder"
+            )
+        people[start.participant] = name
 
 
 def _one_sitting(

@@ -121,6 +121,24 @@ def test_a_damaged_line_is_named_and_the_rest_is_read(tmp_path, demo_protocol, w
     assert len(tidy.analysed) >= 94
 
 
+def test_an_answer_that_is_not_utf8_costs_itself_and_is_named(
+    tmp_path, demo_protocol, write_journals
+):
+    folder = write_journals(tmp_path / "s", people=2)
+    whole = read_sessions(folder, demo_protocol)
+
+    def spoil(lines: list[bytes]) -> list[bytes]:
+        at = next(i for i, line in enumerate(lines) if b'"kind":"answer"' in line)
+        return [*lines[:at], lines[at].replace(b'"text":"', b'"text":"caf\xe9 '), *lines[at + 1 :]]
+
+    edit(folder, "P01", spoil)
+    tidy = read_sessions(folder, demo_protocol)
+
+    assert len(tidy.answers) == len(whole.answers) - 1
+    pd.testing.assert_frame_equal(tidy.decisions, whole.decisions)
+    assert any("P01" in note and "damaged" in note for note in tidy.warnings)
+
+
 def test_a_journal_without_its_header_is_left_out_and_said(tmp_path, demo_protocol, write_journals):
     folder = write_journals(tmp_path / "s")
     edit(folder, "P01", lambda lines: lines[1:])
@@ -232,10 +250,10 @@ def test_flow_adds_up(tmp_path, demo_protocol, write_journals):
 def test_sittings_of_two_protocols_are_refused_with_both_named(
     tmp_path, demo_protocol, write_journals
 ):
+    """Also where both studies number their participants alike."""
     other = rules(demo_protocol, rt_min_s=0.2)
     write_journals(tmp_path / "s" / "one", people=2)
-    write_journals(tmp_path / "b", people=3, protocol=other)
-    (tmp_path / "b" / "P03").rename(tmp_path / "s" / "P03")
+    write_journals(tmp_path / "s" / "two", people=3, protocol=other)
 
     with pytest.raises(StudyError) as refusal:
         read_sessions(tmp_path / "s", demo_protocol)
