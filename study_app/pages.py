@@ -60,9 +60,16 @@ class Pages:
             return _NOTICES.get(picture.notice, "")
         return "gaze-lost" if picture.warned else ""
 
-    def page(self, text: str) -> NDArray[np.uint8]:
-        """Return a page of text; letters shrink where it is long."""
-        return self._block(text)
+    def page(self, text: str, key: str = "") -> NDArray[np.uint8]:
+        """Return a page of text, with the key that turns it below; letters shrink if need be."""
+        image = self._block(text)
+        if key:
+            label = f"[ {key_label(key)} ]"
+            face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
+            width, height = self._size
+            hint = text_image([label], face, width, align="centre", grey=self._grey)
+            _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
+        return image
 
     def question(self, page: Page, typed: str, chosen: int) -> NDArray[np.uint8]:
         """Return a question with what was typed so far, or with its choices."""

@@ -240,7 +240,8 @@ class Presenter:
 
     def _wait(self, page: Page, began_s: float) -> PageResult:
         scripted = self._scripted(page, began_s)
-        self._show_page(self._pages.page(page.text))
+        turns = page.keys[0] if page.keys and page.name != "quit" else ""
+        self._show_page(self._pages.page(page.text, turns))
         while True:
             self._flip_page()
             for press in self.key_presses():

@@ -1,0 +1,52 @@
+"""A process of its own that reads the screen: every new frame strip, and the clip's pixels.
+
+Arguments: frame buffer file, x, y, width and height of the clip. Prints "number hash" for every
+picture that appears whole, until its standard input closes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import mmap
+import select
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from study_app.strip import BLOCK_PX, BLOCKS, read_strip
+
+SCREEN_WIDTH, SCREEN_HEIGHT = 640, 480
+
+
+def main() -> None:
+    x, y, width, height = map(int, sys.argv[2:6])
+    with Path(sys.argv[1]).open("rb") as file:
+        memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    start = int.from_bytes(memory[:4], "big") + 12 * int.from_bytes(memory[76:80], "big")
+    pixels = np.frombuffer(memory, np.uint8, SCREEN_WIDTH * SCREEN_HEIGHT * 4, start)
+    screen = pixels.reshape(SCREEN_HEIGHT, SCREEN_WIDTH, 4)
+    upper = screen[BLOCK_PX // 2, : BLOCKS * BLOCK_PX, 1]
+    lower = screen[SCREEN_HEIGHT - BLOCK_PX // 2, : BLOCKS * BLOCK_PX, 1]
+    clip = screen[y : y + height, x : x + width, 2::-1]
+    print("ready", flush=True)
+    last = None
+    polls = 0
+    while True:
+        polls += 1
+        if polls % 50 == 0 and select.select([sys.stdin], [], [], 0)[0]:
+            return
+        number = read_strip(upper.copy())
+        if number is None or number == last:
+            time.sleep(0.001)
+            continue
+        content = clip.tobytes()
+        # Torn where the two strips differ, or where the number changed meanwhile.
+        if read_strip(lower.copy()) != number or read_strip(upper.copy()) != number:
+            continue
+        last = number
+        print(number, hashlib.sha256(content).hexdigest(), flush=True)
+
+
+main()
