@@ -30,10 +30,7 @@ from pipeline.inpaint.reference import (
     guided_base,
     interpolate,
     means_and_variances,
-    near_a_hole,
-    pull_push,
 )
-from pipeline.inpaint.region import SOURCE_RINGS, source_resolution
 from pipeline.methods.metameric import Metameric
 from pipeline.quality import Quality, evaluate
 from pipeline.synthesis.noise import noise_bands
@@ -135,13 +132,9 @@ def lowpass_base_fill(
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
         amplitudes.append(replace(found, values=noise_amplitudes(found.values, own, cross=cross)))
-    source = source_resolution(levels)
-    near = near_a_hole(hole, source, SOURCE_RINGS, source)[:: 1 << levels, :: 1 << levels]
-    known = (near & ~residual_spoiled).astype(np.float64)
-    residual = pull_push(
-        Level(pyramid.residual, known, guides[levels]), settings.gamma, settings.depth_threshold
-    )[0].values
-    residual = np.where(residual_spoiled[..., None], residual, pyramid.residual)
+    # Averages of known background alone: a low-pass that no hole reaches into.
+    clean = ycbcr_from_rgb(base_levels[levels].values)
+    residual = np.where(residual_spoiled[..., None], clean, pyramid.residual)
     x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
     noise = shaped_noise(
         amplitudes,
