@@ -253,7 +253,7 @@ class _Batch:
             finished = self.out / HOLES_FOLDER / survey_name(name)
             unfinished = self.work / "surveys" / key
             folder = finished if read_survey(finished, key) is not None else unfinished
-            future = self.executor.submit(survey_job, self.orders, name, folder)
+            future: Future[Any] = self.executor.submit(survey_job, self.orders, name, folder)
         else:
             survey = self.surveys[survey_name(name)]
             folder = self.work / "clips" / self.orders.clip_key(name)
@@ -331,7 +331,7 @@ class _Batch:
         done = len(self.records) * self.orders.protocol.clips.frames
         for folder in self.active.values():
             if folder.exists():
-                done += sum(entry.endswith(".png") for entry in os.listdir(folder))
+                done += sum(entry.suffix == ".png" for entry in folder.iterdir())
         now = [f"{name}" if kind == "clip" else f"path of {survey_name(name)}"
                for kind, name in self.running.values()]  # fmt: skip
         shown = now[0] if now else "finishing"

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import cast
+from typing import Any, cast
 
 from protocols.errors import StudyError
 from stimuli.worker import start_worker
@@ -35,6 +35,11 @@ def local_processes(workers: int) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
+def _client(make: Any, address: str) -> Any:
+    """Distributed is not typed."""
+    return make(address, timeout=CONNECT_S, set_as_default=False)
+
+
 @contextmanager
 def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
     """The workers of a running Dask cluster, and how many there are.
@@ -53,7 +58,7 @@ def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
             "--scheduler needs Dask; install it with: pip install 'metamerlab[dask]'"
         ) from None
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        client: Any = _client(Client, address)
     except (OSError, ValueError, TimeoutError) as error:
         raise StudyError(
             f"--scheduler {address}: must be the address of a running Dask scheduler"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
-from pipeline.gl.texture import read_back, texture_from
+from pipeline.gl.texture import read_back, texture_from, upload
 from pipeline.warp.gpu import WarpPass, WarpTextures
 from pipeline.warp.settings import WarpSettings, Window
 from stimuli.motion import MotionPass, border_gap_px
@@ -27,18 +27,33 @@ class Scenery(Protocol):
     """What a camera can be pointed at."""
 
     def source(
-        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float
+        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
     ) -> tuple[SourceFrame, Camera]:
         """Return the RGBZ picture at `pose` with a margin, and its camera.
 
-        `size_px` (width, height) is the shown part, in the picture's middle.
+        `size_px` (width, height) is the shown part, in the picture's middle; `frame` is the
+        frame that is seen at `pose`, -1 for the path's centre.
         """
         ...
 
     def truth(
-        self, size_px: tuple[int, int], pose: Pose, extent_m: float, warped: WarpedFrame
+        self,
+        size_px: tuple[int, int],
+        pose: Pose,
+        extent_m: float,
+        warped: WarpedFrame,
+        margin_px: int,
     ) -> NDArray[np.float32]:
         """Return what the camera at `pose` really sees, of `size_px`."""
+        ...
+
+    def motion(
+        self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+        """Return flow and target depth from frame `source` to `frame`, where a file tells them.
+
+        None: the cameras tell.
+        """
         ...
 
     @property
@@ -66,14 +81,15 @@ class RenderedScenery:
         self._near_m: float | None = None
 
     def source(
-        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float
+        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
     ) -> tuple[SourceFrame, Camera]:
         """Draw the view with its margin."""
+        del frame
         viewpoint = self._renderer.world.viewpoint
         camera = pose.applied_to(viewpoint.camera(*size_px, margin_px), extent_m)
-        frame = self._renderer.render(camera)
-        check_view(camera, frame, self._name)
-        return frame, camera
+        seen = self._renderer.render(camera)
+        check_view(camera, seen, self._name)
+        return seen, camera
 
     def truth(
         self,
@@ -81,10 +97,20 @@ class RenderedScenery:
         pose: Pose,
         extent_m: float,
         warped: WarpedFrame,  # noqa: ARG002
+        margin_px: int,  # noqa: ARG002
     ) -> NDArray[np.float32]:
         """Draw the view from where the camera is."""
         viewpoint = self._renderer.world.viewpoint
         return self._renderer.render(pose.applied_to(viewpoint.camera(*size_px), extent_m)).colour
+
+    def motion(
+        self,
+        size_px: tuple[int, int],
+        margin_px: int,
+        source: int,
+        frame: int,
+    ) -> None:
+        """Leave the motion to the cameras."""
 
     @property
     def typical_depth_m(self) -> float:
@@ -181,8 +207,11 @@ class Footage:
     def truth(self, frame: int) -> NDArray[np.float32]:
         """Return what the camera of `frame` really sees."""
         path, shot = self.shot.path, self.shot
-        warped = self.warped(frame) if self._needs_warp else _NOTHING
-        return self._scenery.truth(shot.size_px, path.poses[frame], shot.extent_m, warped)
+        rendered = isinstance(self._scenery, RenderedScenery)
+        warped = _NOTHING if rendered else self.warped(frame)
+        return self._scenery.truth(
+            shot.size_px, path.poses[frame], shot.extent_m, warped, self.margin_px
+        )
 
     def release(self) -> None:
         """Free what is held on the GPU; the scenery stays."""
@@ -194,13 +223,14 @@ class Footage:
     def _warp(self, frame: int) -> WarpTextures:
         camera = self._take_source(frame)
         colour, depth, motion, warp, textures = self._passes
-        motion(depth, camera, self._target(frame, camera))
+        known = self._scenery.motion(self.shot.size_px, self.margin_px, self._key(frame), frame)
+        if known is None:
+            motion(depth, camera, self._target(frame, camera))
+        else:
+            upload(motion.flow_px, known[0])
+            upload(motion.target_depth_m, known[1])
         warp(colour, motion.target_depth_m, motion.flow_px, textures)
         return textures
-
-    @property
-    def _needs_warp(self) -> bool:
-        return not isinstance(self._scenery, RenderedScenery)
 
     def _target(self, frame: int, source: Camera) -> Camera:
         """The frame's camera, in the source's pixel grid."""
@@ -216,18 +246,22 @@ class Footage:
 
     def _take_source(self, frame: int) -> Camera:
         """Put the source of `frame` on the GPU, unless it is there."""
-        sources = self.shot.path.source_frames
-        key = -1 if sources is None else sources[frame]
+        key = self._key(frame)
         if self._source_frame == key and self._held:
             assert self._camera is not None
             return self._camera
         shot = self.shot
         source, camera = self._scenery.source(
-            shot.size_px, self.margin_px, shot.path.source_pose(frame), shot.extent_m
+            shot.size_px, self.margin_px, shot.path.source_pose(frame), shot.extent_m, key
         )
         self._upload(source)
         self._source_frame, self._camera = key, camera
         return camera
+
+    def _key(self, frame: int) -> int:
+        """The frame that is seen where the source of `frame` is taken, -1 for the centre."""
+        sources = self.shot.path.source_frames
+        return -1 if sources is None else sources[frame]
 
     def _upload(self, source: SourceFrame) -> None:
         for resource in self._held:
@@ -251,13 +285,16 @@ class Footage:
             gap = -np.inf
             taken: tuple[int, SourceFrame, Camera] | None = None
             for frame in frames:
-                sources = shot.path.source_frames
-                key = -1 if sources is None else sources[frame]
+                key = self._key(frame)
                 if taken is None or taken[0] != key:
                     taken = (
                         key,
                         *self._scenery.source(
-                            shot.size_px, margin, shot.path.source_pose(frame), shot.extent_m
+                            shot.size_px,
+                            margin,
+                            shot.path.source_pose(frame),
+                            shot.extent_m,
+                            key,
                         ),
                     )
                 _, source, camera = taken

@@ -56,7 +56,8 @@ def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
 
         if scene.parameters:
             raise InputError(
-                f"{scene.name}: a mesh scene takes no parameters (got {', '.join(scene.parameters)})"
+                f"{scene.name}: a mesh scene takes no parameters"
+                f" (got {', '.join(scene.parameters)})"
             )
         world = load_world(folder / scene.file, scale=scene.scale)
     return world if scene.view is None else world.seen_from(_viewpoint(scene.view, world))

@@ -60,7 +60,7 @@ def is_whole(data: bytes) -> bool:
         if zlib.crc32(data[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             return False
         if kind == b"IEND":
-            return end == len(data)
+            return bool(end == len(data))
         at = end
     return False
 

@@ -240,7 +240,7 @@ def look_at_pose(position_m: ArrayLike, look_at_m: ArrayLike) -> NDArray[np.floa
     forward = target - position
     length = float(np.linalg.norm(forward))
     if not length > 0:
-        raise InputError(f"look_at_m must differ from position_m (both are {position_m})")
+        raise InputError(f"look_at_m must differ from position_m (both are {position.tolist()})")
     forward /= length
     right = np.cross(forward, (0.0, 1.0, 0.0))
     if np.linalg.norm(right) < 1e-9:  # straight up or down: the image's top is -z

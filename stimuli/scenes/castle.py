@@ -53,7 +53,7 @@ def build(rng: np.random.Generator) -> World:
     )  # fmt: skip
 
 
-def _hill(x: np.ndarray, z: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _hill(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     rise = 1.9 / (1 + np.exp((z + 15.0) / 2.6))
     return np.asarray(rise + 0.15 * np.sin(0.35 * x) * np.cos(0.3 * z) - 0.05)
 
@@ -98,12 +98,10 @@ def _castle(rng: np.random.Generator, blocks: Material) -> list[Part]:
                         offset=(turn, 0),
                     )
                 )  # fmt: skip
-        for level in (0.42, 0.72):
-            slits.append(
-                shapes.box(
-                    (x, base + level * height, z + 0.6 + radius * 1.0), (0.22, 0.9, 0.2), 1.0
-                )
-            )
+        slits += [
+            shapes.box((x, base + level * height, z + 0.6 + radius * 1.0), (0.22, 0.9, 0.2), 1.0)
+            for level in (0.42, 0.72)
+        ]
     keep = shapes.box((1.5, base + 5, z - 8), (8.5, 10.5, 6), 3.2)
     bodies.append(keep)
     for x in np.arange(-2.4, 6.0, 1.2):

@@ -93,11 +93,11 @@ def _niche(rng: np.random.Generator, x: float) -> list[Part]:
     rows = np.linspace(0, 1, 12)[:, None]
     low = np.stack([outline[:, 0], np.full(25, 0.35)], -1)
     xy = low[None] + rows[..., None] * (outline - low)[None]
-    position = np.concatenate([xy + [x, 0], np.full((12, 25, 1), z)], -1)
+    position = np.concatenate([np.add(xy, (x, 0)), np.full((12, 25, 1), z)], -1)
     panel = shapes.surface(position, xy / 1.8)
     normal = np.tile(np.array([[0.0, 0.0, 1.0]], np.float32), (len(panel.normal), 1))
     panel = Mesh(panel.position_m, normal, panel.uv, panel.colour, panel.triangles)
     line = np.concatenate([[[half, 0.35]], outline, [[-half, 0.35]]])
-    path = np.concatenate([line + [x, 0], np.full((len(line), 1), z + 0.05)], -1)
+    path = np.concatenate([np.add(line, (x, 0)), np.full((len(line), 1), z + 0.05)], -1)
     rim = shapes.tube(path, 0.12, (0.8, 0.8), sides=10)
     return [Part(panel, dark), Part(rim, frame)]

@@ -52,7 +52,7 @@ def build(rng: np.random.Generator) -> World:
     )
 
 
-def _rolling(x: np.ndarray, z: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _rolling(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(0.06 * np.sin(0.6 * x + 0.4) * np.cos(0.5 * z) - 0.03)
 
 
@@ -98,8 +98,12 @@ def _fence(rng: np.random.Generator) -> list[Part]:
 def _tip(x: float, height: float) -> Mesh:
     z = -3.9
     half = 0.0425
-    position = np.array([[[x - half, height, z], [x + half, height, z]],
-                         [[x - 0.004, height + 0.07, z], [x + 0.004, height + 0.07, z]]])  # fmt: skip
+    position = np.array(
+        [
+            [[x - half, height, z], [x + half, height, z]],
+            [[x - 0.004, height + 0.07, z], [x + 0.004, height + 0.07, z]],
+        ]
+    )
     mesh = shapes.surface(position, np.array([[[0.0, 0.0], [0.1, 0.0]], [[0.0, 0.1], [0.1, 0.1]]]))
     normal = np.tile(np.array([[0.0, 0.0, 1.0]], np.float32), (4, 1))
     return Mesh(mesh.position_m, normal, mesh.uv, mesh.colour, mesh.triangles)

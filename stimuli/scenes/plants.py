@@ -50,7 +50,7 @@ def tree(
     taper[0] = 1.5
     wood = [shapes.tube(stem, radius * taper, (0.7, 1.4), sides=14)]
     spread = 0.32 * height_m
-    middle = stem[-1] + [0, -0.06 * height_m, 0]
+    middle = stem[-1] + (0, -0.06 * height_m, 0)
     for index in range(branches):
         share = rng.uniform(1 - crown_share, 0.95)
         start = stem[int(share * (len(stem) - 1))]
@@ -70,7 +70,7 @@ def bush(
     rng: np.random.Generator, foliage: Foliage, foot: ArrayLike, radius_m: float, *, cards: int = 70
 ) -> list[Part]:
     """A round bush that sits on the ground."""
-    centre = np.asarray(foot, np.float64) + [0, 0.7 * radius_m, 0]
+    centre = np.add(foot, (0, 0.7 * radius_m, 0))
     leaves = shapes.crown(
         rng, centre, (radius_m, 0.75 * radius_m, radius_m), cards, 0.7 * radius_m, shell=0.3
     )

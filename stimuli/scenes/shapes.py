@@ -74,8 +74,7 @@ def wall(
     rows = max(2, round((high_m - low_m) / step_m) + 1)
     t, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(low_m, high_m, rows))
     x, z = start[0] + t * (end[0] - start[0]), start[1] + t * (end[1] - start[1])
-    mesh = surface(np.stack([x, y, z], -1), np.stack([t * length, y], -1) / texture_m)
-    return mesh
+    return surface(np.stack([x, y, z], -1), np.stack([t * length, y], -1) / texture_m)
 
 
 def box(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
@@ -46,7 +48,7 @@ def build(rng: np.random.Generator) -> World:
     )
 
 
-def _meadow(x: np.ndarray, z: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _meadow(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(0.045 * (-11.0 - z) + 0.5 * np.sin(0.11 * x) * np.clip((-11 - z) / 30, 0, 1))
 
 
@@ -129,7 +131,7 @@ def _barrels(rng: np.random.Generator) -> list[Part]:
 def _ladder(beams: Material) -> list[Part]:
     foot, top = np.array([0.35, 0.0, -5.3]), np.array([0.35, 2.9, -6.0])
     rails = [
-        shapes.tube(np.linspace(foot, top, 8) + [dx, 0, 0], 0.035, (0.4, 1.2), sides=8)
+        shapes.tube(np.add(np.linspace(foot, top, 8), (dx, 0, 0)), 0.035, (0.4, 1.2), sides=8)
         for dx in (-0.22, 0.22)
     ]
     rungs = []
@@ -137,7 +139,7 @@ def _ladder(beams: Material) -> list[Part]:
         middle = foot + share * (top - foot)
         rungs.append(
             shapes.tube(
-                [middle + [dx, 0, 0] for dx in (-0.22, 0, 0.22)], 0.022, (0.3, 0.8), sides=7
+                [np.add(middle, (dx, 0, 0)) for dx in (-0.22, 0, 0.22)], 0.022, (0.3, 0.8), sides=7
             )
         )
     return [Part(Mesh.joined(rails + rungs), beams)]
@@ -153,7 +155,7 @@ def _rope_fence(rng: np.random.Generator, beams: Material) -> list[Part]:
             shapes.tube([(x, -0.1, z), (x + lean, 0.5, z), (x + 2 * lean, 1.02, z)],
                         [0.06, 0.055, 0.05], (0.5, 1.3), sides=10)
         )  # fmt: skip
-    for x0, x1 in zip(xs[:-1], xs[1:], strict=True):
+    for x0, x1 in pairwise(xs):
         for height in (0.45, 0.88):
             t = np.linspace(0, 1, 12)
             sag = height - 0.1 * 4 * t * (1 - t)

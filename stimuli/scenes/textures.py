@@ -72,7 +72,8 @@ def finish(colour: NDArray[np.float64], coverage: Plane | None = None) -> Textur
             )
             colour = np.where(solid[..., None], colour, colour[tuple(nearest)])
     rgba = np.concatenate([colour, alpha[..., None]], axis=-1)
-    return np.rint(rgba.clip(0, 255)).astype(np.uint8)
+    result: Texture = np.rint(rgba.clip(0, 255)).astype(np.uint8)
+    return result
 
 
 def lawn(rng: np.random.Generator, dry: float = 0.0) -> Texture:
@@ -310,7 +311,9 @@ def panorama(
     thick *= np.clip((up - 0.07) * 7, 0, 1)
     shade = np.clip(1.02 - 0.16 * thick + 0.05 * dense[..., None], 0, 1.05)
     colour = colour * (1 - thick) + np.asarray(cloud) * shade * thick
-    return np.rint(np.broadcast_to(colour, (height, width, 3)).clip(0, 255)).astype(np.uint8)
+    whole = np.broadcast_to(colour, (height, width, 3)).clip(0, 255)
+    result: Texture = np.rint(whole).astype(np.uint8)
+    return result
 
 
 def _stretched(rng: np.random.Generator, size: int, ratio: float) -> Plane:

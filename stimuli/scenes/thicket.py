@@ -50,7 +50,7 @@ def build(rng: np.random.Generator) -> World:
     )  # fmt: skip
 
 
-def _floor(x: np.ndarray, z: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _floor(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     bumps = 0.12 * np.sin(0.8 * x + 0.3 * z) + 0.1 * np.sin(0.5 * z - 0.4 * x + 1.0)
     return np.asarray(bumps + 0.045 * np.clip(-z - 6, 0, None))
 
@@ -84,9 +84,14 @@ def _trunks(rng: np.random.Generator, foliage: plants.Foliage) -> list[Part]:
 def _twigs(rng: np.random.Generator, bark: Material, sprays: Material) -> list[Part]:
     """Thin branches that cross the picture near the eye."""
     wood, leaves = [], []
-    starts = [((-2.6, 0.1, -3.2), (0.35, 1, 0.0)), ((2.3, 0.0, -3.0), (-0.3, 1, 0.05)),
-              ((-0.7, 0.0, -3.6), (0.12, 1, -0.02)), ((1.0, -0.1, -4.2), (0.1, 1, 0.05)),
-              ((-2.4, 2.7, -2.8), (1, -0.22, 0.0)), ((2.5, 2.4, -3.3), (-1, 0.02, 0.1))]  # fmt: skip
+    starts = [
+        ((-2.6, 0.1, -3.2), (0.35, 1, 0.0)),
+        ((2.3, 0.0, -3.0), (-0.3, 1, 0.05)),
+        ((-0.7, 0.0, -3.6), (0.12, 1, -0.02)),
+        ((1.0, -0.1, -4.2), (0.1, 1, 0.05)),
+        ((-2.4, 2.7, -2.8), (1, -0.22, 0.0)),
+        ((2.5, 2.4, -3.3), (-1, 0.02, 0.1)),
+    ]
     for start, way in starts:
         stem = shapes.branch_path(rng, start, way, 3.4, points=16, wander=0.09)
         wood.append(shapes.tube(stem, np.linspace(0.04, 0.014, 16), (0.3, 0.7), sides=9))
@@ -95,8 +100,10 @@ def _twigs(rng: np.random.Generator, bark: Material, sprays: Material) -> list[P
             twig = shapes.branch_path(rng, stem[index], side, rng.uniform(0.35, 0.8), points=7,
                                       wander=0.2, droop=0.05)  # fmt: skip
             wood.append(shapes.tube(twig, np.linspace(0.012, 0.004, 7), (0.2, 0.4), sides=6))
-            for point in twig[3::3]:
-                leaves.append(shapes.crown(rng, point, (0.06, 0.06, 0.06), 1, 0.34, shell=0.1))
+            leaves += [
+                shapes.crown(rng, point, (0.06, 0.06, 0.06), 1, 0.34, shell=0.1)
+                for point in twig[3::3]
+            ]
     return [Part(Mesh.joined(wood), bark), Part(Mesh.joined(leaves), sprays)]
 
 
@@ -108,7 +115,7 @@ def _fallen(rng: np.random.Generator, bark: Material) -> list[Part]:
     )  # fmt: skip
     body = [shapes.tube(line, np.linspace(0.3, 0.2, 14), (0.8, 1.5), sides=18)]
     for index in (3, 6, 10):
-        path = shapes.branch_path(rng, line[index], (rng.normal(0, 0.4), 1, rng.normal(0, 0.4)), 0.7,
-                                  points=6)  # fmt: skip
+        way = (rng.normal(0, 0.4), 1, rng.normal(0, 0.4))
+        path = shapes.branch_path(rng, line[index], way, 0.7, points=6)
         body.append(shapes.tube(path, np.linspace(0.06, 0.03, 6), (0.4, 0.8), sides=8))
     return [Part(Mesh.joined(body), bark)]

@@ -8,7 +8,9 @@ from stimuli.scenes import plants, shapes, textures
 from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
 
 SOOTY = [(104, 66, 52), (124, 78, 58), (92, 62, 54), (136, 90, 68)]
-HALF_M, SPRING_M, LENGTH_M = 2.3, 1.7, 17.0
+HALF_M = 2.3
+SPRING_M = 1.7
+LENGTH_M = 17.0
 
 
 def build(rng: np.random.Generator) -> World:
@@ -32,10 +34,10 @@ def build(rng: np.random.Generator) -> World:
     parts += _props(rng, metal)
     parts += _clutter(rng, metal, wood)
     for x, z, height in ((-5.2, -24, 8.0), (5.6, -26, 9.0), (-1.8, -38, 11.0), (2.6, -44, 12.0),
-                         (-9, -40, 12.0), (10, -42, 12.0)):  # fmt: skip
+                         (-9.0, -40, 12.0), (10.0, -42, 12.0)):  # fmt: skip
         parts += plants.tree(rng, foliage, (x, _rise(x), z), height, cards=150)
-    for x, z, radius in ((-2.3, -18.6, 0.9), (2.7, -19.5, 1.0), (-3.4, -22, 1.2)):
-        parts += plants.bush(rng, foliage, (x, _rise(x), z), radius)
+    for side, z, radius in ((-2.3, -18.6, 0.9), (2.7, -19.5, 1.0), (-3.4, -22, 1.2)):
+        parts += plants.bush(rng, foliage, (side, _rise(side), z), radius)
     return World(
         tuple(parts),
         Viewpoint((-0.25, 1.55, 1.0), (0.1, 1.45, -6.0), 46.0),
@@ -48,10 +50,10 @@ def build(rng: np.random.Generator) -> World:
 
 
 def _rise(x: float) -> float:
-    return 0.09 * max(abs(x) - 2.0, 0.0) ** 1.5
+    return float(0.09 * max(abs(x) - 2.0, 0.0) ** 1.5)
 
 
-def _valley(x: np.ndarray, z: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _valley(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(0.09 * np.maximum(np.abs(x) - 2.0, 0) ** 1.5 + 0.05 * np.sin(0.5 * z) - 0.05)
 
 

@@ -1,0 +1,112 @@
+"""Faults of a finished clip over time: flicker inside holes, repeated frames, black frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.errors import StudyError
+from protocols.manifest import Clip, read_manifest
+from protocols.suggest import did_you_mean
+from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.clip import read_mask
+from stimuli.png import decode
+
+BLACK = 2 / 255  # mean above which a frame is not black
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found in one clip.
+
+    Attributes
+    ----------
+    flicker : float or None
+        Mean absolute change from frame to frame of what is a hole in both, in [0, 1]; None
+        where no hole stays for two frames.
+    flicker_ratio : float or None
+        `flicker` over that of the reference in the same holes; None without a reference.
+    repeated : list of int
+        Frames that equal the one before in every byte, although holes moved between them.
+    black : list of int
+        Frames that are black.
+    """
+
+    name: str
+    flicker: float | None
+    flicker_ratio: float | None
+    repeated: list[int]
+    black: list[int]
+
+
+def probe_batch(
+    out: Path,
+    names: Sequence[str] | None = None,
+    report: Callable[[int, int], None] | None = None,
+) -> list[Finding]:
+    """Probe the clips called `names`, or all.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no finished batch, or there is no such clip.
+    """
+    manifest = read_manifest(out)
+    clips = {str(clip.clip_name): clip for clip in manifest.clips}
+    for name in names or []:
+        if name not in clips:
+            raise StudyError(f"{out}: must hold a clip {name!r}{did_you_mean(name, list(clips))}")
+    wanted = [clips[name] for name in names or clips]
+    references = {
+        (clip.scene, clip.size): clip
+        for clip in manifest.clips
+        if clip.parameters.get("method") == "reference"
+    }
+    findings = []
+    for done, clip in enumerate(wanted, start=1):
+        truth = references.get((clip.scene, clip.size))
+        findings.append(_probe(out, clip, truth))
+        if report is not None:
+            report(done, len(wanted))
+    return findings
+
+
+def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
+    masks = out / HOLES_FOLDER / survey_name(clip.clip_name)
+    changes, true_changes, repeated, black = [], [], [], []
+    last: tuple[NDArray[np.float32], NDArray[np.bool_] | None] | None = None
+    last_true: NDArray[np.float32] | None = None
+    for index, sha in enumerate(clip.frames_sha256):
+        frame = _frame(out, clip, index)
+        mask = read_mask(masks, index)
+        usable = mask if mask.shape == frame.shape[:2] else None  # rescaled clips differ in size
+        if float(frame.mean()) < BLACK:
+            black.append(index)
+        if index > 0 and sha == clip.frames_sha256[index - 1]:
+            before = read_mask(masks, index - 1)
+            if (before != mask).any():
+                repeated.append(index)
+        true = None
+        if truth is not None and truth is not clip and usable is not None:
+            true = _frame(out, truth, index)
+        if last is not None and usable is not None and last[1] is not None:
+            both = usable & last[1]
+            if both.any():
+                changes.append(float(np.abs(frame[both] - last[0][both]).mean()))
+                if true is not None and last_true is not None:
+                    true_changes.append(float(np.abs(true[both] - last_true[both]).mean()))
+        last, last_true = (frame, usable), true
+    flicker = float(np.mean(changes)) if changes else None
+    ratio = None
+    if flicker is not None and true_changes and np.mean(true_changes) > 0:
+        ratio = flicker / float(np.mean(true_changes))
+    return Finding(str(clip.clip_name), flicker, ratio, repeated, black)
+
+
+def _frame(out: Path, clip: Clip, index: int) -> NDArray[np.float32]:
+    stored = decode(out / clip.frame_path(index))
+    return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)

@@ -1,0 +1,245 @@
+"""Scenes from glTF 2.0 (.glb, .gltf) and Wavefront (.obj) files, read by trimesh.
+
+Base colour, vertex colours, coverage (alphaMode MASK and BLEND) and transforms are taken.
+Surfaces are shown as their textures are: light is baked into what such scenes bring, and other
+material properties, lights, cameras, skins and animations are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.material import PBRMaterial
+
+from pipeline.errors import InputError
+from stimuli.world import Material, Mesh, Part, Viewpoint, World
+
+ENDINGS = (".glb", ".gltf", ".obj")
+MOST_TRIANGLES = 20_000_000
+LARGEST_TEXTURE_PX = 8192
+KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
+                    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
+_WHITE = np.full((1, 1, 4), 255, np.uint8)
+
+
+def load_world(path: Path, *, scale: float = 1.0) -> World:
+    """Read a scene; `scale` is metres per unit of the file.
+
+    The viewpoint is outside, towards the middle: a protocol's `view` replaces it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file, or one that it names, is missing.
+    InputError
+        If it is damaged, empty, too large, or needs an extension that is not supported.
+    """
+    files_of(path)
+    try:
+        scene = trimesh.load_scene(path, process=False)
+    except MemoryError:
+        raise InputError(f"{path}: is too large for this machine's memory") from None
+    except Exception as error:  # trimesh raises whatever its parsers meet
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(
+            f"{path}: must be a whole {path.suffix} file (its reader says: {reason});"
+            " export it again"
+        ) from error
+    parts, triangles = [], 0
+    materials: dict[int, Material] = {}
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
+            continue
+        triangles += len(geometry.faces)
+        if triangles > MOST_TRIANGLES:
+            raise InputError(
+                f"{path}: must have at most {MOST_TRIANGLES} triangles (has more);"
+                " simplify it, or cut away what the camera does not see"
+            )
+        matrix = np.asarray(transform, np.float64).copy()
+        matrix[:3] *= scale
+        if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+            continue  # scaled to nothing: it cannot be seen
+        parts.append(_part(path, geometry, matrix, materials))
+    if not parts:
+        raise InputError(f"{path}: must hold at least one triangle (it holds none)")
+    return World(tuple(parts), _outside(parts))
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return `path` and every file that it names: buffers, images, material libraries.
+
+    Raises
+    ------
+    FileNotFoundError
+        If one is missing.
+    InputError
+        If the file's own text cannot be read, or its kind is unknown.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    found = [path]
+    if path.suffix.lower() == ".obj":
+        for library in _words_after(path, "mtllib"):
+            found.append(path.parent / library)
+            _require(path, found[-1], "material library")
+            for image in _images_of(found[-1]):
+                found.append(path.parent / image)
+                _require(found[-2], found[-1], "texture")
+        return found
+    document = _document(path)
+    needed = set(document.get("extensionsRequired", [])) - KNOWN_EXTENSIONS
+    if needed:
+        raise InputError(
+            f"{path}: needs glTF extensions that are not supported ({', '.join(sorted(needed))});"
+            " export it without compression and without them"
+        )
+    for kind in ("buffers", "images"):
+        for entry in document.get(kind, []):
+            uri = entry.get("uri")
+            if isinstance(uri, str) and not uri.startswith("data:"):
+                found.append(path.parent / uri.replace("%20", " "))
+                _require(path, found[-1], "texture" if kind == "images" else "buffer")
+    return found
+
+
+def _part(
+    path: Path,
+    geometry: trimesh.Trimesh,
+    matrix: NDArray[np.float64],
+    materials: dict[int, Material],
+) -> Part:
+    position = np.asarray(geometry.vertices, np.float64)
+    if not np.isfinite(position).all():
+        raise InputError(f"{path}: positions must be finite (some of {len(position)} are not)")
+    count = len(position)
+    visual: Any = geometry.visual
+    uv = getattr(visual, "uv", None)
+    source = getattr(visual, "material", None)
+    if uv is None or len(uv) != count or not np.isfinite(uv).all():
+        uv = np.zeros((count, 2))
+    colour = _vertex_colours(visual, count)
+    if source is not None:
+        colour = colour * _factor(source)
+    key = id(source)
+    if key not in materials:
+        materials[key] = _material(source)
+    mesh = Mesh(
+        position.astype(np.float32),
+        np.asarray(geometry.vertex_normals, np.float32),
+        np.asarray(uv, np.float32),
+        colour.astype(np.float32),
+        np.asarray(geometry.faces, np.uint32),
+    )
+    return Part(mesh.transformed(matrix), materials[key])
+
+
+def _vertex_colours(visual: Any, count: int) -> NDArray[np.float64]:
+    """COLOR_0 is linear; other files' vertex colours are encoded."""
+    attributes = getattr(visual, "vertex_attributes", None) or {}
+    stored = attributes.get("color")
+    if stored is None and getattr(visual, "kind", None) == "vertex":
+        stored = visual.vertex_colors
+    if stored is None or len(stored) != count:
+        return np.ones((count, 3))
+    values = np.asarray(stored)
+    scale = np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0
+    return np.asarray(values[:, :3] / scale, np.float64).clip(0, 1)
+
+
+def _factor(source: Any) -> NDArray[np.float64]:
+    factor = getattr(source, "baseColorFactor", None)
+    if factor is None:
+        # An .obj's diffuse colour: a texture replaces it, as in most viewers.
+        factor = getattr(source, "diffuse", None) if _image(source) is None else None
+    if factor is None:
+        return np.ones(3)
+    values = np.asarray(factor, np.float64)[:3]
+    return values / 255.0 if np.asarray(factor).dtype.kind in "ui" else values
+
+
+def _image(source: Any) -> Image.Image | None:
+    name = "baseColorTexture" if isinstance(source, PBRMaterial) else "image"
+    picture = getattr(source, name, None)
+    return picture if isinstance(picture, Image.Image) else None
+
+
+def _material(source: Any) -> Material:
+    picture = None if source is None else _image(source)
+    if picture is None:
+        return Material(_WHITE, lit=False)
+    mode = getattr(source, "alphaMode", None)
+    largest = max(picture.size)
+    if largest > LARGEST_TEXTURE_PX:
+        share = LARGEST_TEXTURE_PX / largest
+        width, height = (max(1, round(share * edge)) for edge in picture.size)
+        picture = picture.resize((width, height))
+    pixels = np.asarray(picture.convert("RGBA"), np.uint8)
+    cutout = mode in ("MASK", "BLEND") or (mode is None and bool((pixels[..., 3] < 128).any()))
+    if cutout:
+        from stimuli.scenes.textures import finish
+
+        cutoff = getattr(source, "alphaCutoff", None) or 0.5
+        coverage = np.clip(pixels[..., 3] / 255 * 0.5 / float(cutoff), 0, 1)
+        pixels = finish(pixels[..., :3].astype(np.float64), coverage)
+    else:
+        pixels = np.concatenate([pixels[..., :3], np.full_like(pixels[..., :1], 255)], axis=-1)
+    # trimesh counts v upwards from the picture's last row.
+    return Material(np.ascontiguousarray(pixels[::-1]), cutout=cutout, lit=False)
+
+
+def _outside(parts: list[Part]) -> Viewpoint:
+    low = np.min([part.mesh.position_m.min(axis=0) for part in parts], axis=0).astype(float)
+    high = np.max([part.mesh.position_m.max(axis=0) for part in parts], axis=0).astype(float)
+    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    place = centre + radius * np.array([0.9, 0.7, 1.6])
+    return Viewpoint(
+        (float(place[0]), float(place[1]), float(place[2])),
+        (float(centre[0]), float(centre[1]), float(centre[2])),
+    )
+
+
+def _document(path: Path) -> dict[str, Any]:
+    data = path.read_bytes()
+    try:
+        if path.suffix.lower() == ".glb":
+            magic, version, _, length, kind = struct.unpack_from("<4sIII4s", data)
+            if magic != b"glTF" or version != 2 or kind != b"JSON":
+                raise ValueError("it is not a binary glTF 2.0 file")
+            data = data[20 : 20 + length]
+        document = json.loads(data)
+        if not isinstance(document, dict) or "asset" not in document:
+            raise ValueError("it has no asset entry")
+    except (ValueError, struct.error) as error:
+        raise InputError(
+            f"{path}: must be a whole glTF 2.0 file ({error}); export it again"
+        ) from error
+    return document
+
+
+def _words_after(path: Path, key: str) -> list[str]:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return [line[len(key) :].strip() for line in file if line.startswith(key + " ")]
+
+
+def _images_of(library: Path) -> list[str]:
+    return [words.split()[-1] for words in _words_after(library, "map_Kd") if words]
+
+
+def _require(named_in: Path, path: Path, what: str) -> None:
+    if not path.is_file():
+        raise InputError(
+            f"{named_in}: names a {what} that is missing ({path}); put it there, or export the"
+            " scene as one .glb file"
+        )

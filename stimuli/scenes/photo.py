@@ -1,0 +1,238 @@
+"""Photographs with depth: stereo pairs, and a picture with a depth image.
+
+A photograph is brought to the clip's size once: enlarged or shrunk until it covers the shown
+part and its margin, colour by Lanczos and depth by the nearest pixel, so that no depth lies
+between a surface and what is behind it. A wider margin shows a smaller part of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+
+from pipeline.camera import UPRIGHT, Camera
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_same_size
+from protocols.stimuli_schema import RgbdScene, StereoPath, StereoScene
+from stimuli.exr import load_colour, load_plane
+from stimuli.paths import STILL, Pose
+from stimuli.scenes.stereo import BUILT_IN, StereoPair, built_in_pair, fill_unknown, load_pair
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How a photograph lies in the picture: `scale` pixels per pixel, left top corner in it."""
+
+    scale: float
+    left: float
+    top: float
+
+
+class PhotoScenery:
+    """One photograph with depth, and, of a stereo pair, the other photograph as the truth.
+
+    Parameters
+    ----------
+    frame : SourceFrame
+    focal_px : float
+        Of the photograph.
+    pair : StereoPair, optional
+    largest_extent_m : float
+        How far a path may reach.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        frame: SourceFrame,
+        focal_px: float,
+        *,
+        pair: StereoPair | None = None,
+        largest_extent_m: float = float("inf"),
+    ) -> None:
+        self._name, self._frame, self._focal_px, self._pair = name, frame, focal_px, pair
+        self._largest_extent_m = largest_extent_m
+
+    def source(
+        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
+    ) -> tuple[SourceFrame, Camera]:
+        """Cut the photograph to size."""
+        del extent_m
+        if pose is not STILL or frame >= 0:
+            raise InputError(
+                f"{self._name}: a single photograph has no further real frames; temporal"
+                " up-sampling needs a rendered scene or an OpenEXR sequence"
+            )
+        fit = self._fit(size_px, margin_px)
+        width, height = size_px[0] + 2 * margin_px, size_px[1] + 2 * margin_px
+        colour = _resized(self._frame.colour, fit, (width, height))
+        depth = _nearest(self._frame.depth_m, fit, (width, height))
+        focal = self._focal_px * fit.scale
+        camera = Camera(width, height, focal, focal, width / 2, height / 2, UPRIGHT)
+        return SourceFrame(colour, depth), camera
+
+    def truth(
+        self,
+        size_px: tuple[int, int],
+        pose: Pose,
+        extent_m: float,
+        warped: WarpedFrame,
+        margin_px: int,
+    ) -> NDArray[np.float32]:
+        """Show, inside the holes, what the other photograph saw there; all else is the warp's.
+
+        A hole's depth is the background's: it says where in the other photograph to look. At
+        the other camera itself that is the pixel's own place, whatever the depth.
+        """
+        pair = self._pair
+        if pair is None or pair.right is None:
+            raise InputError(
+                f"{self._name}: there is no true view of a photograph but on a stereo path; set"
+                " reference = false for this scene, or leave the reference out"
+            )
+        fit = self._fit(size_px, margin_px)
+        amount = extent_m * float(pose.offset[0]) / pair.baseline_m
+        y, x = np.nonzero(warped.hole)
+        parallax = pair.focal_px * pair.baseline_m / warped.depth_m[y, x].astype(np.float64)
+        shown_x = (x + 0.5 + margin_px) / fit.scale + fit.left
+        shown_y = (y + 0.5 + margin_px) / fit.scale + fit.top
+        right_x = shown_x + (amount - 1) * parallax + pair.offset_px
+        place = [shown_y - 0.5, right_x - 0.5]
+        result = warped.colour.copy()
+        for channel in range(3):
+            result[y, x, channel] = ndimage.map_coordinates(
+                pair.right[..., channel], place, order=1, mode="nearest"
+            )
+        return result.clip(0, 1)
+
+    def motion(
+        self,
+        size_px: tuple[int, int],
+        margin_px: int,
+        source: int,
+        frame: int,
+    ) -> None:
+        """Leave the motion to the cameras."""
+
+    @property
+    def typical_depth_m(self) -> float:
+        """The depth that a twentieth of the photograph is nearer than."""
+        depth = self._frame.depth_m
+        return float(np.percentile(depth[np.isfinite(depth)], 5))
+
+    @property
+    def largest_extent_m(self) -> float:
+        """As far as the other camera, in baselines of the path."""
+        return self._largest_extent_m
+
+    def release(self) -> None:
+        """Hold nothing on the GPU."""
+
+    def _fit(self, size_px: tuple[int, int], margin_px: int) -> _Fit:
+        height, width = self._frame.size
+        wanted = (size_px[0] + 2 * margin_px, size_px[1] + 2 * margin_px)
+        scale = max(wanted[0] / width, wanted[1] / height)
+        return _Fit(scale, (width - wanted[0] / scale) / 2, (height - wanted[1] / scale) / 2)
+
+
+def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
+    """Open a pair; ``left = "motorcycle"`` means the one that comes with scikit-image."""
+    if is_built_in(scene, folder):
+        pair = replace(
+            built_in_pair(scene.left), focal_px=scene.focal_px, baseline_m=scene.baseline_m,
+            offset_px=scene.offset_px,
+        )  # fmt: skip
+    else:
+        pair = load_pair(
+            folder / scene.left, folder / scene.disparity, folder / scene.right,
+            focal_px=scene.focal_px, baseline_m=scene.baseline_m, offset_px=scene.offset_px,
+        )  # fmt: skip
+    largest = float("inf")
+    if isinstance(scene.camera, StereoPath):
+        largest = scene.camera.baselines * scene.baseline_m
+    else:
+        pair = replace(pair, right=None)
+    frame = SourceFrame(pair.left, pair.depth_m)
+    return PhotoScenery(scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest)
+
+
+def is_built_in(scene: StereoScene, folder: Path) -> bool:
+    """Whether the pair comes with a package and not from files."""
+    return scene.left in BUILT_IN and not (folder / scene.left).exists()
+
+
+def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
+    """Open a picture and its depth; 0 in a depth image of integers is unknown.
+
+    Unknown depth becomes that of the farther neighbour in the row.
+
+    Raises
+    ------
+    InputError
+        If sizes differ, or a depth is NaN or not positive.
+    """
+    if isinstance(scene.camera, StereoPath):
+        raise InputError(f"{scene.name}: the stereo path needs a stereo pair (this is one picture)")
+    colour = load_colour(folder / scene.rgb)
+    stored, integers = load_plane(folder / scene.depth)
+    check_same_size(**{scene.rgb: colour, scene.depth: stored})
+    depth = stored * np.float32(scene.depth_scale)
+    if integers:
+        with np.errstate(divide="ignore"):
+            inverse = np.where(depth > 0, 1 / depth, np.nan).astype(np.float32)
+        depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
+    check_depth(depth, f"{folder / scene.depth}: depth")
+    return PhotoScenery(scene.name, SourceFrame(colour, depth), scene.focal_px)
+
+
+def fitted(
+    frame: SourceFrame, size_px: tuple[int, int], margin_px: int
+) -> tuple[SourceFrame, float]:
+    """Cut a picture to `size_px` and its margin; return it and its scale."""
+    scenery = PhotoScenery("picture", frame, 1.0)
+    cut, camera = scenery.source(size_px, margin_px, STILL, 0.0, -1)
+    return cut, camera.fx_px
+
+
+def nearest_plane(
+    plane: NDArray[np.float32], size_px: tuple[int, int], margin_px: int
+) -> NDArray[np.float32]:
+    """Cut any plane as `fitted` cuts depth."""
+    height, width = plane.shape
+    wanted = (size_px[0] + 2 * margin_px, size_px[1] + 2 * margin_px)
+    scale = max(wanted[0] / width, wanted[1] / height)
+    fit = _Fit(scale, (width - wanted[0] / scale) / 2, (height - wanted[1] / scale) / 2)
+    return _nearest(plane, fit, wanted)
+
+
+def _resized(
+    colour: NDArray[np.float32], fit: _Fit, size_px: tuple[int, int]
+) -> NDArray[np.float32]:
+    box = (
+        fit.left, fit.top, fit.left + size_px[0] / fit.scale, fit.top + size_px[1] / fit.scale
+    )  # fmt: skip
+    height, width = colour.shape[:2]
+    box = (max(box[0], 0), max(box[1], 0), min(box[2], width), min(box[3], height))
+    planes = [
+        np.asarray(
+            Image.fromarray(np.ascontiguousarray(colour[..., c])).resize(
+                size_px, Image.Resampling.LANCZOS, box=box
+            )
+        )
+        for c in range(3)
+    ]
+    return np.stack(planes, axis=-1).clip(0, 1).astype(np.float32)
+
+
+def _nearest(
+    plane: NDArray[np.float32], fit: _Fit, size_px: tuple[int, int]
+) -> NDArray[np.float32]:
+    height, width = plane.shape
+    x = np.floor((np.arange(size_px[0]) + 0.5) / fit.scale + fit.left).astype(int)
+    y = np.floor((np.arange(size_px[1]) + 0.5) / fit.scale + fit.top).astype(int)
+    return np.ascontiguousarray(plane[y.clip(0, height - 1)][:, x.clip(0, width - 1)])
