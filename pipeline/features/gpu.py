@@ -26,7 +26,8 @@ def band_constants() -> dict[str, float]:
 class LowBandPass:
     """Halve a filled frame `levels` - 1 times, near holes only.
 
-    Alpha of a level is 1 where no tap, at any level, was a hole.
+    Alpha of a level is 1 where no tap, at any level, was a hole; and, with
+    `skip_depth_edges`, where no low band mixed two depths.
     """
 
     def __init__(
@@ -35,17 +36,27 @@ class LowBandPass:
         sizes: list[tuple[int, int]],
         lists: WorkLists,
         levels: int,
+        *,
+        skip_depth_edges: bool = False,
+        depth_threshold: float = 0.04,
     ) -> None:
         low = fitted_kernels().low
         self._lists = lists
-        self._shader = compile_compute(
-            ctx,
-            "features/lowpass.comp.glsl",
-            TILE=CELL,
-            LOW_INNER=float(low[1, 1]),
-            LOW_MIXED=float(low[0, 1]),
-            LOW_OUTER=float(low[0, 0]),
+        self._skip_depth_edges = skip_depth_edges
+        self._first, self._shader = (
+            compile_compute(
+                ctx,
+                "features/lowpass.comp.glsl",
+                TILE=CELL,
+                LOW_INNER=float(low[1, 1]),
+                LOW_MIXED=float(low[0, 1]),
+                LOW_OUTER=float(low[0, 0]),
+                DEPTH_EDGES=depth_edges,
+            )
+            for depth_edges in (skip_depth_edges, False)
         )
+        if skip_depth_edges:
+            self._first["depth_threshold"] = depth_threshold
         self._coarser = [create_texture(ctx, sizes[k], "rgba32f") for k in range(1, levels)]
 
     @property
@@ -58,17 +69,24 @@ class LowBandPass:
         """Memory of the levels, bytes."""
         return sum(texture_bytes(level) for level in self._coarser)
 
-    def __call__(self, image: moderngl.Texture) -> list[moderngl.Texture]:
+    def __call__(
+        self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
+    ) -> list[moderngl.Texture]:
         """Return the levels, `image` (rgba32f) first."""
         levels = [image, *self._coarser]
+        if self._skip_depth_edges:
+            depth_m.bind_to_image(2, read=True, write=False)
+            self._first["z_near_m"] = z_near_m
         for k, (fine, coarse) in enumerate(zip(levels, self._coarser, strict=False), start=1):
             fine.bind_to_image(0, read=True, write=False)
             coarse.bind_to_image(1, read=False, write=True)
-            self._lists.run(self._shader, ("source", k + 1))  # 2x2 results each
+            shader = self._first if k == 1 else self._shader
+            self._lists.run(shader, ("source", k + 1))  # 2x2 results each
         return levels
 
     def release(self) -> None:
         """Free textures and shader."""
         for texture in self._coarser:
             texture.release()
+        self._first.release()
         self._shader.release()

@@ -1,16 +1,42 @@
 #version 430
 // Low-pass and halve; a call makes 2x2 results from 6x6 pixels. a: 1 where no tap, at any
-// level, was a hole.
-// Twin: halve() and spoiled_levels() in reference.py. Change both or neither.
+// level, was a hole or mixed two depths.
+// Twin: halve(), range_below() and spoiled_levels() in reference.py. Change both or neither.
 
 #constant LOW_INNER   // taps of the 4x4 kernel, all positive: both offsets inner,
 #constant LOW_MIXED   // one outer,
 #constant LOW_OUTER   // both outer
+#constant DEPTH_EDGES // 1: the first halving, and results across a jump of depth are not clean
 
 #include "tiles.glsl"
 
 layout(rgba32f, binding = 0) uniform readonly image2D fine;
 layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
+
+#if DEPTH_EDGES
+layout(r32f, binding = 2) uniform readonly image2D depth_m;
+uniform float z_near_m;
+uniform float depth_threshold;
+
+float guide_at(int x, int y) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, ivec2(x, y)).r); }
+
+// Smallest and largest guide of a row's four left (xy) and four right taps (zw).
+vec4 extents(int y, int x, ivec2 last) {
+    y = clamp(y, 0, last.y);
+    float a = guide_at(max(x - 1, 0), y), b = guide_at(x, y);
+    float c = guide_at(min(x + 1, last.x), y), d = guide_at(min(x + 2, last.x), y);
+    float e = guide_at(min(x + 3, last.x), y), f = guide_at(min(x + 4, last.x), y);
+    float low = min(c, d), high = max(c, d);
+    return vec4(min(min(a, b), low), max(max(a, b), high), min(min(e, f), low), max(max(e, f), high));
+}
+
+// Whether the left and the right result mix depths, given their four rows.
+bvec2 mixes(vec4 a, vec4 b, vec4 c, vec4 d) {
+    vec2 least = min(min(a.xz, b.xz), min(c.xz, d.xz));
+    vec2 most = max(max(a.yw, b.yw), max(c.yw, d.yw));
+    return greaterThan(most - least, vec2(depth_threshold));
+}
+#endif
 
 // One row of pixels, weighed as an inner and as an outer row of the kernel.
 struct Row {
@@ -30,9 +56,10 @@ Row weigh(int y, int x, ivec2 last, vec4 origin) {
                LOW_MIXED * (c + f) + LOW_INNER * (d + e), LOW_OUTER * (c + f) + LOW_MIXED * (d + e));
 }
 
-void store(ivec2 place, vec4 sum, vec4 origin) {
+void store(ivec2 place, vec4 sum, vec4 origin, bool mixed) {
     if (all(lessThan(place, imageSize(coarse)))) {
-        imageStore(coarse, place, vec4(origin.rgb + sum.rgb, sum.a == 0.0 ? 1.0 : 0.0));
+        float clean = sum.a == 0.0 && !mixed ? 1.0 : 0.0;
+        imageStore(coarse, place, vec4(origin.rgb + sum.rgb, clean));
     }
 }
 
@@ -44,11 +71,18 @@ void work(ivec2 block) {
     Row r0 = weigh(y - 1, x, last, origin), r1 = weigh(y, x, last, origin);
     Row r2 = weigh(y + 1, x, last, origin), r3 = weigh(y + 2, x, last, origin);
     Row r4 = weigh(y + 3, x, last, origin), r5 = weigh(y + 4, x, last, origin);
+    bvec2 above = bvec2(false), below = bvec2(false);
+#if DEPTH_EDGES
+    vec4 e2 = extents(y + 1, x, last), e3 = extents(y + 2, x, last);
+    above = mixes(extents(y - 1, x, last), extents(y, x, last), e2, e3);
+    below = mixes(e2, e3, extents(y + 3, x, last), extents(y + 4, x, last));
+#endif
     ivec2 place = 2 * block;
-    store(place, r0.outer_left + r1.inner_left + r2.inner_left + r3.outer_left, origin);
+    store(place, r0.outer_left + r1.inner_left + r2.inner_left + r3.outer_left, origin, above.x);
     store(place + ivec2(1, 0), r0.outer_right + r1.inner_right + r2.inner_right + r3.outer_right,
-          origin);
+          origin, above.y);
     store(place + ivec2(0, 1), r2.outer_left + r3.inner_left + r4.inner_left + r5.outer_left,
-          origin);
-    store(place + 1, r2.outer_right + r3.inner_right + r4.inner_right + r5.outer_right, origin);
+          origin, below.x);
+    store(place + 1, r2.outer_right + r3.inner_right + r4.inner_right + r5.outer_right, origin,
+          below.y);
 }

@@ -145,8 +145,15 @@ def _children(length: int) -> NDArray[np.intp]:
     return np.asarray(np.clip(first[:, None] + np.arange(4), 0, length - 1))
 
 
-def spoiled_levels(hole: NDArray[np.bool_], levels: int) -> list[NDArray[np.bool_]]:
+def spoiled_levels(
+    hole: NDArray[np.bool_], levels: int, mixed: NDArray[np.bool_] | None = None
+) -> list[NDArray[np.bool_]]:
     """Tell, level by level, which coefficients can depend on a hole pixel.
+
+    Parameters
+    ----------
+    mixed : ndarray of bool, shape (H_1, W_1), optional
+        Pixels of the first low band that are of no use either; they spread as holes do.
 
     Returns
     -------
@@ -163,7 +170,16 @@ def spoiled_levels(hole: NDArray[np.bool_], levels: int) -> list[NDArray[np.bool
         rows, columns = _children(low.shape[0]), _children(low.shape[1])
         low = np.logical_or.reduce(low[rows], axis=1)
         low = np.logical_or.reduce(low[:, columns], axis=2)
+        if mixed is not None and len(spoiled) == 1:
+            low = low | mixed
     return spoiled
+
+
+def range_below(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest less smallest value among the 4x4 taps that `halve` averages."""
+    rows, columns = _children(array.shape[0]), _children(array.shape[1])
+    taps = array[rows][:, :, columns]
+    return np.asarray(taps.max(axis=(1, 3)) - taps.min(axis=(1, 3)))
 
 
 def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:

@@ -51,7 +51,14 @@ class MetamericPass:
             depth_threshold=settings.depth_threshold,
         )
         lists, resolutions = self.base.lists, self.base.resolutions
-        self.low_bands = LowBandPass(ctx, resolutions.sizes, lists, levels)
+        self.low_bands = LowBandPass(
+            ctx,
+            resolutions.sizes,
+            lists,
+            levels,
+            skip_depth_edges=settings.skip_depth_edges,
+            depth_threshold=settings.depth_threshold,
+        )
         self.moments = ChainPass(
             ctx,
             resolutions,
@@ -188,7 +195,7 @@ class MetamericPass:
             )
         self.set_seed(seed)
         self.base(image, depth_m, z_near_m)
-        levels = self.low_bands(image)
+        levels = self.low_bands(image, depth_m, z_near_m)
         for k, level in enumerate(levels):
             self._measure(k, level, depth_m, z_near_m)
         self.moments()

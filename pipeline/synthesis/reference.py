@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.features.reference import analyse, range_below, spoiled_levels
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
     Level,
@@ -117,7 +117,9 @@ def inpainted_amplitudes(
     """Measure the bands around the holes and say how much noise each hole pixel lacks."""
     cross = settings.channels == "correlated"
     pyramid = analyse(ycbcr_from_rgb(base), settings.levels)
-    spoiled = spoiled_levels(hole, settings.levels)
+    # A low band across a depth edge mixes both sides, and its own guide no longer tells.
+    mixed = range_below(guides[0]) > settings.depth_threshold
+    spoiled = spoiled_levels(hole, settings.levels, mixed if settings.skip_depth_edges else None)
     statistics, amplitudes = [], []
     for level in range(settings.levels):
         near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]

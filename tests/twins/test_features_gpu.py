@@ -29,7 +29,7 @@ def low_bands(gl_context):
         texture = texture_from(gl_context, image, "rgba32f")
         depth_m = texture_from(gl_context, np.ones(image.shape[:2], np.float32), "r32f")
         base(texture, depth_m, 1.0)
-        found = [read_back(level) for level in lows(texture)]
+        found = [read_back(level) for level in lows(texture, depth_m, 1.0)]
         for thing in (base, lows, texture, depth_m):
             thing.release()
         return found
