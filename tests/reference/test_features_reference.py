@@ -19,6 +19,7 @@ from pipeline.features.reference import (
     grow,
     halve,
     parents,
+    range_below,
     spoiled_levels,
     synthesise,
 )
@@ -319,6 +320,26 @@ def test_one_dilation_by_the_kernel_would_not_be_enough():
 
     assert [int(mask.sum()) for mask in spoiled] == [9, 16, 16, 16]
     assert not np.array_equal(spoiled[1], grow(hole.reshape(32, 2, 32, 2).any((1, 3)), 1))
+
+
+def test_the_range_of_taps_sees_every_jump_that_a_low_band_mixes():
+    """By hand: taps of result i are 2i - 1 to 2i + 2, so a step at 4 shows in 1 and 2."""
+    guide = np.zeros((8, 8))
+    guide[:, 4:] = 0.3
+
+    np.testing.assert_array_equal(range_below(guide), [[0, 0.3, 0.3, 0]] * 4)
+
+
+def test_what_mixes_depths_spreads_as_a_hole_does():
+    nothing = np.zeros((32, 32), bool)
+    mixed = np.zeros((16, 16), bool)
+    mixed[7, 7] = True
+
+    spoiled = spoiled_levels(nothing, 3, mixed)
+
+    assert not spoiled[0].any()
+    for found, expected in zip(spoiled[1:], spoiled_levels(mixed, 2), strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_no_hole_spoils_nothing_and_a_full_one_everything():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.features.gpu import LowBandPass, band_constants
-from pipeline.features.reference import fitted_kernels, halve
+from pipeline.features.reference import fitted_kernels, halve, range_below
 from pipeline.gl.texture import read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.inpaint.reference import near_a_hole
+from pipeline.inpaint.reference import guide_from_depth, near_a_hole
 from pipeline.inpaint.region import STATISTICS_RINGS
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
@@ -22,12 +22,16 @@ SIZES = [(1, 1), (1, 2), (1, 90), (45, 1), (2, 3), (7, 5), (64, 48), (61, 83), (
 def low_bands(gl_context):
     """Give a function that fills a frame and returns it with its low bands, finest first."""
 
-    def run(image, levels):
+    def run(image, levels, depth=None):
         size = (image.shape[1], image.shape[0])
         base = GuidedBasePass(gl_context, size, levels=levels)
-        lows = LowBandPass(gl_context, base.resolutions.sizes, base.lists, levels)
+        skip = depth is not None
+        depth = np.ones(image.shape[:2], np.float32) if depth is None else depth
+        lows = LowBandPass(
+            gl_context, base.resolutions.sizes, base.lists, levels, skip_depth_edges=skip
+        )
         texture = texture_from(gl_context, image, "rgba32f")
-        depth_m = texture_from(gl_context, np.ones(image.shape[:2], np.float32), "r32f")
+        depth_m = texture_from(gl_context, depth, "r32f")
         base(texture, depth_m, 1.0)
         found = [read_back(level) for level in lows(texture, depth_m, 1.0)]
         for thing in (base, lows, texture, depth_m):
@@ -64,6 +68,21 @@ def test_low_bands_on_gpu_match_reference(low_bands, rng, size, levels):
             err_msg=f"level {level}",
         )
         np.testing.assert_array_equal(found[level][near][:, 3], touched[near] == 0)
+
+
+@pytest.mark.parametrize("size", [(1, 40), (33, 1), (7, 5), (61, 83)])
+def test_low_bands_across_a_depth_edge_are_not_clean(low_bands, rng, size):
+    image = np.ones((*size, 4), np.float32)
+    image[size[0] // 2, size[1] // 2, 3] = 0
+    depth = np.where(rng.random(size) < 0.02, 2.0, 4.0).astype(np.float32)
+    guide = guide_from_depth(depth, 1.0)
+
+    found = low_bands(image, 2, depth)[1]
+
+    touched = halve((image[..., 3] == 0).astype(float)) > 0
+    near = near_a_hole(image[..., 3] == 0, 1, STATISTICS_RINGS, 2)[::2, ::2]
+    clean = ~touched & (range_below(guide) <= 0.04)
+    np.testing.assert_array_equal(found[..., 3][near], clean[near])
 
 
 def test_a_constant_stays_the_same_bits_in_every_low_band(low_bands):

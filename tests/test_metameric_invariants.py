@@ -1,0 +1,460 @@
+"""What a metameric fill must keep, whatever the scene: from the warped frame to the picture."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from pipeline.camera import Camera, flow_between, reprojection
+from pipeline.errors import InputError
+from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.frame import WarpedFrame
+from pipeline.methods.registry import create_method
+from pipeline.quality import evaluate
+from pipeline.synthesis.reference import metameric_fill
+from pipeline.synthesis.settings import MetamericSettings
+from pipeline.warp.reference import warp
+from stimuli.scenes.stereo import built_in_pair
+
+Z_NEAR_M = 1.0
+RED_BOUND = 1e-6  # of encoded colour; rounding alone
+
+
+def frame_of(colour, hole, depth_m=5.0, flow_px=(0.0, 0.0)):
+    """Make a warped frame; depth and motion may be single values."""
+    size = hole.shape
+    return WarpedFrame(
+        np.broadcast_to(colour, (*size, 3)).astype(np.float32),
+        np.broadcast_to(depth_m, size).astype(np.float32),
+        hole,
+        np.broadcast_to(flow_px, (*size, 2)).astype(np.float32),
+    )
+
+
+def disc(size, x, y, radius):
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.hypot(columns - x, rows - y) < radius
+
+
+def fill(frame, *, seed=1, matrix=None, **settings):
+    """Fill by the definition, in numpy."""
+    return metameric_fill(
+        frame,
+        MetamericSettings(**settings),
+        seed=seed,
+        z_near_m=Z_NEAR_M,
+        source_from_target=matrix,
+    )
+
+
+@pytest.fixture
+def method(gl_context):
+    """Give a function that makes a method by name, on the GPU where it needs one."""
+    made = []
+
+    def make(name, **parameters):
+        made.append(create_method(name, gl_context, parameters))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.release()
+
+
+@pytest.fixture
+def noisy_frame(rng):
+    """A frame of strong noise, up to black and white, with holes inside and at the border."""
+    size = (80, 96)
+    foreground = disc(size, 40, 40, 18)
+    hole = (disc(size, 55, 40, 18) & ~foreground) | disc(size, 96, 80, 20)
+    colour = np.where(foreground[..., None], (0.9, 0.1, 0.1), rng.integers(0, 2, (*size, 3)))
+    depth = np.where(foreground, 2.0, 5.0)
+    return frame_of(colour, hole, depth, (3.25, -1.5))
+
+
+# --- a constant, a red foreground, ranges ---------------------------------------------------
+
+
+@pytest.mark.parametrize("levels", [1, 4, 6])
+@pytest.mark.parametrize("channels", ["correlated", "independent"])
+def test_a_constant_image_stays_constant(levels, channels):
+    hole = disc((60, 70), 30, 30, 15) | disc((60, 70), 70, 60, 12)
+    frame = frame_of((0.1, 0.7, 0.3), hole)
+
+    filled = fill(frame, levels=levels, channels=channels).colour
+
+    np.testing.assert_allclose(filled, frame.colour, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
+def test_a_constant_image_stays_constant_on_the_gpu(method, name):
+    """But for rounding: 22 per resolution of the base, and what bands of it are added up."""
+    hole = disc((60, 70), 30, 30, 15)
+    frame = frame_of((0.1, 0.7, 0.3), hole)
+
+    filled = method(name).fill(frame, seed=1)
+
+    np.testing.assert_allclose(filled, frame.colour, rtol=0, atol=2 * 36 * 7 * 2.0**-24)
+
+
+def red_scene(disc_over_plane):
+    flow = np.where(disc_over_plane.depth_m[..., None] < 3, (24.0, 3.0), (0.0, 0.0))
+    return warp(disc_over_plane, flow.astype(np.float32))
+
+
+@pytest.mark.parametrize("channels", ["correlated", "independent"])
+def test_a_red_foreground_never_bleeds_into_a_grey_background(disc_over_plane, channels):
+    """Warped for real: red less green is 0.7 on the disc and 0 in every hole.
+
+    The background is grey to the last bit, so that only rounding of colours remains.
+    """
+    frame = red_scene(disc_over_plane)
+    assert frame.hole.sum() > 500
+
+    found = fill(frame, channels=channels)
+    base, filled = found.base[frame.hole], found.colour[frame.hole]
+
+    assert np.abs(base - base[:, :1]).max() < 1e-6
+    assert np.abs(filled - filled[:, :1]).max() < RED_BOUND
+    assert filled[:, 1].std() > 0.1  # and it is no flat grey
+
+
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
+def test_a_red_foreground_never_bleeds_on_the_gpu(method, disc_over_plane, name):
+    """A quarter of an 8-bit step: chroma's slope of rounding errors is all that there is."""
+    frame = red_scene(disc_over_plane)
+
+    filled = method(name).fill(frame, seed=1)[frame.hole]
+
+    assert np.abs(filled - filled[:, :1]).max() < 1e-3
+
+
+def test_without_leaving_out_depth_edges_the_silhouette_would_bleed(disc_over_plane):
+    """What the switch is for: coefficients across the edge carry the red into the noise."""
+    frame = red_scene(disc_over_plane)
+
+    filled = fill(frame, skip_depth_edges=False).colour[frame.hole]
+
+    assert np.abs(filled[:, 0] - filled[:, 1]).max() > 0.02
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("settings", [{}, {"noise": 8.0}, {"levels": 6, "channels": "independent"}])
+def test_a_fill_is_finite_in_range_and_keeps_what_is_known(noisy_frame, settings, seed):
+    filled = fill(noisy_frame, seed=seed, **settings).colour
+
+    assert np.isfinite(filled).all()
+    assert filled.min() >= 0
+    assert filled.max() <= 1
+    known = ~noisy_frame.hole
+    assert filled.astype(np.float32)[known].tobytes() == noisy_frame.colour[known].tobytes()
+
+
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth", "push-pull"])
+def test_a_method_keeps_known_pixels_bit_for_bit(method, noisy_frame, name):
+    known = ~noisy_frame.hole
+    noisy_frame.colour[0, 0] = (-0.0, 2.0**-100, 1.0)
+
+    filled = method(name).fill(noisy_frame, seed=5)
+
+    assert filled.dtype == np.float32
+    assert filled[known].tobytes() == noisy_frame.colour[known].tobytes()
+    assert np.isfinite(filled).all()
+    assert filled.min() >= 0
+    assert filled.max() <= 1
+
+
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
+def test_an_empty_mask_gives_the_frame_back_and_a_full_one_is_refused(method, noisy_frame, name):
+    empty, full = (
+        dataclasses.replace(noisy_frame, hole=np.full(noisy_frame.size, value))
+        for value in (False, True)
+    )
+    one = method(name)
+
+    assert one.fill(empty, seed=1).tobytes() == noisy_frame.colour.tobytes()
+    with pytest.raises(InputError, match="at least one known pixel"):
+        one.fill(full, seed=1)
+    with pytest.raises(InputError, match="at least one known pixel"):
+        fill(full)
+
+
+@pytest.mark.parametrize("texture", ["noise", "background"])
+def test_frame_k_alone_is_frame_k_of_a_sequence(method, rng, texture):
+    """Also after frames of other sizes: what a method keeps is only a cache."""
+    frames = [
+        frame_of(rng.random((*size, 3)), disc(size, 25 + 6 * k, 30, 12), 5.0, (2.5 * k, 0.0))
+        for k, size in enumerate([(64, 80), (64, 80), (50, 70), (64, 80)])
+    ]
+    one = method("metameric", texture=texture)
+
+    in_sequence = [one.fill(frame, seed=4) for frame in frames]
+
+    alone = method("metameric", texture=texture)
+    for k in (3, 0):
+        assert alone.fill(frames[k], seed=4).tobytes() == in_sequence[k].tobytes()
+
+
+def test_seeds_give_other_fills_and_the_same_seed_the_same():
+    frame = frame_of(np.random.default_rng(2).random((50, 60, 3)), disc((50, 60), 30, 25, 12))
+
+    one, same, other = (fill(frame, seed=seed).colour for seed in (1, 1, 2))
+
+    assert one.tobytes() == same.tobytes()
+    assert np.abs(one - other)[frame.hole].mean() > 0.05
+
+
+def test_a_single_known_pixel_fills_the_whole_frame():
+    hole = np.ones((20, 30), bool)
+    hole[7, 9] = False
+    frame = frame_of(np.random.default_rng(2).random((20, 30, 3)), hole)
+
+    np.testing.assert_allclose(
+        fill(frame).colour, np.broadcast_to(frame.colour[7, 9], (20, 30, 3)), atol=1e-12
+    )
+
+
+# --- statistics of a stationary texture -----------------------------------------------------
+
+SIZE = (192, 192)
+UNCOVERED = disc(SIZE, 84, 96, 40) & ~disc(SIZE, 140, 96, 40)
+
+
+def stationary(seed, slope):
+    """Make a grey texture of amplitude 1 / f^slope, deviation 0.12."""
+    frequency = np.hypot(np.fft.fftfreq(SIZE[0])[:, None], np.fft.fftfreq(SIZE[1]))
+    white = np.random.default_rng(seed).standard_normal(SIZE)
+    spectrum = np.fft.fft2(white) / np.maximum(frequency, 1 / 32) ** slope
+    texture = np.fft.ifft2(spectrum).real
+    return (0.5 + 0.12 * texture[..., None] / texture.std()).clip(0, 1).astype(np.float32)
+
+
+def whole_coefficients(levels):
+    """Tell which coefficients lie in the hole and never see the disc in front."""
+    clean = [~mask for mask in spoiled_levels(disc(SIZE, 140, 96, 40), levels)]
+    inside = [UNCOVERED]
+    for _ in range(1, levels):
+        inside.append(inside[-1].reshape(len(inside[-1]) // 2, 2, -1, 2).all(axis=(1, 3)))
+    return [a & b for a, b in zip(inside, clean, strict=True)]
+
+
+def band_ratios(method, slope, seeds, **settings):
+    """Fill behind a disc; per level and band: deviation ratio and mean's offset in deviations."""
+    levels = 4
+    places = whole_coefficients(levels)
+    front = disc(SIZE, 140, 96, 40)
+    one = method("metameric", z_near_m=Z_NEAR_M, **settings)
+    sums = np.zeros((2, 2, levels, 3))  # fill or truth; first or second moment
+    for seed in range(seeds):
+        texture = stationary(seed, slope)
+        colour = np.where(front[..., None], np.float32((0.8, 0.1, 0.1)), texture)
+        frame = frame_of(colour, UNCOVERED, np.where(front, 2.0, 5.0))
+        filled = one.fill(frame, seed=seed)
+        for which, image in enumerate((filled[..., 1:2], texture)):
+            for level, bands in enumerate(analyse(image.astype(np.float64), levels).bands):
+                values = bands[places[level]][..., 0]
+                sums[which, 0, level] += values.mean(axis=0) / seeds
+                sums[which, 1, level] += (values**2).mean(axis=0) / seeds
+    deviation = np.sqrt(sums[:, 1] - sums[:, 0] ** 2)
+    return deviation[0] / deviation[1], np.abs(sums[0, 0] - sums[1, 0]) / deviation[1]
+
+
+def test_the_hole_of_the_texture_tests_spans_four_coefficients_at_every_level():
+    for level in range(4):
+        rows = UNCOVERED[96 : 96 + 1].sum() / (1 << level)
+        assert rows >= 4
+        assert whole_coefficients(4)[level].sum() >= 4
+
+
+@pytest.mark.parametrize("base_gamma", [0.25, 1.0])
+def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, full, base_gamma):
+    """White noise: deviations within 10 %, means within 0.1 of a deviation.
+
+    Not so the coarsest level, where white noise has next to no energy of its own: streaks
+    of the base, from single pixels of the hole's rim, have more, and only noise can be
+    held back. A smoother base (gamma 1) has less of them.
+    """
+    ratio, offset = band_ratios(method, 0.0, 64 if full else 10, base_gamma=base_gamma)
+
+    assert np.abs(ratio[:3] - 1).max() < (0.1 if full else 0.13)  # few seeds spread more
+    assert np.abs(ratio[3] - 1).max() < 0.4
+    assert offset[:3].max() < 0.1
+
+
+@pytest.mark.full
+@pytest.mark.xfail(strict=True, reason="bands overlap: weighing them by deviation is not exact")
+def test_a_texture_of_natural_spectrum_keeps_its_band_statistics_in_the_hole(method):
+    """Amplitude 1 / f: coarse bands come out 15 to 40 % too weak, the finest too strong."""
+    ratio, _ = band_ratios(method, slope=1.0, seeds=64)
+
+    assert np.abs(ratio - 1).max() < 0.1
+
+
+# --- screen door ----------------------------------------------------------------------------
+
+HOLE = disc((96, 160), 70, 48, 26)
+
+
+def world(rng):
+    return ndimage.gaussian_filter(rng.standard_normal((96, 200)), 0.6) * 0.15 + 0.5
+
+
+def moved(rng_seed, shift_px, **settings):
+    """Show the background `shift_px` further right behind one and the same hole; its noise."""
+    texture = world(np.random.default_rng(rng_seed))
+    shown = ndimage.shift(texture, (0, shift_px), order=3, mode="grid-wrap")[:, :160]
+    frame = frame_of(shown[..., None].clip(0, 1), HOLE, 5.0, (shift_px, 0.0))
+    found = fill(frame, **settings)
+    return np.where(HOLE, (found.colour - found.base)[..., 1], np.nan)
+
+
+def correlation_along(before, after, shift_px):
+    """Correlate `before` with `after` taken back by whole pixels, inside both holes."""
+    back = np.roll(after, -shift_px, axis=1)
+    both = np.isfinite(before) & np.isfinite(back)
+    assert both.sum() > 500
+    return np.corrcoef(before[both], back[both])[0, 1]
+
+
+def test_noise_follows_the_background_s_motion():
+    before, after = moved(1, 0), moved(1, 9)
+
+    assert correlation_along(before, after, 9) >= 0.9
+    assert abs(correlation_along(before, after, 0)) < 0.3
+
+
+def test_noise_stays_on_the_screen_if_told_so():
+    """The screen-door effect itself, which the anchors are there to remove."""
+    before, after = (moved(1, shift, anchor="screen") for shift in (0, 9))
+
+    assert correlation_along(before, after, 0) >= 0.9
+    assert abs(correlation_along(before, after, 9)) < 0.3
+
+
+def test_noise_follows_a_camera_by_its_matrix():
+    """A plane at 5 m, a camera moved so that it shows 9 px further right."""
+    camera = Camera.with_field_of_view(160, 96, 60)
+    target = camera.moved(np.array([-9 * 5.0 / camera.fx_px, 0.0, 0.0]))
+    flow, depth = flow_between(camera, target, np.full((96, 160), 5, np.float32))
+    np.testing.assert_allclose(flow[..., 0], 9, atol=1e-4)
+    texture = world(np.random.default_rng(1))
+    still, later = (
+        frame_of(np.roll(texture, shift, axis=1)[:, :160, None].clip(0, 1), HOLE, depth)
+        for shift in (0, 9)
+    )
+    fills = [
+        fill(frame, anchor="camera", matrix=reprojection(camera, view))
+        for frame, view in ((still, camera), (later, target))
+    ]
+
+    before, after = (np.where(HOLE, (found.colour - found.base)[..., 1], np.nan) for found in fills)
+
+    assert correlation_along(before, after, 9) >= 0.9
+
+
+def test_the_camera_s_matrix_agrees_with_its_flow():
+    """Six degrees of freedom: where flow takes a pixel, the matrix brings it back."""
+    source = Camera.with_field_of_view(40, 30, 60)
+    target = source.moved(np.array([0.2, -0.1, 0.3]))
+    depth = np.random.default_rng(0).uniform(2, 9, (30, 40)).astype(np.float32)
+    flow, target_depth = flow_between(source, target, depth)
+    start = source.pixel_centres()
+    end = start + flow
+    point = np.concatenate(
+        [end, np.ones((30, 40, 1)), 1 / target_depth[..., None].astype(np.float64)], axis=-1
+    )
+
+    back = point @ reprojection(source, target).T
+
+    np.testing.assert_allclose(back[..., :2] / back[..., 2:3], start, atol=1e-4)
+
+
+@pytest.mark.parametrize(("blur_px", "most"), [(0.0, 1.05), (0.6, 1.13)])
+def test_variance_does_not_pulse_with_sub_pixel_motion(blur_px, most):
+    """To half a pixel both ways: the same colours, only the noise glides below them.
+
+    A texture with its finest band taken away pulses more: the gains suit all bands at once.
+    """
+    texture = np.random.default_rng(3).standard_normal((96, 160, 1))
+    texture = 0.5 + 0.1 * ndimage.gaussian_filter(texture, (blur_px, blur_px, 0))
+    variances = []
+    for part in (0.0, 0.2, 0.35, 0.5, 0.75, 1.0):
+        frame = frame_of(texture.clip(0, 1), HOLE, 5.0, (part, part))
+        found = fill(frame, seed=5)
+        variances.append(np.var((found.colour - found.base)[HOLE][:, 1]))
+
+    assert max(variances) / min(variances) < most
+
+
+# --- quality on a real pair -----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def splatted_motorcycle():
+    """The left photograph, moved pixel by pixel: FACTS' holes, interior, 8.8 % of the frame.
+
+    Returns the warped frame, the mask of interior holes, and the right photograph.
+    """
+    pair = built_in_pair("motorcycle")
+    height, width = pair.disparity_px.shape
+    disparity = farther_neighbour(pair.disparity_px, pair.known)
+    rows, columns = np.mgrid[:height, :width]
+    target = np.rint(columns - disparity).astype(int)
+    order = np.argsort(disparity, axis=None, kind="stable")  # the nearest is written last
+    inside = (target.ravel()[order] >= 0) & (target.ravel()[order] < width)
+    order = order[inside]
+    place = (rows.ravel()[order], target.ravel()[order])
+    hole = np.ones((height, width), bool)
+    hole[place] = False
+    colour = np.zeros((height, width, 3), np.float32)
+    colour[place] = pair.left.reshape(-1, 3)[order]
+    shown = np.full((height, width), np.nan)
+    shown[place] = disparity.ravel()[order]
+    # Inside holes the background's: of the two ends of each run, the farther one.
+    shown = farther_neighbour(shown, ~hole)
+    depth = (pair.focal_px * pair.baseline_m / (shown + pair.offset_px)).astype(np.float32)
+    flow = np.stack([-shown, np.zeros_like(shown)], axis=-1).astype(np.float32)
+    seen_left = np.maximum.accumulate(~hole, axis=1)
+    seen_right = np.maximum.accumulate(~hole[:, ::-1], axis=1)[:, ::-1]
+    return WarpedFrame(colour, depth, hole, flow), hole & seen_left & seen_right, pair.right
+
+
+def farther_neighbour(disparity, known):
+    """Set what is unknown to the smaller disparity of its nearest known neighbours in the row."""
+    columns = np.arange(disparity.shape[1])
+    left = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
+    right = np.minimum.accumulate(np.where(known, columns, len(columns))[:, ::-1], axis=1)[:, ::-1]
+    ends = [
+        np.where(
+            (place >= 0) & (place < len(columns)),
+            np.take_along_axis(disparity, place.clip(0, len(columns) - 1), axis=1),
+            np.inf,
+        )
+        for place in (left, right)
+    ]
+    return np.where(known, disparity, np.minimum(*ends))
+
+
+def test_depth_alone_fills_the_motorcycle_as_well_as_the_prototype(method, splatted_motorcycle):
+    frame, interior, truth = splatted_motorcycle
+    assert interior.mean() == pytest.approx(0.0882, abs=0.0001)
+
+    quality = evaluate(method("push-pull-depth").fill(frame, seed=0), truth, interior)
+
+    assert quality.psnr_db >= 17.1
+    assert quality.ssim >= 0.615  # the prototype, depth threshold 0.03, had 0.63
+
+
+def test_metameric_fills_the_motorcycle_with_the_right_detail(method, splatted_motorcycle, full):
+    """As much of it as the truth has, and closer in its statistics than any other method."""
+    frame, interior, truth = splatted_motorcycle
+    others = ["push-pull-depth", "background-extension"]  # the closest two
+    if full:
+        others += ["push-pull", "weighted-pull-push", "telea", "navier-stokes", "oiio-push-pull"]
+    found = evaluate(method("metameric").fill(frame, seed=0), truth, interior)
+
+    assert 0.9 <= found.high_frequency_ratio <= 1.1
+    for name in others:
+        rival = evaluate(method(name).fill(frame, seed=0), truth, interior)
+        assert found.band_error < rival.band_error, name
