@@ -41,7 +41,13 @@ from protocols.revision import code_revision, package_version
 RESULTS = Path(__file__).parent / "results"
 Z_NEAR_M = 2.0
 SEED = 1
-ON_GPU = ("metameric", "metameric 3 levels", "metameric 5 levels", "push-pull-depth")
+METAMERIC = {
+    "metameric": MetamericSettings(),
+    "metameric 3 levels": MetamericSettings(levels=3),
+    "metameric 5 levels": MetamericSettings(levels=5),
+    "metameric background": MetamericSettings(texture="background"),
+}
+ON_GPU = (*METAMERIC, "push-pull-depth")
 ON_GPU += ("push-pull", "weighted-pull-push", "warp", "copy")
 ON_CPU = ("telea", "navier-stokes", "oiio-push-pull", "background-extension")
 MASKS = {  # name: (share of the frame, hole width px at 1024, what)
@@ -149,9 +155,8 @@ class Bench:
         self, method: str
     ) -> tuple[Callable[[], None], int | None, int | None, Callable[[], None]]:
         """What to time, its passes, the memory it holds, and how to free it."""
-        if method.startswith("metameric"):
-            levels = int(method.split()[1]) if " " in method else MetamericSettings.levels
-            metameric = MetamericPass(self.ctx, self.size, MetamericSettings(levels=levels))
+        if method in METAMERIC:
+            metameric = MetamericPass(self.ctx, self.size, METAMERIC[method])
 
             def fill() -> None:
                 metameric(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M, seed=SEED)
