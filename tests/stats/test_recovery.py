@@ -38,7 +38,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
         load_display(protocol.display.display),
         seed=7,
         gaze=STEADY,
-        gaze_rate_hz=60.0,
+        gaze_rate_hz=50.0,
         model=ObserverModel(
             utilities=UTILITIES, participant_sd=PARTICIPANT_SD, scene_sd=SCENE_SD, lapse=LAPSE
         ),

@@ -248,32 +248,32 @@ def test_an_imported_table_is_reported_without_a_protocol(tmp_path, make_decisio
     assert "SIMULATED" not in html
 
 
-def test_hostile_names_in_a_table_are_shown_as_text(tmp_path, make_decisions):
-    """Markup, templates and TeX that cannot be parsed, as names of methods, people and scenes."""
+@pytest.fixture(scope="module")
+def odd_names(tmp_path_factory, make_decisions):
+    """Report of a table with markup, a template, broken TeX and letters without a font as names."""
     rows = make_decisions(people=3, scenes=2, sizes=("all",))
-    rows = rows.replace({"metameric": r"$\frac{$ <img src=x>", "push-pull": "{{ 7*7 }}"})
+    rows = rows.replace(
+        {"metameric": r"$\frac{$ <img src=x>", "push-pull": "{{ 7*7 }}", "reference": "\ue123 clip"}
+    )
     rows["participant"] = "<script>alert(1)</script>" + rows["participant"]
     rows["scene"] = "$x$ & " + rows["scene"]
-    rows.to_csv(tmp_path / "d.csv", index=False)
+    folder = tmp_path_factory.mktemp("odd-names")
+    rows.to_csv(folder / "d.csv", index=False)
+    return report_decisions(folder / "d.csv", folder / "r", figure_files=False)
 
-    made = report_decisions(tmp_path / "d.csv", tmp_path / "r", figure_files=False)
 
-    html = made.html.read_text()
+def test_hostile_names_in_a_table_are_shown_as_text(odd_names):
+    html = odd_names.html.read_text()
+
     assert "<script" not in html
     assert "<img src=x" not in html
     assert "$\\frac{$ &lt;img src=x&gt;" in html
     assert "{{ 7*7 }}" in html
 
 
-def test_letters_without_a_font_are_said_and_stop_nothing(tmp_path, make_decisions):
-    rows = make_decisions(people=3, scenes=2, sizes=("all",))
-    rows = rows.replace({"metameric": "\ue123 method"})  # private use: in no font
-    rows.to_csv(tmp_path / "d.csv", index=False)
-
-    made = report_decisions(tmp_path / "d.csv", tmp_path / "r", figure_files=False)
-
-    assert any("in no font of this machine" in note for note in made.warnings)
-    assert "in no font of this machine" in made.html.read_text()
+def test_letters_without_a_font_are_said_and_stop_nothing(odd_names):
+    assert any("in no font of this machine" in note for note in odd_names.warnings)
+    assert "in no font of this machine" in odd_names.html.read_text()
 
 
 def test_a_protocol_given_for_a_table_must_know_its_methods(
