@@ -154,27 +154,30 @@ class Renderer:
         """Free everything on the GPU."""
         for batch in self._batches:
             batch.release()
-        for held in self._targets.values():
-            for resource in held:
-                resource.release()
-        self._targets.clear()
+        self._release_targets()
         for resource in (self._panorama, self._shadow_map, self._sky_array):
             resource.release()
         for shader in (self._surface, self._depth, self._sky):
             shader.release()
 
+    def _release_targets(self) -> None:
+        # moderngl binds again what was bound before: that must not be gone by then.
+        self._ctx.detect_framebuffer(0).use()
+        for held in self._targets.values():
+            for resource in held:
+                resource.release()
+        self._targets.clear()
+
     def _target(self, size: tuple[int, int]) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
         if size not in self._targets:
             check_size(self._ctx, size)
-            for held in self._targets.values():  # one size at a time is all a clip needs
-                for resource in held:
-                    resource.release()
-            self._targets.clear()
+            self._release_targets()  # one size at a time is all a clip needs
             colour = self._ctx.texture(size, 4, dtype="f4")
             depth = self._ctx.depth_renderbuffer(size)
             framebuffer = self._ctx.framebuffer([colour], depth)
             self._targets[size] = (framebuffer, colour, depth)
         framebuffer, colour, _ = self._targets[size]
+        framebuffer.use()
         framebuffer.clear(depth=1.0)
         return colour, framebuffer
 
@@ -292,6 +295,7 @@ class Renderer:
             batch.texture.use(0)
             _set(self._depth, "cutout", batch.material.cutout)
             batch.depth.render(moderngl.TRIANGLES)
+        self._ctx.detect_framebuffer(0).use()
         framebuffer.release()
 
     def _bake_sky(self, meshes: list[Mesh]) -> None:

@@ -85,6 +85,14 @@ def _here() -> _Station:
     return _station[0]
 
 
+def close_bench() -> None:
+    """Free this process's bench, if it has one; the next job opens another."""
+    station = _here()
+    if station.bench is not None:
+        station.thread.submit(station.bench.release).result()
+        station.bench = None
+
+
 def start_worker(threads_per_worker: int, parent: int) -> None:
     """Prepare a local worker: it dies with its parent, and leaves Ctrl-C to it."""
     if sys.platform == "linux":

@@ -33,7 +33,7 @@ def build(rng: np.random.Generator) -> World:
     parts += _rails(metal, wood)
     parts += _props(rng, metal)
     parts += _clutter(rng, metal, wood)
-    for x, z, height in ((-5.2, -24, 8.0), (5.6, -26, 9.0), (-1.8, -38, 11.0), (2.6, -44, 12.0),
+    for x, z, height in ((-5.2, -24.0, 8.0), (5.6, -26, 9.0), (-1.8, -38, 11.0), (2.6, -44, 12.0),
                          (-9.0, -40, 12.0), (10.0, -42, 12.0)):  # fmt: skip
         parts += plants.tree(rng, foliage, (x, _rise(x), z), height, cards=150)
     for side, z, radius in ((-2.3, -18.6, 0.9), (2.7, -19.5, 1.0), (-3.4, -22, 1.2)):

@@ -1,0 +1,149 @@
+"""A study so small that it builds in seconds: a box before a wall, and the stereo pair."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from protocols.load import load_display, load_protocol, shipped
+from stimuli.orders import Orders
+from stimuli.worker import close_bench
+
+OBJ = """mtllib box.mtl
+v -16 -12 -12
+v 16 -12 -12
+v -16 12 -12
+v 16 12 -12
+v -0.4 -0.5 -2
+v 0.4 -0.5 -2
+v -0.4 0.5 -2
+v 0.4 0.5 -2
+vt 0 0
+vt 3 0
+vt 0 3
+vt 3 3
+usemtl wall
+f 1/1 2/2 4/4
+f 1/1 4/4 3/3
+usemtl box
+f 5/1 6/2 8/4
+f 5/1 8/4 7/3
+"""
+MTL = "newmtl wall\nmap_Kd wall.png\nnewmtl box\nKd 0.7 0.1 0.1\n"
+SCENES = """
+[[scenes]]
+name = "box"
+kind = "mesh"
+file = "box.obj"
+view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }
+camera = { kind = "circle" }
+
+[[scenes]]
+name = "motorcycle"
+kind = "stereo"
+left = "motorcycle"
+right = "motorcycle"
+disparity = "motorcycle"
+focal_px = 994.978
+baseline_m = 0.193001
+offset_px = 31.086
+camera = { kind = "stereo" }
+
+[[sizes]]
+name = "small"
+extent_m = 0.16
+
+[[methods]]
+name = "reference"
+
+[[methods]]
+name = "push-pull"
+
+[[methods]]
+name = "telea"
+"""
+
+
+class Inline(Executor):
+    """Does a job when it is handed in, in this process."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
+
+
+@pytest.fixture(scope="session")
+def inline_class():
+    """Give the class of executors without processes."""
+    return Inline
+
+
+@pytest.fixture
+def inline():
+    """Return an executor without processes."""
+    return Inline()
+
+
+@pytest.fixture(scope="session")
+def read_orders():
+    """Give the function that reads a protocol as orders."""
+    return orders_of
+
+
+@pytest.fixture(scope="session")
+def small_study(tmp_path_factory) -> Path:
+    """Write the study's protocol and its files; return the protocol."""
+    folder = tmp_path_factory.mktemp("study")
+    rng = np.random.default_rng(3)
+    noise = rng.integers(40, 220, (32, 32, 3), dtype=np.uint8)
+    Image.fromarray(np.repeat(np.repeat(noise, 4, 0), 4, 1)).save(folder / "wall.png")
+    (folder / "box.obj").write_text(OBJ)
+    (folder / "box.mtl").write_text(MTL)
+    path = folder / "small.toml"
+    path.write_text(study_text(shipped("studies")["demo"].read_text()))
+    return path
+
+
+def study_text(demo: str) -> str:
+    """Turn the demo study into the small one."""
+    head, rest = demo.split("[[scenes]]", 1)
+    clips = rest[rest.index("[clips]") :]
+    for old, new in (
+        ("width_deg = 8.0", "width_deg = 2.0"),
+        ("height_deg = 6.0", "height_deg = 1.5"),
+        ("fps = 30.0", "fps = 10.0"),
+        ("duration_s = 1.0", "duration_s = 0.4"),
+        ('scenes = ["garden"]', 'scenes = ["box"]'),
+        ('size = "large"', 'size = "small"'),
+        ('"metameric"', '"telea"'),
+    ):
+        assert old in clips, old
+        clips = clips.replace(old, new)
+    return head + SCENES.lstrip() + "\n" + clips
+
+
+@pytest.fixture
+def orders(small_study) -> Orders:
+    """Return the small study as orders."""
+    return orders_of(small_study)
+
+
+def orders_of(path: Path) -> Orders:
+    """Read a protocol as orders."""
+    protocol = load_protocol(path)
+    return Orders(protocol, load_display(protocol.display.display), path.parent)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def bench():
+    """Free the process's GL bench at the end."""
+    yield
+    close_bench()

@@ -1,0 +1,380 @@
+"""A whole batch: built, killed, resumed, checked, and refused where it must be."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stimuli.clip
+from pipeline.errors import InputError
+from protocols.errors import StudyError
+from protocols.manifest import check_manifest, read_manifest
+from stimuli.build import build
+from stimuli.check import check_batch
+from stimuli.png import decode, is_whole
+from stimuli.probe import probe_batch
+
+COMMAND = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
+
+
+def run(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=240, **options
+    )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Everything that is promised to repeat: frames, masks and the manifest."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".png", ".json")
+    }
+
+
+@pytest.fixture(scope="module")
+def batch(small_study, tmp_path_factory, inline_class, read_orders):
+    """Build the small study once; tests that change anything copy it."""
+    out = tmp_path_factory.mktemp("built") / "clips"
+    build(read_orders(small_study), out, inline_class())
+    return out
+
+
+@pytest.fixture
+def copy(batch, tmp_path):
+    return Path(shutil.copytree(batch, tmp_path / "clips"))
+
+
+def test_a_batch_holds_every_clip_of_its_protocol(batch, orders):
+    manifest = read_manifest(batch)
+    check_manifest(orders.protocol, manifest)
+    assert {str(clip.clip_name) for clip in manifest.clips} == {
+        f"{scene}__small__{method}"
+        for scene in ("box", "motorcycle")
+        for method in ("reference", "push-pull", "telea")
+    }
+    for clip in manifest.clips:
+        frame = decode(batch / clip.frame_path(0))
+        assert frame.shape == (clip.height_px, clip.width_px, 3)
+        assert 0 < clip.hole_share < 0.3
+    assert not (batch / ".build").exists()
+    assert check_batch(batch).in_order
+
+
+def test_methods_differ_inside_holes_alone(batch):
+    mask = decode(batch / "holes/box__small/000001.png") > 0
+    first, second = (
+        decode(batch / f"box__small__{method}/000001.png") for method in ("push-pull", "telea")
+    )
+    assert mask.any()
+    assert np.array_equal(first[~mask], second[~mask])
+    assert (first[mask] != second[mask]).any()
+
+
+def test_the_other_photograph_is_the_truth_in_the_holes_of_a_pair(batch):
+    mask = decode(batch / "holes/motorcycle__small/000003.png") > 0
+    truth, fill = (
+        decode(batch / f"motorcycle__small__{method}/000003.png").astype(float)
+        for method in ("reference", "telea")
+    )
+    assert np.array_equal(truth[~mask], fill[~mask])
+    assert np.abs(truth[mask] - fill[mask]).mean() > 1
+
+
+def test_building_again_changes_nothing(copy, orders, inline):
+    before = contents(copy)
+    stamp = (copy / "manifest.json").stat().st_mtime_ns
+    outcome = build(orders, copy, inline)
+    assert outcome.built == []
+    assert contents(copy) == before
+    assert (copy / "manifest.json").stat().st_mtime_ns == stamp
+
+
+def test_a_changed_method_makes_only_its_own_clips_again(
+    copy, small_study, inline, tmp_path, monkeypatch, read_orders
+):
+    study = tmp_path / "study"
+    shutil.copytree(small_study.parent, study)
+    path = study / small_study.name
+    text = path.read_text()
+    path.write_text(
+        text.replace('name = "telea"', 'name = "telea"\nparameters = { radius_px = 7 }')
+    )
+    monkeypatch.setattr(stimuli.clip, "take_survey", None)  # nothing is to be surveyed again
+    outcome = build(read_orders(path), copy, inline)
+    assert [name.method for name in outcome.built] == ["telea", "telea"]
+    assert len(outcome.kept) == 4
+    assert check_batch(copy).in_order
+
+
+def test_a_damaged_frame_is_made_again(copy, orders, inline):
+    frame = copy / "box__small__telea/000002.png"
+    before = contents(copy)
+    frame.write_bytes(frame.read_bytes()[:-20])
+    outcome = build(orders, copy, inline)
+    assert [str(name) for name in outcome.built] == ["box__small__telea"]
+    assert contents(copy) == before
+
+
+def test_check_names_what_is_missing_changed_and_extra(copy):
+    (copy / "box__small__telea/000001.png").unlink()
+    frame = copy / "box__small__telea/000002.png"
+    frame.write_bytes(frame.read_bytes()[:-1] + b"x")
+    (copy / "box__small__telea/notes.txt").write_text("mine")
+    mask = copy / "holes/box__small/000000.png"
+    mask.write_bytes(mask.read_bytes() + b" ")
+    verdict = check_batch(copy)
+    assert verdict.missing == ["box__small__telea/000001.png"]
+    assert verdict.changed[0] == "box__small__telea/000002.png"
+    assert verdict.changed[1].startswith("holes/box__small")
+    assert verdict.extra == ["box__small__telea/notes.txt"]
+
+
+def test_probe_finds_repeated_and_black_frames(copy):
+    from protocols.hashing import sha256_file
+
+    folder = copy / "box__small__telea"
+    shutil.copy(folder / "000001.png", folder / "000002.png")
+    import cv2
+
+    cv2.imwrite(str(folder / "000003.png"), np.zeros_like(decode(folder / "000001.png")))
+    path = copy / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for clip in manifest["clips"]:
+        if clip["method"] == "telea" and clip["scene"] == "box":
+            clip["frames_sha256"] = [sha256_file(folder / f"{index:06d}.png") for index in range(4)]
+    path.write_text(json.dumps(manifest))
+    found, clean = probe_batch(copy, ["box__small__telea", "box__small__push-pull"])
+    assert (found.repeated, found.black) == ([2], [3])
+    assert (clean.repeated, clean.black) == ([], [])
+    assert clean.flicker is not None
+    assert clean.flicker_ratio is not None
+
+
+def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
+    """kill -9 at random moments, then the same command until it ends."""
+    out = tmp_path / "clips"
+    rng = random.Random(11)
+    arguments = [*COMMAND, "build", str(small_study), "--out", str(out), "--workers", "2"]
+    killed = 0
+    for _ in range(proof_count(20)):
+        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        began = time.monotonic()
+        while not (out / ".build").exists() and process.poll() is None:
+            assert time.monotonic() - began < 120
+            time.sleep(0.02)
+        time.sleep(rng.uniform(0.0, 1.5))
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            killed += 1
+        process.wait()
+        if process.returncode == 0:
+            break
+        assert not (out / "manifest.json").exists()
+    assert killed
+    result = run("build", small_study, "--out", out, "--workers", "2")
+    assert result.returncode == 0, result.stderr
+    assert contents(out) == contents(batch)
+    assert not (out / ".build").exists()
+    assert not list(out.rglob("*.part"))
+
+
+def test_a_second_build_into_one_folder_is_refused(orders, tmp_path, inline_class):
+    out = tmp_path / "clips"
+
+    class Meddler(inline_class):
+        def submit(self, fn, /, *args, **kwargs):  # noqa: ARG002
+            with pytest.raises(StudyError, match="another build is at work"):
+                build(orders, out, inline_class())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build(orders, out, Meddler())
+
+
+def test_a_folder_with_other_things_is_refused(orders, inline, tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(StudyError, match=r"it holds thesis\.tex"):
+        build(orders, tmp_path, inline)
+    assert (tmp_path / "thesis.tex").exists()
+
+
+def test_a_full_disk_leaves_nothing_that_looks_finished(
+    tmp_path, orders, inline, monkeypatch, batch
+):
+    """fsync is where a full disk speaks up; after it has room again, the build goes on."""
+    out = tmp_path / "clips"
+    calls = []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) > 12:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        build(orders, out, inline)
+    monkeypatch.undo()
+    assert not (out / "manifest.json").exists()
+    assert not list(out.rglob("*.part"))
+    assert all(is_whole(path.read_bytes()) for path in out.rglob("*.png"))
+    build(orders, out, inline)
+    assert contents(out) == contents(batch)
+
+
+def test_a_limit_on_file_size_ends_with_one_message(small_study, tmp_path):
+    """The real thing, in a process of its own: files may not grow past 4 KiB."""
+    script = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"
+        "from study_app.cli import main; main()"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script, "stimuli", "build", str(small_study), "--out",
+         str(tmp_path / "clips"), "--workers", "1"],
+        capture_output=True, text=True, timeout=240,
+        env={**os.environ, "MESA_SHADER_CACHE_DISABLE": "1"},
+    )  # fmt: skip
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "clips/manifest.json").exists()
+
+
+def test_a_killed_worker_ends_with_a_message(orders, tmp_path, inline_class):
+    from stimuli.executors import local_processes
+
+    with local_processes(1) as pool:
+
+        class Murderer(inline_class):
+            count = 0
+
+            def submit(self, fn, /, *args, **kwargs):
+                self.count += 1
+                if self.count == 2:
+                    return pool.submit(os.kill, next(iter(pool._processes)), signal.SIGKILL)
+                return pool.submit(fn, *args, **kwargs)
+
+        with pytest.raises(StudyError, match="a worker process was killed"):
+            build(orders, tmp_path / "clips", Murderer())
+    assert not (tmp_path / "clips/manifest.json").exists()
+
+
+def test_a_dask_cluster_makes_the_same_bytes(orders, batch, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    import warnings
+
+    from stimuli.executors import dask_cluster
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+            silence_logs=50,
+        )  # fmt: skip
+        try:
+            with dask_cluster(cluster.scheduler_address) as (executor, workers):
+                assert workers == 2
+                build(orders, tmp_path / "clips", executor, parallel=workers)
+        finally:
+            cluster.close()
+    assert contents(tmp_path / "clips") == contents(batch)
+
+
+def test_no_scheduler_at_the_address_is_said():
+    from stimuli.executors import dask_cluster
+
+    pytest.importorskip("distributed")
+    import stimuli.executors
+
+    before, stimuli.executors.CONNECT_S = stimuli.executors.CONNECT_S, 0.3
+    try:
+        with (
+            pytest.raises(StudyError, match="must be the address of a running Dask scheduler"),
+            dask_cluster("tcp://127.0.0.1:9"),
+        ):
+            pass
+    finally:
+        stimuli.executors.CONNECT_S = before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name = "telea"', 'name = "telia"', "did you mean 'telea'"),
+        ('file = "box.obj"', 'file = "bax.obj"', "bax.obj"),
+        ('kind = "mesh"\nfile = "box.obj"', 'kind = "builtin"\nbuiltin = "gardn"', "garden"),
+        ("extent_m = 0.16", "hole_share = 0.45", "must uncover 45 %"),
+    ],
+)
+def test_what_cannot_be_built_is_said_in_one_message(
+    small_study, tmp_path, old, new, message, inline_class, read_orders
+):
+    from typer.testing import CliRunner
+
+    from study_app.cli.stimuli_commands import app
+
+    study = tmp_path / "study"
+    shutil.copytree(small_study.parent, study)
+    path = study / small_study.name
+    text = path.read_text().replace(old, new).replace('worse = "telea"', 'worse = "push-pull"')
+    if "telia" in new:
+        text = text.replace('"telea"', '"telia"')
+    path.write_text(text)
+    if "hole_share" in new:
+        with pytest.raises(InputError, match=message):
+            build(read_orders(path), tmp_path / "clips", inline_class())
+    else:
+        result = CliRunner().invoke(app, ["build", str(path), "--out", str(tmp_path / "clips")])
+        assert result.exit_code == 2
+        assert message in result.stderr
+    assert not (tmp_path / "clips/manifest.json").exists()
+
+
+def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_study, tmp_path):
+    result = run("build", small_study, "--out", tmp_path / "clips", "--dry-run")
+    assert result.returncode == 0, result.stderr
+    assert re.search(r"clips\s+6", result.stdout)
+    assert re.search(r"frames\s+24, 78 x 58 px", result.stdout)
+    assert re.search(r"disk\s+[\d.]+ GiB", result.stdout)
+    assert re.search(r"time\s+about \d+ ", result.stdout)
+    assert not (tmp_path / "clips").exists()
+
+
+def test_the_contact_sheet_draws_itself_in_a_browser(batch, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("needs Chromium")
+    page = batch / "contact-sheet.html"
+    assert not re.search(r"(src|href)=[\"']?(https?:)?//", page.read_text())
+    result = subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=5000",
+         f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert 'data-ready="yes"' in result.stdout
+    assert "frame 0 (0.00 s)" in result.stdout
+
+
+def test_previews_play_every_frame(batch):
+    import cv2
+
+    clips = read_manifest(batch).clips
+    previews = sorted((batch / "previews").glob("*.webm"))
+    assert len(previews) == len(clips)
+    video = cv2.VideoCapture(str(previews[0]))
+    frames = 0
+    while video.read()[0]:
+        frames += 1
+    video.release()
+    assert frames == 4
