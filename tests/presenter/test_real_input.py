@@ -110,8 +110,8 @@ def test_a_killed_windowed_session_resumes_in_the_same_order_and_loses_nothing(
     for kill in range(kills):
         wanted = min(kill + 2, 5)
 
-        def reached(wanted=wanted):
-            return len(events_of(study, Attempt)) >= wanted or process.poll() is not None
+        def reached(wanted=wanted, running=process):
+            return len(events_of(study, Attempt)) >= wanted or running.poll() is not None
 
         wait(reached, f"{wanted} attempts")
         time.sleep(0.35)  # inside the next trial

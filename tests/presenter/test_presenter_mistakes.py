@@ -1,0 +1,169 @@
+"""Every mistake before and during a windowed sitting: one message, status 2, nothing lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+
+import pytest
+
+from protocols.journal import SessionEnd
+
+
+def error_of(done) -> str:
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    (message,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    return message
+
+
+def test_a_missing_frame_is_told_before_a_window_opens(screen, make_study):
+    study = make_study()
+    (study.stimuli / "garden__small__metameric" / "000003.png").unlink()
+
+    message = error_of(screen.run(*screen.session("run", study, "--simulate")))
+
+    assert "missing 1: garden__small__metameric/000003.png" in message
+    assert not study.sessions.exists()
+
+
+def test_a_changed_frame_stops_the_sitting_cleanly_and_it_goes_on_when_restored(screen, make_study):
+    study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
+    frame = study.stimuli / "garden__small__metameric" / "000003.png"
+    kept = frame.read_bytes()
+    frame.write_bytes(kept[:-1] + b"\0")
+
+    message = error_of(screen.run(*screen.session("run", study, "--simulate")))
+
+    assert f"{frame}: must be the frame that was hashed" in message
+    last = study.journal().events[-1]
+    assert isinstance(last, SessionEnd)
+    assert last.reason == "error"
+    assert "must be the frame that was hashed" in last.message
+
+    frame.write_bytes(kept)
+    done = screen.run(*screen.session("resume", study, "--simulate"))
+    assert done.returncode == 0, done.stderr
+    assert [a.outcome for a in study.journal().attempts] == ["completed"]
+
+
+def test_what_cannot_be_shown_or_watched_is_refused_with_its_cure(screen, make_study):
+    study = make_study()
+    little = study.folder / "little.toml"
+    good = little.read_text()
+
+    little.write_text(good + 'monitor = "DP-9"\n')
+    message = error_of(screen.run(*screen.session("run", study, "--simulate")))
+    assert "monitor 'DP-9' must be connected (found screen)" in message
+
+    little.write_text(good.replace("= 640", "= 800").replace("= 192.0", "= 240.0"))
+    message = error_of(screen.run(*screen.session("run", study, "--simulate")))
+    assert "must run at 800x480, 60 Hz (found 640x480" in message
+    little.write_text(good)
+
+    arguments = screen.session("run", study, "--simulate")
+    arguments.remove("--software-pacing")
+    message = error_of(screen.run(*arguments))
+    assert "every swap must wait for the refresh at 60 Hz (found" in message
+    assert "--software-pacing" in message
+
+    message = error_of(screen.run(*screen.session("run", study, "--gaze", "mouse")))
+    assert "gaze.mode = 'none'" in message
+    assert not (study.sessions / "demo").exists()
+
+
+def test_no_screen_is_one_message(make_study, screen):
+    study = make_study()
+    blind = {**os.environ, "DISPLAY": ":987"}
+    blind.pop("WAYLAND_DISPLAY", None)
+    import subprocess
+    import sys
+
+    done = subprocess.run(
+        [sys.executable, "-c", "from study_app.cli import main; main()",
+         *map(str, screen.session("run", study))],
+        env=blind, text=True, capture_output=True, timeout=60, check=False,
+    )  # fmt: skip
+
+    assert "a session needs a screen (found none: DISPLAY=':987')" in error_of(done)
+
+
+@pytest.mark.parametrize("source", ["lsl:nobody-sends-this"])
+def test_an_absent_tracker_is_refused_before_anything_is_written(screen, make_study, source):
+    pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
+    study = make_study({"mode": '"enforce"'})
+
+    assert "--gaze: this protocol needs a gaze source" in error_of(
+        screen.run(*screen.session("run", study))
+    )
+    message = error_of(screen.run(*screen.session("run", study, "--gaze", source)))
+    assert "a stream with name 'nobody-sends-this' must be on the network" in message
+    assert not (study.sessions / "demo").exists()
+
+
+def test_a_full_disk_ends_at_the_last_whole_trial_and_the_sitting_goes_on(screen, make_study):
+    study = make_study()
+
+    def small_disk() -> None:  # files may not grow beyond: the journal hits it in mid-session
+        resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))
+
+    done = screen.run(*screen.session("run", study, "--simulate"), preexec_fn=small_disk)
+
+    assert "the disk refused a write" in error_of(done)
+    attempts = study.journal().attempts
+    assert 1 <= len(attempts) < 6
+    done = screen.run(*screen.session("resume", study, "--simulate"))
+    assert done.returncode == 0, done.stderr
+    journal = study.journal()
+    assert journal.attempts[: len(attempts)] == attempts
+    assert [a.position for a in journal.attempts] == list(range(6))
+    assert len({a.trial for a in journal.attempts}) == 6
+
+
+MEMORY = """
+import sys
+from study_app import clips
+from study_app.cli import main
+class Free:
+    available = 100_000
+clips.psutil.virtual_memory = lambda: Free
+main()
+"""
+
+
+def test_too_little_memory_for_two_pairs_is_refused(screen, make_study):
+    import subprocess
+    import sys
+
+    study = make_study()
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY, *map(str, screen.session("run", study, "--simulate"))],
+        env=screen.env, text=True, capture_output=True, timeout=60, check=False,
+    )  # fmt: skip
+
+    assert "graphics memory must hold two pairs of clips" in error_of(done)
+    assert not (study.sessions / "demo").exists()
+
+
+def test_the_frame_strip_and_patch_are_refused_where_they_would_cover_a_clip(screen, make_study):
+    study = make_study({"width_deg": "18.0", "height_deg": "13.6"})
+
+    assert "--strip: the frame strip needs 272x8 pixels" in error_of(
+        screen.run(*screen.session("run", study, "--strip"))
+    )
+    assert "--photodiode: the patch needs 48 pixels" in error_of(
+        screen.run(*screen.session("run", study, "--photodiode"))
+    )
+
+
+def test_a_text_that_no_font_can_write_names_the_characters(screen, make_study):
+    study = make_study()
+    text = study.path.read_text().replace("Now the real trials begin.", "\U000131a3 and so on")
+    study.path.write_text(text)
+
+    # Texts are no part of what decides the pixels, so the clips still fit.
+    done = screen.run(*screen.session("run", study, "--simulate"))
+
+    assert "one font must hold every character" in error_of(done)
+    assert shutil.which("Xvfb")
