@@ -317,7 +317,7 @@ def _notes(results: StudyResults, settings: Settings) -> dict[str, list[str]]:
         "scales": wording.grouped(
             [
                 (
-                    settings.label(one.size),
+                    "all sizes" if one.size == "all" else settings.label(one.size),
                     one.scale.warnings
                     + (one.intervals.warnings if one.intervals else ())
                     + one.observers.warnings
