@@ -10,6 +10,7 @@ BENCHMARKS = {
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",
     "pictures": "the pictures of README and docs, from our own scenes",
+    "stimuli": "frames per second of clips, overlap, processes, memory",
     "session": "a whole simulated session",
     "analysis": "bootstraps, power and false positives of the statistics",
     "front_door": "CPU time of `metamerlab --help`",

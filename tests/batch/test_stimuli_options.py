@@ -1,0 +1,119 @@
+"""What a protocol may ask of its clips, and a real 3D scene through the whole path."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from protocols.manifest import read_manifest
+from stimuli.build import build
+from stimuli.check import check_batch
+from stimuli.exr import load_colour
+from stimuli.png import decode
+
+
+@pytest.fixture
+def study(small_study, tmp_path):
+    """Write a variant of the small study and return its path."""
+
+    def write(*changes: tuple[str, str]):
+        folder = tmp_path / "study"
+        shutil.copytree(small_study.parent, folder)
+        path = folder / small_study.name
+        text = path.read_text()
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new)
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tmp_path):
+    path = study(("[clips]", "[clips]\nbit_depth = 16\nexr = true\npreview = false"))
+    out = tmp_path / "clips"
+    build(read_orders(path), out, inline)
+    frame = decode(out / "box__small__telea/000001.png")
+    assert frame.dtype == np.uint16
+    floats = load_colour(out / "box__small__telea/000001.exr")
+    np.testing.assert_allclose(floats, frame / 65535, atol=2 / 65535)
+    assert not (out / "previews").exists()
+    assert check_batch(out).in_order
+    (out / "box__small__telea/000001.exr").unlink()
+    assert check_batch(out).missing == ["box__small__telea/000001.exr"]
+    outcome = build(read_orders(path), out, inline)
+    assert [str(name) for name in outcome.built] == ["box__small__telea"]
+    assert check_batch(out).in_order
+
+
+def test_a_declared_filter_brings_frames_to_the_displays_pixels(
+    study, read_orders, inline, tmp_path
+):
+    plain = tmp_path / "plain"
+    scaled = tmp_path / "scaled"
+    path = study(("[clips]", '[clips]\nrender_width_px = 156\nrescale = "box"'))
+    orders = read_orders(path)
+    assert (orders.render_px, orders.shown_px) == ((156, 116), (78, 58))
+    build(orders, scaled, inline)
+    path.write_text(path.read_text().replace('render_width_px = 156\nrescale = "box"', ""))
+    build(read_orders(path), plain, inline)
+    frames = [decode(out / "box__small__reference/000000.png") for out in (scaled, plain)]
+    assert frames[0].shape == frames[1].shape == (58, 78, 3)
+    assert (frames[0] != frames[1]).any()
+
+
+def test_frames_made_elsewhere_enter_a_study(study, read_orders, inline, tmp_path, batch_frames):
+    path = study(
+        ('name = "telea"', 'name = "telea"\nmethod = "frames:mine"'),
+    )
+    shutil.copytree(batch_frames, path.parent / "mine")
+    text = path.read_text().replace(
+        'name = "motorcycle"\n', 'name = "motorcycle"\nreference = false\n'
+    )
+    path.write_text(text)
+    out = tmp_path / "clips"
+    build(read_orders(path), out, inline)
+    mask = decode(out / "holes/box__small/000001.png") > 0
+    shown = decode(out / "box__small__telea/000001.png")
+    assert (shown[mask] == 77).all()
+
+
+@pytest.fixture
+def batch_frames(tmp_path):
+    from PIL import Image
+
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for index in range(4):
+        Image.fromarray(np.full((58, 78, 3), 77, np.uint8)).save(folder / f"{index:06d}.png")
+    return folder
+
+
+def test_a_real_gltf_scene_builds_to_a_wanted_share(
+    study, read_orders, inline, tmp_path, shared_data
+):
+    """A scene as an artist made it, its radius solved for 4 % of holes."""
+    name = "torcs_ruudskogen"
+    folder = shared_data / "scenes" / name
+    camera = json.loads((folder / "camera.json").read_text())
+    ahead = (np.array(camera["eye"]) + np.array(camera["forward"])).tolist()
+    view = (
+        f"view = {{ position_m = {camera['eye']}, look_at_m = {ahead},"
+        f" vertical_fov_deg = {camera['vfov_deg']} }}"
+    )
+    path = study(
+        ('file = "box.obj"', f'file = "{name}.glb"'),
+        ("view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }", view),
+        ("extent_m = 0.16", "hole_share = 0.04"),
+        ('camera = { kind = "stereo" }', 'camera = { kind = "stereo", baselines = 4.0 }'),
+    )
+    shutil.copy(folder / f"{name}.glb", path.parent)
+    out = tmp_path / "clips"
+    build(read_orders(path), out, inline)
+    for clip in read_manifest(out).clips:
+        assert clip.hole_share == pytest.approx(0.04, rel=0.15)
+    assert check_batch(out).in_order

@@ -1,0 +1,178 @@
+"""Scenes from glTF and OBJ files, whole and broken."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from pipeline.errors import InputError
+from protocols.errors import StudyError
+from stimuli.look import look_around
+from stimuli.render import Renderer
+from stimuli.scenes.mesh_file import files_of, load_world
+from stimuli.world import Viewpoint
+
+AHEAD = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
+
+
+def quad(texture: Image.Image | None, **material: object) -> trimesh.Trimesh:
+    """A square of 2 x 2 units in the xy plane, its texture's top at +y."""
+    vertices = [[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]
+    visual = trimesh.visual.TextureVisuals(
+        uv=[[0, 0], [1, 0], [0, 1], [1, 1]],
+        material=trimesh.visual.material.PBRMaterial(baseColorTexture=texture, **material),
+    )
+    return trimesh.Trimesh(vertices, [[0, 1, 3], [0, 3, 2]], visual=visual, process=False)
+
+
+def halves(above, below, alpha=(255, 255)):
+    pixels = np.zeros((64, 64, 4), np.uint8)
+    pixels[:32], pixels[32:] = (*above, alpha[0]), (*below, alpha[1])
+    return Image.fromarray(pixels)
+
+
+def write_glb(path, geometry, transform=None):
+    scene = trimesh.Scene()
+    scene.add_geometry(geometry, transform=np.eye(4) if transform is None else transform)
+    path.write_bytes(scene.export(file_type="glb"))
+    return path
+
+
+@pytest.fixture
+def draw(gl_context):
+    def run(world, viewpoint=AHEAD):
+        renderer = Renderer(gl_context, world.seen_from(viewpoint))
+        try:
+            return renderer.render(viewpoint.camera(64, 48))
+        finally:
+            renderer.release()
+
+    return run
+
+
+def test_a_glb_keeps_texture_transform_and_scale(tmp_path, draw):
+    """Placed at z = -3 units and read at 2 m a unit: 6 m away, top half red."""
+    place = trimesh.transformations.translation_matrix((0, 0, -3))
+    path = write_glb(tmp_path / "quad.glb", quad(halves((200, 20, 20), (20, 20, 200))), place)
+    frame = draw(load_world(path, scale=2.0))
+    assert frame.depth_m[24, 32] == pytest.approx(6.0, rel=1e-5)
+    np.testing.assert_allclose(frame.colour[18, 32] * 255, (200, 20, 20), atol=1)
+    np.testing.assert_allclose(frame.colour[30, 32] * 255, (20, 20, 200), atol=1)
+
+
+def test_masked_materials_are_cut_out(tmp_path, draw):
+    texture = halves((9, 200, 9), (9, 9, 9), alpha=(255, 0))
+    place = trimesh.transformations.translation_matrix((0, 0, -3))
+    card = quad(texture, alphaMode="MASK", alphaCutoff=0.5)
+    frame = draw(load_world(write_glb(tmp_path / "leaf.glb", card, place)))
+    assert np.isfinite(frame.depth_m[18, 32])
+    assert np.isinf(frame.depth_m[30, 32])
+
+
+def test_an_obj_with_its_library_and_picture_is_read(tmp_path, draw):
+    halves((200, 20, 20), (20, 20, 200)).convert("RGB").save(tmp_path / "p.png")
+    (tmp_path / "m.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd p.png\n")
+    (tmp_path / "s.obj").write_text(
+        "mtllib m.mtl\nv -1 -1 -3\nv 1 -1 -3\nv -1 1 -3\nv 1 1 -3\n"
+        "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nusemtl a\nf 1/1 2/2 4/4\nf 1/1 4/4 3/3\n"
+    )
+    assert [path.name for path in files_of(tmp_path / "s.obj")] == ["s.obj", "m.mtl", "p.png"]
+    frame = draw(load_world(tmp_path / "s.obj"))
+    np.testing.assert_allclose(frame.colour[18, 32] * 255, (200, 20, 20), atol=1)
+    np.testing.assert_allclose(frame.colour[30, 32] * 255, (20, 20, 200), atol=1)
+
+
+def test_a_missing_picture_is_named(tmp_path):
+    (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd gone.png\n")
+    (tmp_path / "s.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"m\.mtl: names a texture that is missing .*gone\.png"):
+        load_world(tmp_path / "s.obj")
+
+
+def test_a_missing_gltf_buffer_is_named(tmp_path):
+    document = {"asset": {"version": "2.0"}, "buffers": [{"uri": "gone.bin", "byteLength": 4}]}
+    (tmp_path / "s.gltf").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"names a buffer that is missing .*gone\.bin"):
+        load_world(tmp_path / "s.gltf")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.9])
+def test_a_cut_glb_is_refused(tmp_path, share):
+    path = write_glb(tmp_path / "quad.glb", quad(halves((1, 2, 3), (4, 5, 6))))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match="must be a whole"):
+        load_world(path)
+
+
+def test_a_needed_extension_that_is_unknown_is_named(tmp_path):
+    document = {"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}
+    (tmp_path / "s.gltf").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="KHR_draco_mesh_compression"):
+        load_world(tmp_path / "s.gltf")
+
+
+def test_a_huge_scene_is_refused(tmp_path, monkeypatch):
+    import stimuli.scenes.mesh_file
+
+    monkeypatch.setattr(stimuli.scenes.mesh_file, "MOST_TRIANGLES", 1)
+    path = write_glb(tmp_path / "quad.glb", quad(None))
+    with pytest.raises(InputError, match="at most 1 triangles"):
+        load_world(path)
+
+
+def test_an_empty_scene_and_a_wrong_ending_are_refused(tmp_path):
+    (tmp_path / "s.obj").write_text("v 0 0 0\n")
+    with pytest.raises(InputError, match=r"at least one triangle|must be a whole"):
+        load_world(tmp_path / "s.obj")
+    (tmp_path / "s.fbx").write_text("")
+    with pytest.raises(InputError, match=r"must end in \.glb"):
+        load_world(tmp_path / "s.fbx")
+    with pytest.raises(FileNotFoundError):
+        load_world(tmp_path / "none.glb")
+
+
+def test_look_draws_views_and_says_how_to_copy_them(tmp_path, gl_context):
+    place = trimesh.transformations.translation_matrix((0, 0, -3))
+    path = write_glb(tmp_path / "quad.glb", quad(halves((200, 20, 20), (20, 20, 200))), place)
+    lines = look_around(gl_context, str(path), tmp_path / "views.png", scale=1.0, count=3, seed=0)
+    assert len(lines) == 3
+    assert lines[0].startswith("0: view = { position_m = [")
+    with Image.open(tmp_path / "views.png") as sheet:
+        assert sheet.size[0] > 900
+
+
+@pytest.mark.parametrize("name", ["stk_temple", "torcs_ruudskogen"])
+def test_real_scenes_look_as_their_converter_saw_them(shared_data, draw, name):
+    """Against the converter's ray cast: a mirrored or flipped import is far off."""
+    folder = shared_data / "scenes" / name
+    camera = json.loads((folder / "camera.json").read_text())
+    eye = np.array(camera["eye"])
+    view = Viewpoint(
+        tuple(eye.tolist()), tuple((eye + camera["forward"]).tolist()), camera["vfov_deg"]
+    )
+    frame = draw(load_world(folder / f"{name}.glb"), view)
+    seen = np.isfinite(frame.depth_m)
+    # The converter's picture is 3:2, this one 4:3 of the same height.
+    assert seen.mean() == pytest.approx(camera["hit_fraction"], abs=0.08)
+    near = np.percentile(frame.depth_m[seen], 25)
+    assert near == pytest.approx(camera["depth_quantiles"]["25"], rel=0.25)
+    with Image.open(folder / "preview.jpg") as stored:
+        preview = stored.convert("RGB")
+    width, height = preview.size
+    left = (width - height * 4 / 3) / 2
+    cut = preview.resize((64, 48), box=(left, 0, width - left, height))
+    truth = np.asarray(cut, np.float64) / 255
+    drawn = frame.colour.astype(np.float64)
+    error = np.abs(drawn - truth)[seen].mean()
+    mirrored = np.abs(drawn[:, ::-1] - truth)[seen].mean()
+    assert error < 0.75 * mirrored
+
+
+def test_unknown_scenes_are_no_files(tmp_path, gl_context):
+    with pytest.raises((InputError, FileNotFoundError, StudyError)):
+        look_around(gl_context, "gardn", tmp_path / "v.png", scale=1.0, count=1, seed=0)

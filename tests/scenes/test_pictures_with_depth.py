@@ -1,0 +1,240 @@
+"""Photographs with depth and OpenEXR sequences."""
+
+from __future__ import annotations
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from PIL import Image
+
+from pipeline.colour import encode_srgb
+from pipeline.errors import InputError
+from protocols.stimuli_schema import (
+    CirclePath,
+    ExrScene,
+    RgbdScene,
+    StereoPath,
+    StereoScene,
+    UpsamplingPath,
+)
+from stimuli.footage import Footage, Shot
+from stimuli.paths import STILL, make_path
+from stimuli.scenes.photo import open_rgbd, open_stereo
+from stimuli.scenes.sequence import frame_files, load_picture, open_sequence
+
+CIRCLE = CirclePath(kind="circle")
+UP = UpsamplingPath(kind="upsampling", real_every=2, along=CIRCLE)
+
+
+def write_exr(path, parts):
+    """Write parts, each {channel: plane}, half where a plane is float16."""
+    specs = []
+    for number, part in enumerate(parts):
+        height, width = next(iter(part.values())).shape
+        spec = oiio.ImageSpec(width, height, len(part), "float")
+        spec.channelnames = tuple(part)
+        spec.channelformats = tuple(
+            "half" if plane.dtype == np.float16 else "float" for plane in part.values()
+        )
+        spec.attribute("oiio:subimagename", f"part{number}")
+        specs.append(spec)
+    out = oiio.ImageOutput.create(str(path))
+    assert out.open(str(path), tuple(specs)) if len(specs) > 1 else out.open(str(path), specs[0])
+    for number, part in enumerate(parts):
+        if number:
+            assert out.open(str(path), specs[number], "AppendSubimage")
+        data = np.stack([plane.astype(np.float32) for plane in part.values()], -1)
+        assert out.write_image(np.ascontiguousarray(data))
+    out.close()
+
+
+def planes(height=12, width=16, value=0.25, depth=3.0, half=True):
+    kind = np.float16 if half else np.float32
+    light = np.full((height, width), value, kind)
+    return light, np.full((height, width), depth, np.float32)
+
+
+def scene(file="a.exr", camera=CIRCLE, **more):
+    return ExrScene(kind="exr", name="s", file=file, camera=camera, **more)
+
+
+@pytest.mark.parametrize(
+    ("names", "flow"),
+    [
+        (("R", "G", "B", "Z", "flow.x", "flow.y"), (2.0, 1.0)),
+        (("R", "G", "B", "depth.Z", "forward.u", "forward.v"), (2.0, -1.0)),
+        (
+            (
+                "ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B",
+                "ViewLayer.Depth.Z", "ViewLayer.Vector.Z", "ViewLayer.Vector.W",
+            ),
+            (-2.0, 1.0),
+        ),
+    ],
+)  # fmt: skip
+def test_known_programs_channels_come_to_one_convention(tmp_path, names, flow):
+    """A move of 2 px right and 1 px down, as each program writes it."""
+    light, depth = planes()
+    u, v = (np.full(depth.shape, value, np.float32) for value in flow)
+    channels = dict(zip(names, (light, light, light, depth, u, v), strict=True))
+    write_exr(tmp_path / "a.exr", [channels])
+    picture = load_picture(tmp_path / "a.exr", scene())
+    np.testing.assert_allclose(picture.frame.colour[0, 0], encode_srgb(np.array(0.25)), atol=1e-4)
+    assert picture.frame.depth_m[0, 0] == 3.0
+    np.testing.assert_array_equal(picture.motion_px[5, 5], (2.0, 1.0))
+
+
+def test_unreals_depth_is_in_centimetres(tmp_path):
+    light, depth = planes(depth=300.0)
+    write_exr(tmp_path / "a.exr", [{
+        "FinalImage.R": light, "FinalImage.G": light, "FinalImage.B": light,
+        "FinalImageMovieRenderQueue_WorldDepth.R": depth,
+    }])  # fmt: skip
+    assert load_picture(tmp_path / "a.exr", scene()).frame.depth_m[0, 0] == pytest.approx(3.0)
+
+
+def test_parts_of_a_file_count_as_one(tmp_path):
+    light, depth = planes()
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light}, {"Z": depth}])
+    assert load_picture(tmp_path / "a.exr", scene()).frame.depth_m[3, 3] == 3.0
+
+
+def test_a_protocol_may_name_channels_and_transfer(tmp_path):
+    light, depth = planes(half=False)
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light, "far": depth}])
+    named = scene(channels={"depth": "far"}, transfer="linear")
+    picture = load_picture(tmp_path / "a.exr", named)
+    assert picture.frame.depth_m[0, 0] == 3.0
+    assert picture.frame.colour[0, 0, 0] == 0.25
+
+
+def test_a_file_without_depth_says_so_and_how_to_name_it(tmp_path):
+    light, _ = planes()
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light}])
+    with pytest.raises(InputError, match=r"must have a channel for depth .* channels = \{ depth"):
+        load_picture(tmp_path / "a.exr", scene())
+
+
+@pytest.mark.parametrize(("bad", "found"), [(np.nan, "nan"), (0.0, r"0\.0"), (-1.0, r"-1\.0")])
+def test_depth_that_is_no_distance_is_refused_with_its_place(tmp_path, bad, found):
+    light, depth = planes()
+    depth[4, 7] = bad
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light, "Z": depth}])
+    with pytest.raises(InputError, match=f"depth must be greater than 0.*{found} at row 4, column"):
+        load_picture(tmp_path / "a.exr", scene())
+
+
+def test_a_cut_file_is_refused(tmp_path):
+    light, depth = planes(64, 64)
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light, "Z": depth}])
+    data = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"a\.exr: must be"):
+        load_picture(tmp_path / "a.exr", scene())
+
+
+def test_a_gap_in_a_sequence_is_named(tmp_path):
+    for number in (1, 2, 4):
+        (tmp_path / f"s.{number:04d}.exr").touch()
+    with pytest.raises(InputError, match="1 missing, the first is 3"):
+        frame_files(scene("s.####.exr"), tmp_path)
+    with pytest.raises(FileNotFoundError):
+        frame_files(scene("t.####.exr"), tmp_path)
+
+
+def test_a_sequence_is_up_sampled_by_its_own_motion(tmp_path, gl_context):
+    """A dotted wall that goes 2 px to the right from file to file."""
+    rng = np.random.default_rng(2)
+    wall = rng.uniform(0.1, 0.9, (48, 80)).astype(np.float32)
+    for number in range(4):
+        light = np.roll(wall, 2 * number, axis=1)
+        depth = np.full(wall.shape, 3.0, np.float32)
+        write_exr(tmp_path / f"s.{number:04d}.exr", [{
+            "R": light, "G": light, "B": light, "Z": depth,
+            "flow.x": np.full(wall.shape, 2.0, np.float32), "flow.y": 0 * depth,
+        }])  # fmt: skip
+    sequence = open_sequence(scene("s.####.exr", UP, transfer="linear"), tmp_path)
+    shot = Shot(make_path(UP, 4, 8.0), (64, 32), 0.01, 0.125)  # 8 px of margin: one to one
+    footage = Footage(gl_context, sequence, shot)
+    warped, truth = footage.warped(3), footage.truth(3)
+    footage.release()
+    assert footage.margin_px == 8
+    assert not warped.hole.any()
+    np.testing.assert_allclose(warped.colour, truth, atol=1e-5)
+
+
+def rgbd(**more):
+    values = {"kind": "rgbd", "name": "r", "rgb": "c.png", "depth": "d.png", "depth_scale": 0.001,
+              "focal_px": 60.0, "camera": CIRCLE}  # fmt: skip
+    return RgbdScene(**values | more)
+
+
+def test_a_depth_image_is_scaled_and_its_gaps_take_the_farther_side(tmp_path):
+    Image.fromarray(np.full((30, 40, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    depth = np.full((30, 40), 1000, np.uint16)
+    depth[:, 20:] = 3000
+    depth[:, 18:22] = 0
+    Image.fromarray(depth).save(tmp_path / "d.png")
+    photo = open_rgbd(rgbd(), tmp_path)
+    frame, camera = photo.source((40, 30), 0, STILL, 0.0, -1)
+    np.testing.assert_allclose(frame.depth_m[5], [1.0] * 18 + [3.0] * 22, rtol=1e-6)
+    assert camera.fx_px == 60.0
+
+
+def test_a_depth_image_of_another_size_is_refused(tmp_path):
+    Image.fromarray(np.full((30, 40, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    Image.fromarray(np.full((30, 41), 9, np.uint16)).save(tmp_path / "d.png")
+    with pytest.raises(InputError, match=r"one height and width .*c\.png 30x40.*d\.png 30x41"):
+        open_rgbd(rgbd(), tmp_path)
+
+
+def test_a_photograph_has_no_further_real_frames(tmp_path, gl_context):
+    Image.fromarray(np.full((30, 40, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    Image.fromarray(np.full((30, 40), 1000, np.uint16)).save(tmp_path / "d.png")
+    photo = open_rgbd(rgbd(camera=UP), tmp_path)
+    with pytest.raises(InputError, match="no further real frames"):
+        Footage(gl_context, photo, Shot(make_path(UP, 4, 8.0), (40, 30), 0.1, 0.0))
+
+
+@pytest.fixture
+def motorcycle(tmp_path):
+    return open_stereo(
+        StereoScene(
+            kind="stereo", name="m", left="motorcycle", right="motorcycle",
+            disparity="motorcycle", focal_px=994.978, baseline_m=0.193001, offset_px=31.086,
+            camera=StereoPath(kind="stereo"),
+        ),
+        tmp_path,
+    )  # fmt: skip
+
+
+def test_at_the_other_camera_the_truth_is_the_other_photograph(motorcycle, gl_context):
+    """At full baseline a hole's true content lies offset_px further right, whatever its depth.
+
+    By hand: x_right = x_shown - baseline parallax + parallax + offset.
+    """
+    from skimage.data import stereo_motorcycle
+
+    right = stereo_motorcycle()[1].astype(np.float64) / 255
+    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (500, 350), 0.193001, 0.2)
+    footage = Footage(gl_context, motorcycle, shot, probe=[1])
+    warped, truth = footage.warped(1), footage.truth(1)
+    margin = footage.margin_px
+    footage.release()
+    scale = max((500 + 2 * margin) / 741, (350 + 2 * margin) / 500)
+    left = (741 - (500 + 2 * margin) / scale) / 2
+    top = (500 - (350 + 2 * margin) / scale) / 2
+    rows, columns = np.nonzero(warped.hole)
+    for row, column in list(zip(rows, columns, strict=True))[:: max(1, len(rows) // 20)]:
+        x = (column + 0.5 + margin) / scale + left + 31.086 - 0.5
+        y = (row + 0.5 + margin) / scale + top - 0.5
+        x0, y0 = int(np.floor(x)), int(np.floor(y))
+        if not (0 <= x0 < 740 and 0 <= y0 < 499):
+            continue
+        a, b = x - x0, y - y0
+        wanted = (
+            (1 - a) * (1 - b) * right[y0, x0] + a * (1 - b) * right[y0, x0 + 1]
+            + (1 - a) * b * right[y0 + 1, x0] + a * b * right[y0 + 1, x0 + 1]
+        )  # fmt: skip
+        np.testing.assert_allclose(truth[row, column], wanted, atol=2e-3)
+    assert np.array_equal(truth[~warped.hole], warped.colour[~warped.hole])
