@@ -184,9 +184,9 @@ class _Conductor:
         watcher, stage = self._watcher, self._stage
         if watcher is None:
             return False
-        rules = self._protocol.gaze
-        while (silent_s := watcher.monitor.silent_s(stage.now())) > 2 * rules.silence_s:
-            if silent_s > max(TRACKER_PATIENCE_S, 2 * rules.silence_s):
+        silence_s = self._protocol.gaze.silence_s
+        while (silent_s := watcher.monitor.silent_s(stage.now())) > silence_s:
+            if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
                 return True
             stage.show(Picture(Phase.ITI))
             watcher.monitor.feed(watcher.source.poll())

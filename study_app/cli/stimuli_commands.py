@@ -153,7 +153,8 @@ def probe(
                 clips,
                 lambda done, total: progress.update(task, completed=done, total=total),
             )
-        table = Table("clip", box=None)
+        table = Table(box=None)
+        table.add_column("clip", overflow="fold")
         for column in ("change in holes", "of the reference's", "repeated", "black"):
             table.add_column(column, justify="right")
         for found in findings:
