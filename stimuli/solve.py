@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import InputError
 from stimuli.footage import Footage, Scenery, Shot
 
-PROBE_FRAMES = 6
+PROBE_FRAMES = 12
 TOLERANCE = 0.01  # of the wanted share
 ACCEPTED = 0.1  # where steps of whole pixels allow no better
 ROUNDS = 16
