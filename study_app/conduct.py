@@ -50,6 +50,8 @@ from study_app.wording import fill
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
 TRACKER_PATIENCE_S = 2.0
 """A tracker that is silent for longer between two attempts ends the run."""
+VALIDATIONS_MAX = 3
+"""Poor validations in a row before the run ends; calibrate the tracker, and resume."""
 Mark = Callable[[str, float], None]
 """Told what happens and when, for recordings elsewhere."""
 Validate = Callable[[], CalibrationResult | None]
@@ -270,7 +272,7 @@ class _Conductor:
         """Validate the gaze source once per block and run; False where the sitting stops."""
         if self._validate is None or self._watcher is None or self._validated == block:
             return True
-        while True:
+        for tries_left in reversed(range(VALIDATIONS_MAX)):
             result = self._validate()
             if result is None:
                 return False
@@ -293,8 +295,9 @@ class _Conductor:
                 f"{complaint}\n\n{keys.continue_keys[0]}: again    {keys.quit_keys[0]}: stop",
                 self._keys(),
             )
-            if self._stage.page(page).key not in keys.continue_keys:
+            if not tries_left or self._stage.page(page).key not in keys.continue_keys:
                 raise StudyError(complaint)
+        raise AssertionError("the last validation passes or raises")
 
     def _trial(self, step: RunTrial) -> bool:
         self._stage.prepare(step.trial, step.attempt)

@@ -7,7 +7,7 @@ import numpy as np
 from study_app.draw import Painter
 from study_app.luminance import LEVELS, PATCH_SHARE, parse_reading
 from study_app.text_image import text_image, typeface_for
-from study_app.window import Window
+from study_app.window import Window, edited
 
 _BACKGROUND = 64
 _HELP = "Hold the photometer to the patch, type cd/m2, press Enter. Escape stops."
@@ -51,14 +51,12 @@ def _read_one(window: Window, painter: Painter, level: int, progress: str) -> fl
         painter.patch(((width - edge) // 2, height // 16), edge, level / 255)
         painter.image(texture, (0, height // 16 + edge + letter_px))
         window.flip()
-        typed += "".join(char for char in window.typed() if char in "0123456789.,eE-+")
+        typed = edited(typed, window.typed())
         for press in window.key_presses():
-            if press.key == "backspace":
-                typed = typed[:-1]
-            elif press.key == "escape":
+            if press.key == "escape":
                 texture.release()
                 return None
-            elif press.key == "enter":
+            if press.key == "enter":
                 reading = parse_reading(typed)
                 if reading is not None:
                     texture.release()

@@ -28,7 +28,7 @@ from study_app.strip import BLOCK_PX, BLOCKS
 from study_app.target import target_image
 from study_app.trial import Phase
 from study_app.virtual import Observer
-from study_app.window import Window
+from study_app.window import Window, edited
 
 NOTICE_S = 1.5
 """How long a participant can read why an attempt was void."""
@@ -261,16 +261,14 @@ class Presenter:
                 self._show_page(self._pages.question(page, text, chosen))
             self._flip_page()
             typed = self._window.typed()
+            if not page.choices:
+                text = edited(text, typed)
             for press in self.key_presses():
                 if press.key == "enter" and (chosen >= 0 or not page.choices):
                     answer = page.choices[chosen] if page.choices else text
                     return PageResult("enter", answer, self.now() - began_s)
-                if press.key == "backspace":
-                    text = text[:-1]
-                elif page.choices:
+                if page.choices:
                     chosen = _chosen(press.key, chosen, len(page.choices))
-            if not page.choices:
-                text += "".join(char for char in typed if char.isprintable())
             if scripted and self.now() >= scripted[1]:
                 return PageResult(scripted[0].key, scripted[0].answer, self.now() - began_s)
 

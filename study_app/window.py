@@ -192,7 +192,7 @@ class Window:
         return presses
 
     def typed(self) -> str:
-        """Return the characters typed since the last call."""
+        """Return the characters typed since the last call; a backspace is ``\\b``."""
         text, self._typed = "".join(self._typed), []
         return text
 
@@ -245,6 +245,8 @@ class Window:
         self._presses.append(KeyPress(key, self.now()))
 
     def _on_key(self, _window: Any, key: int, scancode: int, action: int, _mods: int) -> None:
+        if key == glfw.KEY_BACKSPACE and action != glfw.RELEASE:
+            self._typed.append("\b")  # in its place among the characters
         if action == glfw.PRESS and (name := key_name(glfw, key, scancode)):
             self._press(name)
 
@@ -258,6 +260,16 @@ class Window:
     def _on_close(self, window: Any) -> None:
         glfw.set_window_should_close(window, False)
         self._closing = True
+
+
+def edited(text: str, typed: str) -> str:
+    """Return `text` after `typed`, in which ``\\b`` takes the last character away."""
+    for char in typed:
+        if char == "\b":
+            text = text[:-1]
+        elif char.isprintable():
+            text += char
+    return text
 
 
 def choose_monitor(display: Display) -> Any:

@@ -1,0 +1,94 @@
+"""check-display with its photometer page, withdraw and watch, as an operator uses them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+
+import pytest
+
+from protocols.hashing import sha256_file
+from protocols.load import load_display
+from study_app.luminance import LEVELS
+
+
+def test_a_display_is_measured_and_its_typed_readings_give_gamma(screen, make_study, wait):
+    study = make_study()
+    file = study.folder / "little.toml"
+    process = screen.start(
+        "session", "check-display", file, "--luminance", "--software-pacing",
+        "--flips", "60", "--out", study.sessions,
+    )  # fmt: skip
+    reports = study.sessions / "display-reports"
+    wait(lambda: reports.is_dir() and list(reports.glob("*.json")), "the report")
+    time.sleep(1.0)
+    for level in LEVELS:
+        reading = f"{0.5 + 99.5 * (level / 255) ** 1.8:.3f}"
+        keys = ["period" if char == "." else char for char in reading]
+        screen.keys("7", "BackSpace", *keys)
+        time.sleep(0.2)
+        screen.keys("Return")
+        time.sleep(0.2)
+    out, err = process.communicate(timeout=30)
+
+    assert process.returncode == 0, err
+    display = load_display(str(file))
+    assert display.gamma == pytest.approx(1.8, abs=0.01)
+    assert (display.peak_cd_m2, display.black_cd_m2) == (100.0, 0.5)
+    (report,) = reports.glob("*.json")
+    measured = json.loads(report.read_text())
+    assert measured["evidence"] == "software timer"
+    assert len(measured["every_interval_s"]) == 59
+    assert str(report) in out
+
+
+def test_the_header_points_to_the_measurement_of_the_display(screen, make_study):
+    study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
+    done = screen.run(*screen.session("run", study, "--simulate"))
+    assert done.returncode == 0, done.stderr
+
+    pointer = study.journal().start.display_report
+
+    assert sha256_file(study.sessions / pointer.file) == pointer.sha256
+    shown = screen.run("session", "watch", study.sessions / "demo" / "P01", "--once").stdout
+    assert "1 of 1" in shown
+    assert "software timer" in shown
+
+
+def test_withdraw_asks_deletes_and_frees_the_code_for_nobody(screen, sample_sessions, tmp_path):
+    root = tmp_path / "sessions"
+    shutil.copytree(sample_sessions, root)
+
+    done = screen.run("session", "withdraw", "S001", "--out", root, "--yes")
+
+    assert done.returncode == 0, done.stderr
+    assert "a stone is left" in done.stdout
+    assert [p.name for p in (root / "demo" / "S001").iterdir()] == ["journal.jsonl"]
+    again = screen.run("session", "withdraw", "S001", "--out", root, "--yes")
+    assert again.returncode == 2
+    assert "withdrew before" in again.stderr
+
+
+def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(screen, make_study):
+    values = {
+        "pairings": '[["metameric", "push-pull"]]',
+        "repeats": "1",
+        "mode": '"monitor"',
+    }
+    study = make_study(values)
+    done = screen.run(*screen.session("run", study, "--simulate"))
+    assert done.returncode == 0, done.stderr
+    kinds = [event.kind for event in study.journal().events]
+    assert kinds.index("calibration") < kinds.index("block-start")
+    (check,) = [event for event in study.journal().events if event.kind == "calibration"]
+    assert check.points == 9
+    assert 0.02 < check.accuracy_deg < 1.0
+
+    narrow = make_study(values | {"window_deg": "0.05"}, name="narrow")
+    done = screen.run(*screen.session("run", narrow, "--simulate"))
+    assert done.returncode == 2
+    assert "window_deg = 0.05 must be at least the mean error and twice the noise" in done.stderr
+    last = narrow.journal().events[-1]
+    assert (last.kind, last.reason) == ("session-end", "error")
+    assert not narrow.journal().attempts
