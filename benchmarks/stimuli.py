@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+REPEATS = 3
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
 
 
@@ -65,7 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{speed.method:<12} {speed.pipeline_fps:>5.1f} fps {speed.encode_fps:>5.1f} fps"
             f" {speed.build_fps:>5.1f} fps  {speed.overhead:.2f}"
         )
-    one, two = _wall(options, 1), _wall(options, 2)
+    # The best of several: other work on the machine takes cores from two before it does from one.
+    one, two = (min(_wall(options, count) for _ in range(REPEATS)) for count in (1, 2))
     print(f"two processes, one rendering thread each: {2 * one / two:.2f} x one process")
     memory = [_memory(options, frames) for frames in (options.frames, 2 * options.frames)]
     print(f"peak memory: {memory[0]:.0f} MiB for {options.frames} frames, {memory[1]:.0f} MiB for"

@@ -38,6 +38,7 @@ from protocols.schema import ClipName
 from protocols.units import Scalar
 from stimuli.clip import Survey, read_survey
 from stimuli.contact import SHEET_NAME, write_contact_sheet
+from stimuli.executors import LocalProcesses
 from stimuli.orders import Orders
 from stimuli.png import write_whole
 from stimuli.preview import PREVIEW_FOLDER, preview_path, write_preview
@@ -237,10 +238,15 @@ class _Batch:
         except BrokenProcessPool:
             raise _worker_died() from None
         finally:
-            for future in self.running:
-                future.cancel()
-            if self.running:  # let workers end what they are at, so that none writes later
-                wait([future for future in self.running if not future.cancelled()])
+            self._stop()
+
+    def _stop(self) -> None:
+        """After an error: no worker may write into the folder once it is let go."""
+        for future in self.running:
+            future.cancel()
+        if self.running and isinstance(self.executor, LocalProcesses):
+            self.executor.stop()
+        wait([future for future in self.running if not future.cancelled()])
 
     def _order(self, job: tuple[str, ClipName]) -> tuple[int, bool, int]:
         kind, name = job
