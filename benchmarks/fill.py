@@ -24,6 +24,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.quality import write_into
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
@@ -38,7 +39,7 @@ from pipeline.warp.gpu import WarpPass, WarpTextures
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
 
-RESULTS = Path(__file__).parent / "results"
+BEGIN, END = "<!-- fill table: begin -->", "<!-- fill table: end -->"
 Z_NEAR_M = 2.0
 SEED = 1
 METAMERIC = {
@@ -251,6 +252,26 @@ def show(timings: list[Timing], console: Console) -> None:
         console.print(table)
 
 
+def markdown(timings: list[Timing]) -> str:
+    """Tabulate the ratios to push-pull: a row per method, a column per mask and size."""
+    columns = list(dict.fromkeys((t.mask, t.edge_px) for t in timings))
+    found = {(t.method, t.mask, t.edge_px): t for t in timings}
+    head = [f"{mask}, {edge}²" for mask, edge in columns]
+    lines = [
+        "| method, time to push-pull's | " + " | ".join(head) + " | passes at 1024² | B/px held |",
+        "| --- |" + " ---: |" * (len(columns) + 2),
+    ]
+    for method in dict.fromkeys(t.method for t in timings):
+        cells = [found.get((method, *column)) for column in columns]
+        ratios = ["" if t is None else f"{t.to_push_pull:.2f}" for t in cells]
+        at_1024 = next((t for t in cells if t is not None and t.edge_px == 1024), None)
+        known = at_1024 is not None
+        passes = str(at_1024.passes) if known and at_1024.passes else ""
+        held = f"{at_1024.bytes_per_pixel:.0f}" if known and at_1024.bytes_per_pixel else ""
+        lines.append(f"| {method} | " + " | ".join([*ratios, passes, held]) + " |")
+    return "\n".join(lines)
+
+
 def plot(timings: list[Timing], target: Path) -> None:
     """Draw time against pixels, a line per method, on the thin mask."""
     import matplotlib as mpl
@@ -288,6 +309,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--mask", nargs="+", choices=list(MASKS), default=list(MASKS))
     parser.add_argument("--repeats", type=int, default=9, help="timed runs of each (default 9)")
     parser.add_argument("--json", type=Path, help="write the numbers, device and versions there")
+    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
     parser.add_argument("--plot", type=Path, help="draw time against pixels there (.svg, .png)")
     arguments = parser.parse_args(argv)
     console = Console()
@@ -318,6 +340,8 @@ def main(argv: list[str]) -> int:
         }
         arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         console.print(f"wrote {arguments.json}")
+    if arguments.docs is not None:
+        write_into(arguments.docs, markdown(timings), BEGIN, END)
     if arguments.plot is not None:
         plot(timings, arguments.plot)
         console.print(f"wrote {arguments.plot}")

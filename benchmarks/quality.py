@@ -79,13 +79,13 @@ def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     return "\n".join(lines)
 
 
-def write_into(document: Path, text: str) -> None:
+def write_into(document: Path, text: str, begin: str = BEGIN, end: str = END) -> None:
     """Replace what stands between the markers of a document."""
-    before, found, rest = document.read_text(encoding="utf-8").partition(BEGIN)
-    _, ended, after = rest.partition(END)
+    before, found, rest = document.read_text(encoding="utf-8").partition(begin)
+    _, ended, after = rest.partition(end)
     if not (found and ended):
-        raise SystemExit(f"{document}: must hold the lines {BEGIN} and {END}")
-    document.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+        raise SystemExit(f"{document}: must hold the lines {begin} and {end}")
+    document.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main(argv: list[str]) -> int:
