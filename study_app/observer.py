@@ -90,8 +90,10 @@ class ArtificialObserver:
         return keys[0], median_s * math.exp(float(rng.normal()) * model.rt_sigma)
 
     def turn_page(self, page: Page) -> PageResult:
-        """Read for a while, agree, go on."""
+        """Read for a while, agree, go on; but nobody can calibrate an artificial eye again."""
         keys = self._response.continue_keys
+        if page.name == "calibration":
+            keys = self._response.quit_keys
         answer = ""
         if page.name == "question":
             answer = page.choices[0] if page.choices else "simulated"

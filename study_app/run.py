@@ -104,6 +104,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     texts = texts_of(protocol, language)
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
+    # Early, so that recorders find the stream before the first trial.
+    mark = LslMarkers(options.participant) if options.markers else _no_marks
     with ExitStack() as stack:
         window = stack.enter_context(Window(display, pacing=options.pacing))
         check = check_display(window, utc_now)
@@ -138,7 +140,6 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             recorder, plan = resume(setting, options.participant, presenter, gaze)
         else:
             recorder, plan = begin(setting, options.participant, language, presenter, gaze)
-        mark = LslMarkers(options.participant) if options.markers else _no_marks
         validated = None
         if gaze is not None and options.validate:
             validated = _validation(display, gaze, presenter, listener)
