@@ -27,7 +27,8 @@ ANISOTROPY = 4.0
 SHADOW_PX = 2048
 SKY_DIRECTIONS = 32
 SKY_PX = 512
-NEAR_SHARE = 0.002  # of the scene's size: how near a surface may come to the camera
+NEAR_SHARE = 1e-4  # of the scene's size: how near a surface may come to the camera,
+NEAR_M = 0.05  # and at most this
 _SRGB8_ALPHA8 = 0x8C43
 _VERTEX = "3f 3f 2f 4f"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$', re.MULTILINE)
@@ -218,8 +219,7 @@ class Renderer:
 
     def _projection(self, camera: Camera) -> NDArray[np.float64]:
         """Clip space from camera axes: x right, y down as rows of an array, far plane at inf."""
-        near_m = NEAR_SHARE * self._reach_m
-        near_m = min(near_m, 0.1) if self.world.light is not None else near_m
+        near_m = min(NEAR_SHARE * self._reach_m, NEAR_M)
         width, height = camera.width_px, camera.height_px
         return np.array(
             [

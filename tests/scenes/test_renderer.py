@@ -193,6 +193,17 @@ def test_light_does_not_move_with_the_camera(draw):
     np.testing.assert_allclose(moved.colour[row, there], seen.colour[row, column], atol=0.01)
 
 
+def test_what_is_near_is_seen_in_a_world_of_kilometres(draw):
+    far = wall_at(-2000.0, Material(plain(50, 50, 50), lit=False), 3000.0)
+    near = sheet(
+        [[-0.1, -0.1, -0.2], [0.1, -0.1, -0.2], [-0.1, 0.1, -0.2], [0.1, 0.1, -0.2]],
+        Material(plain(200, 0, 0), lit=False),
+    )
+    frame = draw(World((far, near), VIEW), VIEW.camera(32, 24))
+    assert frame.depth_m[12, 16] == pytest.approx(0.2, rel=1e-5)
+    assert frame.depth_m[1, 1] == pytest.approx(2000, rel=1e-4)
+
+
 def test_rays_that_meet_nothing_are_infinitely_far(draw, two_planes):
     world = World(two_planes.parts[1:], VIEW, backdrop=(0.25, 0.5, 0.75))
     frame = draw(world, VIEW.camera(32, 24))
