@@ -100,12 +100,13 @@ def test_a_session_by_real_keys_ignores_wrong_ones_asks_before_quitting_and_goes
     assert [e.reason for e in events_of(study, SessionEnd)] == ["quit"]
 
 
+@pytest.mark.full
 @pytest.mark.timeout(600)
 def test_a_killed_windowed_session_resumes_in_the_same_order_and_loses_nothing(
-    screen, make_study, wait, full
+    screen, make_study, wait
 ):
     study = make_study()
-    kills = 5 if full else 1
+    kills = 5
     process = screen.start(*screen.session("run", study, "--simulate"))
     for kill in range(kills):
         wanted = min(kill + 2, 5)
