@@ -186,9 +186,8 @@ def look(
 
     Example: metamerlab stimuli look place.glb --out views.png
     """
-    from stimuli.look import look_around
-
     from pipeline.gl.context import create_context, release_context
+    from stimuli.look import look_around
 
     with user_errors():
         if out.suffix.lower() != ".png":
