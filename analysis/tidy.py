@@ -1,10 +1,9 @@
-"""Journals to tidy tables; the only reader of journals.
+"""Journals to tidy tables.
 
 One row per attempt, one per decision, one per sitting; every column is in `analysis.columns`.
 Damaged journals are read past the damage, and the tables say so.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from analysis.columns import (
     frame,
 )
 from analysis.exclusions import FlowStep, apply_exclusions
-from protocols.errors import StudyError
+from analysis.journals import Progress, StudyReadings, read_study
 from protocols.hashing import sha256_file
 from protocols.journal import (
     Answer,
@@ -29,10 +28,8 @@ from protocols.journal import (
     SessionResume,
     SessionStart,
 )
-from protocols.journal_file import Journal, find_journals, read_journal
+from protocols.journal_file import Journal
 from protocols.schema import StudyProtocol
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -73,42 +70,19 @@ def read_sessions(
     Raises
     ------
     StudyError
-        If there is no journal, journals belong to another protocol or to several, one
-        participant appears twice, or simulated and recorded sittings are mixed.
+        As `analysis.journals.read_study` says.
     """
-    paths = find_journals(folder)
-    if not paths:
-        raise StudyError(
-            f"{folder}: must hold at least one sitting (no journal.jsonl was found);"
-            " name the folder that sessions were recorded into"
-        )
-    readings: list[tuple[str, Journal, SessionStart]] = []
-    notes: list[str] = []
-    for number, path in enumerate(paths):
-        if progress:
-            progress("reading journals", number, len(paths))
-        name = path.parent.relative_to(folder).as_posix()
-        name = folder.resolve().name if name == "." else name
-        journal = read_journal(path, lenient=True)
-        if journal.withdrawn:
-            notes.append(f"{name}: the participant withdrew; nothing of theirs is used")
-            continue
-        starts = [event for event in journal.events if isinstance(event, SessionStart)]
-        if not starts:
-            notes.append(f"{name}: left out, its first line (the header) cannot be read")
-            continue
-        readings.append((name, journal, starts[0]))
-    if progress:
-        progress("reading journals", len(paths), len(paths))
-    if not readings:
-        raise StudyError(
-            f"{folder}: must hold at least one readable sitting"
-            f" (of {len(paths)} journals none can be used): " + "; ".join(notes)
-        )
-    _check_one_study(folder, readings, protocol)
+    return tidy_tables(read_study(folder, protocol, progress=progress), protocol)
+
+
+def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
+    """Return the tables of journals that were read, with the exclusion rules applied."""
+    notes = list(study.notes)
     sessions, attempts, decisions, answers = [], [], [], []
-    for name, journal, start in readings:
-        session, tries, decided, said, found = _one_sitting(name, journal, start)
+    for reading in study.readings:
+        session, tries, decided, said, found = _one_sitting(
+            reading.name, reading.journal, reading.start
+        )
         sessions.append(session)
         attempts += tries
         decisions += decided
@@ -125,7 +99,7 @@ def read_sessions(
         decisions=chosen,
         answers=pd.DataFrame(answers, columns=["session", "participant", "question", "text"]),
         flow=flow,
-        simulated=readings[0][2].simulated,
+        simulated=study.simulated,
         warnings=tuple(notes),
     )
 
@@ -161,46 +135,6 @@ def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
             "is_A_selected": (decisions["chosen"] == decisions["first"]).astype(int),
         }
     )
-
-
-def _check_one_study(
-    folder: Path, readings: Sequence[tuple[str, Journal, SessionStart]], protocol: StudyProtocol
-) -> None:
-    hashes: dict[str, list[str]] = {}
-    for name, _, start in readings:
-        hashes.setdefault(start.protocol_sha256, []).append(name)
-    if len(hashes) > 1:
-        listed = "; ".join(
-            f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
-            for digest, names in sorted(hashes.items())
-        )
-        raise StudyError(
-            f"{folder}: all sittings must follow one protocol (found {len(hashes)}: {listed});"
-            " analyse each study on its own"
-        )
-    (digest,) = hashes
-    if digest != protocol.sha256:
-        raise StudyError(
-            f"{folder}: sittings must follow the protocol given ({protocol.study.name},"
-            f" {protocol.sha256[:12]}…) (got {digest[:12]}…); give the protocol file as it was"
-            " when the sessions were recorded"
-        )
-    kinds = {start.simulated for _, _, start in readings}
-    if len(kinds) > 1:
-        simulated = [name for name, _, start in readings if start.simulated]
-        raise StudyError(
-            f"{folder}: simulated and recorded sittings must not be mixed"
-            f" (simulated: {', '.join(simulated[:5])}); keep them in separate folders"
-        )
-    people: dict[str, str] = {}
-    for name, _, start in readings:
-        # Last: two studies or a simulation may well share a participant's code.
-        if start.participant in people:
-            raise StudyError(
-                f"{folder}: every participant must have one sitting (got {start.participant!r} in"
-                f" {people[start.participant]} and {name}); move the copy out of this folder"
-            )
-        people[start.participant] = name
 
 
 def _one_sitting(
