@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from analysis.columns import dictionary
@@ -33,6 +30,8 @@ from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from study_app.cli.errors import user_errors
+from study_app.cli.export_commands import register
+from study_app.cli.progress import one_line
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -48,6 +47,8 @@ app = typer.Typer(
         metamerlab analysis tidy sessions --protocol demo --out tables
 
         metamerlab analysis import old.csv --map participant=subject --out imported
+
+        metamerlab analysis export sessions --protocol demo --format bids --out bids
     """,
 )
 
@@ -84,7 +85,7 @@ def report(
     """
     with user_errors():
         study = load_protocol(protocol) if protocol else None
-        with _progress() as progress:
+        with one_line() as progress:
             if sessions.suffix.lower() in (".csv", ".tsv") and not sessions.is_dir():
                 made = report_decisions(
                     sessions,
@@ -127,7 +128,7 @@ def tidy(
     """
     with user_errors():
         study = load_protocol(protocol)
-        with _progress() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
+        with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = read_sessions(sessions, study, progress=progress)
             write_tables(tables, work)
     for warning in tables.warnings:
@@ -175,7 +176,7 @@ def power(
         assumptions = Assumptions(
             rate if rate is not None else 0.5 + settings.margin, participant_sd, scene_sd
         )
-        with _progress() as progress:
+        with one_line() as progress:
             curve = power_curve(
                 settings,
                 assumptions,
@@ -240,17 +241,7 @@ def import_(
     print(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Show one line that says what is done; a total of 0 means that no end is known."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("starting", total=None)
-
-        def say(name: str, done: int, total: int) -> None:
-            bars.update(task, description=name, completed=done, total=total or None)
-
-        yield say
+register(app)
 
 
 def _print_report(made: ReportPaths) -> None:

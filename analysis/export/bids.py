@@ -1,0 +1,247 @@
+"""BIDS 1.11: behaviour, events, and gaze as eye-tracking recordings.
+
+One participant is one `sub-`; every run of the program is one `run-`, since its clock starts at 0
+(a resumed sitting has several). All onsets of a run are seconds on that clock.
+"""
+
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.columns import ATTEMPT_COLUMNS, SESSION_COLUMNS
+from analysis.export.bids_events import EVENT_COLUMNS, event_rows
+from analysis.export.bids_gaze import write_gaze
+from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
+from analysis.export.content import Content, generated_by, label, write_json
+from analysis.export.people import Person, Run
+from analysis.export.public import gaze_source, revision, scrub, system
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.hashing import Json, sha256_json
+from protocols.journal import SessionStart
+
+VERSION = "1.11.1"
+_NOT_IN_BEH = ("session", "participant", "simulated")
+_NOT_OF_PEOPLE = ("session", "participant", "protocol_sha256", "stimuli_sha256")
+
+
+def write_bids(content: Content, folder: Path) -> tuple[str, ...]:
+    """Write the data set; return what is odd about gaze files.
+
+    Raises
+    ------
+    StudyError
+        If the display file of a sitting is not among the options' displays.
+    """
+    displays = {person.code: _display(content, person) for person in content.people}
+    notes: list[str] = []
+    for number, person in enumerate(content.people):
+        content.progress("writing participants", number, len(content.people))
+        for run in person.runs:
+            notes += _write_run(content, folder, person, run, displays[person.code])
+    content.progress("writing participants", len(content.people), len(content.people))
+    _write_people(content, folder)
+    _write_answers(content, folder)
+    _write_stimuli(content, folder)
+    write_json(folder / "dataset_description.json", _description(content))
+    readme = content.readme(
+        "`beh/` of each participant holds, for every run of the program (a sitting that was resumed"
+        " has several), a table of attempts (`_beh.tsv`), what was shown when (`_events.tsv`), and,"
+        " where gaze was stored, its samples (`_physio.tsv.gz`). Gaze is recorded during attempts"
+        " only: go by the column `timestamp`, not by the sampling rate. `stimuli/clips.tsv` lists"
+        " the clips with their hashes; their pixels are not part of this data set.",
+        *(() if content.public else _odd(content.tables.warnings)),
+    )
+    (folder / "README.md").write_text(readme, encoding="utf-8")
+    return tuple(notes)
+
+
+def subject(person: Person) -> str:
+    """Return ``sub-LABEL``; '-' and '_' of a code become '+' and '++', so that codes stay apart."""
+    return "sub-" + person.code.replace("-", "+").replace("_", "++")
+
+
+def _write_run(
+    content: Content, folder: Path, person: Person, run: Run, display: Display
+) -> list[str]:
+    task = label(content.protocol.study.name)
+    stem = f"{subject(person)}_task-{task}_run-{run.number}"
+    beh = folder / subject(person) / "beh"
+    beh.mkdir(parents=True, exist_ok=True)
+    about = _about(content, person, run, display)
+    rows = event_rows(run, public=content.public)
+    write_tsv(beh / f"{stem}_events.tsv", pd.DataFrame(rows, dtype=object), EVENT_COLUMNS)
+    write_json(
+        beh / f"{stem}_events.json",
+        about | {column.name: column.doc() for column in EVENT_COLUMNS if column.name in rows[0]},
+    )
+    attempts = content.tables.attempts
+    mine = attempts[attempts["participant"] == person.code]
+    numbers = {attempt.position for attempt in run.attempts}
+    table = mine[[int(position) in numbers for position in mine["position"]]]
+    if len(table):
+        columns = [c for c in ATTEMPT_COLUMNS if c.name in table and c.name not in _NOT_IN_BEH]
+        write_tsv(beh / f"{stem}_beh.tsv", table, [FileColumn.of(column) for column in columns])
+        write_json(beh / f"{stem}_beh.json", about | column_docs(columns))
+    return write_gaze(content, beh, stem, person, run)
+
+
+def _about(content: Content, person: Person, run: Run, display: Display) -> dict[str, Json]:
+    """Return what holds for a whole run: the task, and the screen."""
+    start, protocol = person.reading.start, content.protocol
+    texts = protocol.text.languages.get(start.language)
+    found: dict[str, Json] = {
+        "TaskName": protocol.study.name,
+        "TaskDescription": content.description,
+    }
+    if texts is not None:
+        found["Instructions"] = scrub("\n".join(texts.instructions), public=content.public)
+    screen: dict[str, Json] = {
+        "ScreenDistance": display.distance_mm / 1000,
+        "ScreenOrigin": ["top", "left"],
+        "ScreenRefreshRate": start.refresh_hz,
+        "ScreenResolution": [display.width_px, display.height_px],
+        "ScreenSize": [display.width_mm / 1000, display.height_mm / 1000],
+        "SoftwareName": "metamerlab",
+        "SoftwareVersion": revision(run.opening.revision, public=content.public),
+        "OperatingSystem": system(start.platform, public=content.public),
+    }
+    return found | {"StimulusPresentation": screen}
+
+
+def _display(content: Content, person: Person) -> Display:
+    start = person.reading.start
+    for display in content.options.displays:
+        if sha256_json(display) == start.display_sha256:
+            return display
+    known = ", ".join(display.name for display in content.options.displays) or "none"
+    raise StudyError(
+        f"{person.reading.name}: BIDS needs the display that it was recorded on, {start.display!r}"
+        f" with hash {start.display_sha256[:12]} (given: {known}); name its file, as it was then,"
+        " with --display"
+    )
+
+
+def _write_people(content: Content, folder: Path) -> None:
+    table = content.tables.sessions.copy()
+    by_code = {person.code: person for person in content.people}
+    people = [by_code[code] for code in table["participant"]]
+    extra = {
+        "participant_id": [subject(person) for person in people],
+        "code": list(table["participant"]),
+        "species": ["n/a" if content.tables.simulated else "homo sapiens" for _ in people],
+        "language": [person.reading.start.language for person in people],
+        "gaze_source": [_source(person.reading.start, content) for person in people],
+        "runs": [len(person.runs) for person in people],
+    }
+    columns = [
+        FileColumn("participant_id", "Participant, as in the names of folders"),
+        FileColumn("code", "Pseudonymous code"),
+        FileColumn("species", "Species of the participant; not given for artificial observers"),
+        FileColumn("language", "Language of the sitting"),
+        FileColumn("gaze_source", "Where gaze came from; 'none' where it was not watched"),
+        FileColumn("runs", "Runs of the program in this sitting"),
+        *(FileColumn.of(c) for c in SESSION_COLUMNS if c.name not in _NOT_OF_PEOPLE),
+    ]
+    write_tsv(folder / "participants.tsv", table.assign(**extra), columns)
+    write_json(folder / "participants.json", {column.name: column.doc() for column in columns[1:]})
+
+
+def _source(start: SessionStart, content: Content) -> str:
+    return gaze_source(start.gaze.source, public=content.public) if start.gaze else "none"
+
+
+def _write_answers(content: Content, folder: Path) -> None:
+    """Write the closing questions as a measurement tool, one column per question."""
+    answers = content.tables.answers
+    if answers.empty:
+        return
+    names = {person.code: subject(person) for person in content.people}
+    wide = answers.drop_duplicates(["participant", "question"], keep="last").pivot(
+        index="participant", columns="question", values="text"
+    )
+    wide.insert(0, "participant_id", [names[str(code)] for code in wide.index])
+    asked = {
+        question.name: question.text
+        for texts in content.protocol.text.languages.values()
+        for question in texts.questions
+    }
+    default = content.protocol.text.languages[content.protocol.text.default_language]
+    asked |= {question.name: question.text for question in default.questions}
+    columns = [FileColumn("participant_id", "Participant")] + [
+        FileColumn(str(name), scrub(asked.get(str(name), str(name)), public=content.public))
+        for name in wide.columns[1:]
+    ]
+    (folder / "phenotype").mkdir()
+    write_tsv(folder / "phenotype" / "closing_questions.tsv", wide, columns)
+    tool: dict[str, Json] = {
+        "MeasurementToolMetadata": {"Description": "Questions asked after the last trial"}
+    }
+    write_json(
+        folder / "phenotype" / "closing_questions.json",
+        tool | {column.name: column.doc() for column in columns[1:]},
+    )
+
+
+def _write_stimuli(content: Content, folder: Path) -> None:
+    """List every clip that was shown to anybody."""
+    clips = {
+        (attempt.scene, attempt.size, clip.method): (clip.clip_sha256, clip.frames_planned)
+        for person in content.people
+        for attempt in person.reading.journal.attempts
+        for clip in attempt.clips
+    }
+    protocol = content.protocol
+    table = pd.DataFrame(
+        [
+            {
+                "clip": f"{scene}__{size}__{method}",
+                "scene": scene,
+                "size": size,
+                "method": method,
+                "clip_sha256": digest,
+                "frames": frames,
+                "fps": protocol.clips.fps,
+                "width_deg": protocol.clips.width_deg,
+                "height_deg": protocol.clips.height_deg,
+            }
+            for (scene, size, method), (digest, frames) in sorted(clips.items())
+        ]
+    )
+    if table.empty:
+        return
+    columns = [
+        FileColumn("clip", "Scene, size and method"),
+        FileColumn("scene", "Scene"),
+        FileColumn("size", "Size of the disocclusion"),
+        FileColumn("method", "How its holes were filled"),
+        FileColumn("clip_sha256", "SHA-256 over the hashes of its frames, as in the manifest"),
+        FileColumn("frames", "Frames of the clip"),
+        FileColumn("fps", "Frames per second", "Hz"),
+        FileColumn("width_deg", "Width on the screen", "deg"),
+        FileColumn("height_deg", "Height on the screen", "deg"),
+    ]
+    (folder / "stimuli").mkdir()
+    write_tsv(folder / "stimuli" / "clips.tsv", table, columns)
+    write_json(folder / "stimuli" / "clips.json", {column.name: column.doc() for column in columns})
+
+
+def _description(content: Content) -> dict[str, Json]:
+    found: dict[str, Json] = {
+        "Name": content.title,
+        "BIDSVersion": VERSION,
+        "DatasetType": "raw",
+    }
+    if content.options.licence:
+        found["License"] = content.options.licence
+    if content.options.authors:
+        found["Authors"] = list(content.options.authors)
+    if content.source:
+        found["ReferencesAndLinks"] = [content.source]
+    return found | {"GeneratedBy": generated_by()}
+
+
+def _odd(warnings: tuple[str, ...]) -> tuple[str, ...]:
+    if not warnings:
+        return ()
+    return ("What is odd about these data:", "\n".join(f"- {warning}" for warning in warnings))

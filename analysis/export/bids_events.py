@@ -1,0 +1,116 @@
+"""What happened when, in one run of the program, as rows of a BIDS events file."""
+
+from analysis.export.bids_tables import FileColumn
+from analysis.export.people import Run
+from protocols.journal import (
+    AnyEvent,
+    Attempt,
+    BlockEnd,
+    BlockStart,
+    Break,
+    Calibration,
+    Note,
+    Pause,
+    SessionEnd,
+)
+
+_KINDS = (
+    ("session-start", "The program was started for this sitting"),
+    ("session-resume", "The program was started again for this sitting"),
+    ("session-end", "The program ended"),
+    ("block-start", "A block begins; block 0 is practice"),
+    ("block-end", "Every trial of a block was decided or given up"),
+    ("break", "Break between blocks"),
+    ("pause", "The sitting rested because the participant asked"),
+    ("validation", "The gaze source was validated"),
+    ("note", "Something the operator or the program wanted remembered"),
+    ("fixate", "The dot waits for gaze"),
+    ("first", "Interval 1: the clip of the first method"),
+    ("gap", "Blank between the intervals"),
+    ("second", "Interval 2: the clip of the second method"),
+    ("respond", "The answer is awaited"),
+)
+EVENT_COLUMNS = (
+    FileColumn("onset", "Seconds since the program opened the journal in this run", "s"),
+    FileColumn("duration", "How long it lasted; n/a for a moment", "s"),
+    FileColumn("trial_type", "What happened", levels=_KINDS),
+    FileColumn("response_time", "From the onset of the answer phase to the key press", "s"),
+    FileColumn("trial", "Trial of the plan"),
+    FileColumn("attempt", "1 for the first attempt at this trial"),
+    FileColumn("position", "Number of this attempt in the sitting, from 0"),
+    FileColumn("block", "Block; 0 is practice"),
+    FileColumn("method", "Method of the clip that was shown"),
+    FileColumn("clip", "Clip that was shown, see stimuli/clips.tsv"),
+    FileColumn("clip_sha256", "SHA-256 over the hashes of the clip's frames"),
+    FileColumn("refreshes", "Refreshes of the display that it lasted"),
+    FileColumn("planned_refreshes", "Refreshes planned; n/a where the participant decides"),
+    FileColumn("dropped", "Refreshes at which nothing new could be shown"),
+    FileColumn("accuracy_deg", "Validations: mean angle between target and gaze", "deg"),
+    FileColumn("precision_deg", "Validations: angle from sample to sample, as RMS", "deg"),
+    FileColumn("outcome", "How the attempt, or the run of the program, ended"),
+    FileColumn("note", "What was noted"),
+)
+
+
+def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
+    """Return the rows of a run, by onset; in public without notes. All rows have all columns."""
+    rows: list[dict[str, object]] = []
+    for event in run.events:
+        if isinstance(event, Attempt):
+            rows += _attempt(event)
+        elif row := _moment(event, public=public):
+            rows.append(row)
+    rows.sort(key=lambda row: float(str(row["onset"])))
+    names = [column.name for column in EVENT_COLUMNS if not (public and column.name == "note")]
+    return [{name: row.get(name) for name in names} for row in rows]
+
+
+def _attempt(attempt: Attempt) -> list[dict[str, object]]:
+    shown = dict(zip(("first", "second"), attempt.clips, strict=True))
+    rows = []
+    for phase in attempt.phases:
+        row: dict[str, object] = {
+            "onset": phase.onset_s,
+            "duration": round(phase.offset_s - phase.onset_s, 6),
+            "trial_type": phase.phase,
+            "trial": attempt.trial,
+            "attempt": attempt.attempt,
+            "position": attempt.position,
+            "block": attempt.block,
+            "refreshes": phase.refreshes,
+            "planned_refreshes": phase.planned,
+            "dropped": phase.dropped,
+            "outcome": attempt.void_reason or attempt.outcome,
+        }
+        if phase.phase in shown:
+            clip = shown[phase.phase]
+            row |= {
+                "method": clip.method,
+                "clip": f"{attempt.scene}__{attempt.size}__{clip.method}",
+                "clip_sha256": clip.clip_sha256,
+            }
+        if phase.phase == "respond":
+            row["response_time"] = attempt.rt_s
+        rows.append(row)
+    return rows
+
+
+def _moment(event: AnyEvent, *, public: bool) -> dict[str, object] | None:
+    row: dict[str, object] = {"onset": event.t_s, "trial_type": event.kind}
+    match event:
+        case BlockStart() | BlockEnd():
+            return row | {"block": event.block}
+        case Break() | Pause():  # written when they end
+            began_s = max(0.0, round(event.t_s - event.duration_s, 6))
+            return row | {"onset": began_s, "duration": event.duration_s}
+        case Calibration():
+            return row | {
+                "trial_type": "validation",
+                "accuracy_deg": event.accuracy_deg,
+                "precision_deg": event.precision_deg,
+            }
+        case SessionEnd():
+            return row | {"outcome": event.reason, "note": event.message}
+        case Note():
+            return None if public else row | {"note": event.text}
+    return row if event.kind in ("session-start", "session-resume") else None

@@ -1,0 +1,103 @@
+"""What every form of export is made from, and the words that all of them need."""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.export.choices import ExportOptions
+from analysis.export.people import Person
+from analysis.export.public import scrub
+from analysis.journals import Progress
+from analysis.tidy import Tidy
+from protocols.hashing import Json
+from protocols.revision import code_revision, package_version
+from protocols.schema import StudyProtocol
+
+
+@dataclass(frozen=True)
+class Content:
+    """A study, ready to be written."""
+
+    protocol: StudyProtocol
+    people: tuple[Person, ...]
+    tables: Tidy
+    options: ExportOptions
+    progress: Progress
+
+    @property
+    def public(self) -> bool:
+        """Whether what could tell people and places is to be left out."""
+        return self.options.public
+
+    @property
+    def title(self) -> str:
+        """The study's title; simulated data says so first."""
+        mark = "SIMULATED: " if self.tables.simulated else ""
+        return mark + scrub(self.protocol.study.title, public=self.public)
+
+    @property
+    def description(self) -> str:
+        """What the study is, in a sentence or two."""
+        study = self.protocol.study
+        text = study.description or study.title
+        if self.tables.simulated:
+            text = "Made by artificial observers; nobody sat there. " + text
+        return scrub(text, public=self.public)
+
+    @property
+    def source(self) -> str:
+        """The publication whose design the study follows; may be empty."""
+        return scrub(self.protocol.study.source, public=self.public)
+
+    def readme(self, *paragraphs: str) -> str:
+        """Return a README of the export."""
+        sessions = self.tables.sessions
+        whole = int((sessions["status"] == "completed").sum())
+        lines = [
+            f"# {self.title}",
+            self.description,
+            f"{len(sessions)} participants, {whole} of them with a completed sitting; pairs of"
+            " short clips, shown one after the other, and the one preferred of each pair. Sittings"
+            " that were cut short are here as they are: see the column `status`.",
+            *paragraphs,
+        ]
+        if self.source:
+            lines.append(f"Design after: {self.source}")
+        if self.public:
+            lines.append(
+                "This is a public version. Participants were numbered anew; wall-clock times,"
+                " typed answers, notes, and the names of machines and devices were left out."
+            )
+        lines += [
+            f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"
+            f" SHA-256 `{self.protocol.sha256}`. Written by {_program()} from append-only"
+            " journals, which stay with the lab; `journal_sha256` names each.",
+        ]
+        return "\n\n".join(lines) + "\n"
+
+
+def generated_by() -> list[Json]:
+    """Return what wrote the export, as BIDS asks for it."""
+    return [
+        {
+            "Name": "metamerlab",
+            "Version": package_version(),
+            "Description": f"git revision {code_revision()}",
+        }
+    ]
+
+
+def label(name: str) -> str:
+    """Return a name as letters and digits alone, as keywords of file names must be."""
+    return re.sub(r"[^A-Za-z0-9]", "", name)
+
+
+def write_json(path: Path, value: Json) -> None:
+    """Write indented JSON, keys in the order given."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _program() -> str:
+    return f"metamerlab {package_version()} (revision {code_revision()})"

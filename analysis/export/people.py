@@ -1,0 +1,86 @@
+"""Who is exported, and under which name."""
+
+from dataclasses import dataclass
+
+from analysis.journals import Reading, StudyReadings
+from protocols.hashing import sha256_bytes
+from protocols.journal import (
+    AnyEvent,
+    Attempt,
+    Consent,
+    SessionResume,
+    SessionStart,
+)
+from protocols.schema import StudyProtocol
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run of the program recorded; its clock starts at 0."""
+
+    number: int
+    """From 1; a resumed sitting has several."""
+    opening: SessionStart | SessionResume
+    events: tuple[AnyEvent, ...]
+
+    @property
+    def attempts(self) -> tuple[Attempt, ...]:
+        """Every attempt of this run, in order."""
+        return tuple(event for event in self.events if isinstance(event, Attempt))
+
+
+@dataclass(frozen=True)
+class Person:
+    """A participant's sitting, under the name the export gives."""
+
+    code: str
+    """Participant code: as recorded, or its number in a public export."""
+    reading: Reading
+    runs: tuple[Run, ...]
+
+
+def people_of(
+    study: StudyReadings, protocol: StudyProtocol, *, public: bool
+) -> tuple[tuple[Person, ...], tuple[str, ...]]:
+    """Return everyone who may be exported, and what is to be said of the others.
+
+    Withdrawn participants are no readings at all. Where the protocol asks for consent, a sitting
+    whose journal does not hold it is left out. A public export numbers people anew, in an order
+    that says neither when they came nor what they were called.
+    """
+    kept, notes = [], []
+    for reading in study.readings:
+        if protocol.privacy.consent_required and not _agreed(reading.journal.events):
+            notes.append(f"{reading.name}: left out, its journal holds no consent")
+            continue
+        kept.append(reading)
+    if public:
+        kept.sort(key=lambda reading: sha256_bytes(reading.start.participant.encode()))
+    width = max(3, len(str(len(kept))))
+    people = tuple(
+        Person(
+            f"P{number:0{width}d}" if public else reading.start.participant,
+            reading,
+            runs_of(reading),
+        )
+        for number, reading in enumerate(kept, start=1)
+    )
+    return people, tuple(notes)
+
+
+def runs_of(reading: Reading) -> tuple[Run, ...]:
+    """Return a journal's events by runs of the program."""
+    runs: list[tuple[SessionStart | SessionResume, list[AnyEvent]]] = []
+    for event in reading.journal.events:
+        if isinstance(event, SessionStart | SessionResume):
+            runs.append((event, []))
+        if runs:  # what stands before the header has no clock
+            runs[-1][1].append(event)
+    return tuple(
+        Run(number, opening, tuple(events)) for number, (opening, events) in enumerate(runs, 1)
+    )
+
+
+def _agreed(events: tuple[AnyEvent, ...]) -> bool:
+    answers = [event.agreed for event in events if isinstance(event, Consent)]
+    return bool(answers) and all(answers)

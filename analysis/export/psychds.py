@@ -1,0 +1,111 @@
+"""Psych-DS: tidy tables as CSV files whose columns JSON-LD metadata explains.
+
+The rules are those of the Psych-DS schema (https://psych-ds.github.io); `psychds_rules`
+checks them on what was written.
+"""
+
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.columns import (
+    ATTEMPT_COLUMNS,
+    DECISION_COLUMNS,
+    SESSION_COLUMNS,
+    Column,
+)
+from analysis.export.content import Content, label, write_json
+from analysis.export.psychds_rules import broken_rules
+from protocols.hashing import Json
+
+_ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")
+_ANSWER_COLUMNS = (
+    Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
+    Column("participant", "text", "", "Pseudonymous code"),
+    Column("question", "text", "", "Name of the closing question"),
+    Column("text", "text", "", "Answer as typed or chosen"),
+)
+_KEYWORDS = ("psychophysics", "two-alternative forced choice", "image warping", "inpainting")
+
+
+def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
+    """Write the data set.
+
+    Raises
+    ------
+    RuntimeError
+        If what was written breaks a rule of Psych-DS, which would be a mistake of ours.
+    """
+    tables = content.tables
+    study = label(content.protocol.study.name)
+    written: dict[str, Column] = {}
+    for name, table, columns in (
+        ("sittings", tables.sessions, SESSION_COLUMNS),
+        ("attempts", tables.attempts, ATTEMPT_COLUMNS),
+        ("decisions", tables.decisions, DECISION_COLUMNS),
+        ("answers", tables.answers, _ANSWER_COLUMNS),
+    ):
+        if table.empty:
+            continue
+        used = (_ROW, *(column for column in columns if column.name in table))
+        stem = f"study-{study}_description-{name}_data"
+        path = folder / "data" / f"{stem}.csv"
+        path.parent.mkdir(exist_ok=True)
+        _with_row_ids(table).to_csv(path, index=False, lineterminator="\n")
+        write_json(path.with_suffix(".json"), {"variableMeasured": _variables(used)})
+        for column in used:
+            written.setdefault(column.name, column)
+    write_json(folder / "dataset_description.json", _description(content, tuple(written.values())))
+    (folder / "README.md").write_text(
+        content.readme(
+            "`data/` holds one table each of sittings, attempts (void ones included), decisions and"
+            " answers to closing questions. `dataset_description.json`, and the JSON file beside"
+            " each table, say what every column means."
+        ),
+        encoding="utf-8",
+    )
+    if broken := broken_rules(folder):
+        raise RuntimeError("the export breaks Psych-DS: " + "; ".join(map(str, broken)))
+    return ()
+
+
+def _with_row_ids(table: pd.DataFrame) -> pd.DataFrame:
+    named = table.copy()
+    named.insert(0, "row_id", [f"r{number:06d}" for number in range(1, len(table) + 1)])
+    return named
+
+
+def _description(content: Content, columns: tuple[Column, ...]) -> dict[str, Json]:
+    found: dict[str, Json] = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": content.title,
+        "description": content.description,
+        "version": content.protocol.study.version,
+        "keywords": list(_KEYWORDS),
+        "measurementTechnique": "two-alternative forced choice with a gaze-fixation gate",
+        "variableMeasured": _variables(columns),
+    }
+    if content.source:
+        found["citation"] = content.source
+    if content.options.licence:
+        found["license"] = content.options.licence
+    if content.options.authors:
+        found["creator"] = [
+            {"@type": "Person", "name": author} for author in content.options.authors
+        ]
+    return found
+
+
+def _variables(columns: tuple[Column, ...]) -> list[Json]:
+    variables: list[Json] = []
+    for column in columns:
+        entry: dict[str, Json] = {
+            "@type": "PropertyValue",
+            "name": column.name,
+            "description": f"{column.meaning} ({column.kind})",
+        }
+        if column.unit:
+            entry["unitText"] = column.unit
+        variables.append(entry)
+    return variables

@@ -1,0 +1,132 @@
+"""What a public export must not hold, and how it is kept out.
+
+Every field is taken over by name. What is free text in a journal is left out, or let through only
+where it is one of the words we know. `refuse_private` then reads the finished files again.
+"""
+
+import gzip
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.tidy import Tidy
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+
+OTHER = "other"
+"""Stands for a word that only its lab knows."""
+LEFT_OUT = "[left out]"
+_SYSTEMS = ("Linux", "Windows", "macOS", "Darwin")
+_SOURCES = ("lsl", "mouse", "replay", "simulated")
+_EVIDENCE = ("", "glXGetSyncValuesOML", "fence", "unverified", "software timer", "virtual")
+_REVISION = re.compile(
+    r"(unknown|[0-9]+(\.[0-9a-z]+)*) (unknown|[0-9a-f]{7,40}(\+dirty|\+unchecked)?)"
+)
+
+_FOLDERS = "home|Users|root|mnt|media|tmp|var|opt|srv|run|data|work|scratch|Volumes"
+_PRIVATE = re.compile(
+    rf"(?<![\w.:/<])/(?:{_FOLDERS})/[^\s\"',;]*"  # a path of Linux or macOS
+    r"|(?<!\w)[A-Za-z]:\\+[^\s\"',;]*"  # of Windows
+    r"|\\\\+[\w.-]+\\[^\s\"',;]*"  # of a Windows share
+    r"|[\w.+-]+@[\w-]+(?:\.[\w-]+)+"  # a mail address
+)
+
+
+def scrub(text: str, *, public: bool) -> str:
+    """Return a text of the protocol; in public without folders and mail addresses."""
+    return _PRIVATE.sub(LEFT_OUT, text) if public else text
+
+
+def system(platform: str, *, public: bool) -> str:
+    """Return the operating system; in public only its family."""
+    family = platform.partition("-")[0]
+    return platform if not public else family if family in _SYSTEMS else OTHER
+
+
+def gaze_source(name: str, *, public: bool) -> str:
+    """Return the kind of gaze source; in public only kinds that come with metamerlab."""
+    return name if not public or name in _SOURCES else OTHER
+
+
+def timing_evidence(name: str, *, public: bool) -> str:
+    """Return what vouches for time stamps; in public only the words that journals define."""
+    return name if not public or name in _EVIDENCE else OTHER
+
+
+def revision(text: str, *, public: bool) -> str:
+    """Return version and git revision; in public only where it reads like one."""
+    return text if not public or _REVISION.fullmatch(text) else OTHER
+
+
+def choices(protocol: StudyProtocol, question: str) -> set[str]:
+    """Return every choice that a closing question offers, in any language."""
+    return {
+        choice
+        for texts in protocol.text.languages.values()
+        for entry in texts.questions
+        if entry.name == question
+        for choice in entry.choices
+    }
+
+
+def public_tables(tidy: Tidy, protocol: StudyProtocol, codes: dict[str, str]) -> Tidy:
+    """Return tidy tables without wall-clock times, folders, typed answers and private words.
+
+    Parameters
+    ----------
+    tidy : Tidy
+        Tables of everyone who is exported.
+    protocol : StudyProtocol
+        Says which answers were offered, not typed.
+    codes : dict
+        Name of a participant in the export, by participant code.
+    """
+    sessions = _renamed(tidy.sessions, codes)
+    sessions["revision"] = [revision(text, public=True) for text in sessions["revision"]]
+    sessions["timing_evidence"] = [
+        timing_evidence(text, public=True) for text in sessions["timing_evidence"]
+    ]
+    asked = zip(tidy.answers["question"], tidy.answers["text"], strict=True)
+    offered = pd.Series(
+        [text in choices(protocol, question) for question, text in asked],
+        index=tidy.answers.index,
+        dtype=bool,
+    )
+    return replace(
+        tidy,
+        sessions=sessions,
+        attempts=_renamed(tidy.attempts.drop(columns="at"), codes),
+        decisions=_renamed(tidy.decisions, codes),
+        answers=_renamed(
+            tidy.answers[pd.Series(offered, index=tidy.answers.index, dtype=bool)], codes
+        ),
+    )
+
+
+def refuse_private(folder: Path, shown_as: Path) -> None:
+    """Read every file of a finished public export, and refuse folders and addresses in it.
+
+    Raises
+    ------
+    StudyError
+        Naming the file and what was found.
+    """
+    for path in sorted(folder.rglob("*")):
+        if not path.is_file():
+            continue
+        data = path.read_bytes()
+        text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode("utf-8")
+        if found := _PRIVATE.search(text):
+            raise StudyError(
+                f"{shown_as / path.relative_to(folder)}: a public export must name no folder and"
+                f" no mail address (found {found.group()!r}); change --author or --licence"
+            )
+
+
+def _renamed(table: pd.DataFrame, codes: dict[str, str]) -> pd.DataFrame:
+    """Return the rows under their new names, in the order of these."""
+    named = table.assign(participant=table["participant"].map(codes))
+    named["session"] = named["participant"]
+    return named.sort_values("participant", kind="stable").reset_index(drop=True)

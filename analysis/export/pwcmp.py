@@ -1,0 +1,22 @@
+"""The table that the program pwcmp reads, and `metamerlab analysis import` as well."""
+
+from pathlib import Path
+
+from analysis.export.content import Content
+from analysis.tidy import pwcmp_table
+
+NAME = "pwcmp.csv"
+
+
+def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
+    """Write the decisions that the protocol's rules keep, and a README."""
+    table = pwcmp_table(content.tables.analysed)
+    table.to_csv(folder / NAME, index=False, lineterminator="\n")
+    text = content.readme(
+        f"`{NAME}`: one decision per row, main trials that the protocol's exclusion rules keep."
+        " `observer` and `session` name the participant; `scene` is scene and amount of"
+        " disocclusion, since only clips of one amount were compared; `condition_A` was shown"
+        " first; `is_A_selected` is 1 where it was preferred.",
+    )
+    (folder / "README.md").write_text(text, encoding="utf-8")
+    return ()

@@ -1,0 +1,80 @@
+"""Reads a study's sittings and writes them as one export: whole, or not at all."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.export.bids import write_bids
+from analysis.export.choices import ExportOptions, Format
+from analysis.export.content import Content
+from analysis.export.people import people_of
+from analysis.export.psychds import write_psych_ds
+from analysis.export.public import public_tables, refuse_private
+from analysis.export.pwcmp import write_pwcmp
+from analysis.journals import Progress, StudyReadings, read_study
+from analysis.report.folder import whole_folder
+from analysis.tidy import tidy_tables
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+
+_NEVER_REPLACED = ".no-earlier-export"
+"""Exports are not written over: nothing tells them from a data set of somebody else."""
+_WRITERS: dict[Format, Callable[[Content, Path], tuple[str, ...]]] = {
+    "bids": write_bids,
+    "psych-ds": write_psych_ds,
+    "pwcmp": write_pwcmp,
+}
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written."""
+
+    folder: Path
+    participants: int
+    simulated: bool
+    notes: tuple[str, ...]
+    """Who and what was left out, and what is odd about the rest."""
+
+
+def export_study(
+    sessions: Path,
+    protocol: StudyProtocol,
+    out: Path,
+    form: Format,
+    options: ExportOptions | None = None,
+    *,
+    progress: Progress = lambda _what, _done, _total: None,
+) -> Export:
+    """Write every sitting below `sessions` into the new folder `out`.
+
+    Journals are only read. Withdrawn participants, and those who did not consent, are left out;
+    sittings that were cut short are exported as they are, and say so.
+
+    Raises
+    ------
+    StudyError
+        If the sittings are not those of one study and this protocol, nobody may be exported,
+        `out` is not empty or lies among the sessions, or a BIDS export lacks a display.
+    """
+    options = options or ExportOptions()
+    if sessions.resolve() in (out.resolve(), *out.resolve().parents):
+        raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
+    study = read_study(sessions, protocol, progress=progress)
+    people, left_out = people_of(study, protocol, public=options.public)
+    notes = (*study.notes, *left_out)
+    if not people:
+        raise StudyError(
+            f"{sessions}: must hold a sitting that may be exported: " + "; ".join(notes)
+        )
+    kept = StudyReadings(tuple(person.reading for person in people), notes)
+    tables = tidy_tables(kept, protocol)
+    if options.public:
+        codes = {person.reading.start.participant: person.code for person in people}
+        tables = public_tables(tables, protocol, codes)
+    content = Content(protocol, people, tables, options, progress)
+    with whole_folder(out, _NEVER_REPLACED) as work:
+        found = _WRITERS[form](content, work)
+        if options.public:
+            refuse_private(work, out)
+    return Export(out, len(people), study.simulated, (*tables.warnings, *found))

@@ -1,0 +1,104 @@
+"""`metamerlab analysis export`: a study in the form that an archive or another program reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.export import FORMATS, ExportOptions, export_study
+from analysis.export.choices import EYES
+from protocols.errors import StudyError
+from protocols.load import load_display, load_protocol
+from protocols.suggest import did_you_mean
+from study_app.cli.errors import user_errors
+from study_app.cli.progress import one_line
+
+
+def export(
+    sessions: Annotated[Path, typer.Argument(help="Folder of sessions, searched to any depth.")],
+    protocol: Annotated[
+        Path,
+        typer.Option(
+            help="Protocol the sessions followed (.toml), or the name of a shipped study."
+        ),
+    ],
+    form: Annotated[
+        str,
+        typer.Option("--format", metavar="|".join(FORMATS), help="bids, psych-ds or pwcmp."),
+    ],
+    out: Annotated[Path, typer.Option(help="New folder; it appears when it is whole.")],
+    public: Annotated[
+        bool,
+        typer.Option(
+            "--public",
+            help="Number participants anew, and leave out wall-clock times, typed answers, notes,"
+            " and the names of machines, devices and folders.",
+        ),
+    ] = False,
+    display: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="bids: display the sittings were recorded on, where it is not the protocol's;"
+            " may be given more than once."
+        ),
+    ] = None,
+    recorded_eye: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(EYES), help="bids: which eye the tracker reported; cyclopean: both."
+        ),
+    ] = "cyclopean",
+    author: Annotated[
+        list[str] | None,
+        typer.Option(help="Author of the data set; may be given more than once."),
+    ] = None,
+    licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = "",
+) -> None:
+    """Export sittings for an archive (BIDS, Psych-DS) or for the program pwcmp.
+
+    Journals are only read. Participants who withdrew, or did not consent, are never exported;
+    sittings that were cut short are, and say so. Look through a public export before you publish
+    it: what a study's own texts say is yours to judge.
+
+    Examples:
+
+        metamerlab analysis export sessions --protocol demo --format bids --out bids
+
+        metamerlab analysis export sessions --protocol demo --format psych-ds --out shared --public
+
+        metamerlab analysis export sessions --protocol demo --format pwcmp --out pwcmp
+    """
+    with user_errors():
+        study = load_protocol(protocol)
+        chosen = next((name for name in FORMATS if name == form), None)
+        if chosen is None:
+            raise StudyError(
+                f"--format: must be one of {', '.join(FORMATS)} (got {form!r})"
+                f"{did_you_mean(form, FORMATS)}"
+            )
+        eye = next((name for name in EYES if name == recorded_eye), None)
+        if eye is None:
+            raise StudyError(
+                f"--recorded-eye: must be one of {', '.join(EYES)} (got {recorded_eye!r})"
+            )
+        names = display or ([study.display.display] if chosen == "bids" else [])
+        options = ExportOptions(
+            public=public,
+            displays=tuple(load_display(name, beside=protocol) for name in names),
+            recorded_eye=eye,
+            authors=tuple(author or ()),
+            licence=licence,
+        )
+        with one_line() as progress:
+            made = export_study(sessions, study, out, chosen, options, progress=progress)
+    for note in made.notes:
+        print(f"note: {note}")
+    mark = " SIMULATED" if made.simulated else ""
+    print(f"{made.folder}: {made.participants}{mark} participants as {chosen}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the group `analysis`."""
+    app.command()(export)
