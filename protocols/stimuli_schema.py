@@ -144,6 +144,21 @@ class MeshScene(SceneBase):
     """Relative to the protocol file."""
     scale: Annotated[float, Field(gt=0)] = 1.0
     """Metres per unit of the file."""
+    lighting: Literal["unlit", "sun"] | None = None
+    """`unlit` shows textures as they are, `sun` adds one sun with shadows and light from the sky;
+    left out: `unlit` where the file brings textures or vertex colours, `sun` where it brings
+    plain colours alone."""
+    sun_direction: Vector3 | None = None
+    """From the scene towards the sun, y up; left out: high, from the left and the front."""
+
+    @model_validator(mode="after")
+    def _a_sun_to_turn(self) -> MeshScene:
+        if self.sun_direction is not None:
+            if self.lighting == "unlit":
+                raise ValueError("sun_direction needs lighting = 'sun' (got 'unlit')")
+            if not any(self.sun_direction):
+                raise ValueError("sun_direction must not be zero (got [0, 0, 0])")
+        return self
 
 
 class _PhotoScene(SceneBase):
@@ -189,6 +204,15 @@ class ExrScene(_PhotoScene):
         Field(default_factory=dict),
     ]
     """Channel names that differ from the documented ones of Blender, Nuke and Unreal."""
+    motion: Literal["project", "nuke", "blender", "unreal"] | None = None
+    """Whose units and axes the motion has; left out: those of the program whose channels are
+    there, and this project's for named ones."""
+    motion_scale: float = 1.0
+    """Factor on the motion, for exports that differ from what their program documents."""
+    depth_is: Literal["distance", "inverse"] = "distance"
+    """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender writes it."""
+    depth_scale: Annotated[float, Field(gt=0)] = 1.0
+    """Metres per unit of the depth channel; Unreal's centimetres are known already."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
     """How scene-linear values are encoded; `linear` takes them as encoded already."""
 

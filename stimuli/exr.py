@@ -4,26 +4,17 @@ Files of integers (PNG, JPEG, ...) hold display-referred R'G'B' as shown. OpenEX
 float files hold scene-linear light with sRGB primaries: it is encoded by the sRGB curve on
 import and decoded on export, unless told that the file holds encoded values.
 
-RGBZ + flow in one OpenEXR file, by channel name:
-
-==================  ======================================================================
-``R``, ``G``, ``B``  scene-linear colour, half or float
-``Z``               distance along the optical axis in metres, float; inf is "nothing there"
-``flow.x``          where the pixel goes, target minus source, to the right, in pixels
-``flow.y``          the same, downwards
-``target.Z``        optional: distance of the same point as the target camera sees it
-==================  ======================================================================
-
-`Channels` names others; some renderers' own names are known already.
+RGBZ + flow in one OpenEXR file, of one part or several: this project writes ``R`` ``G`` ``B``,
+``Z``, ``flow.x``, ``flow.y`` and, where the camera moves along its axis, ``target.Z``;
+`stimuli.channels` says what each means and which other programs' names are known, and
+`Channels` tells further ones.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +22,9 @@ from numpy.typing import NDArray
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
-from pipeline.image_file import Pixels, from_integers, read_pixels, three_channels, write_pixels
-
-EMPTY_DEPTH_M = 1e10
-"""Depth from which on a pixel shows nothing: Blender writes 1e10 where other programs write inf."""
+from pipeline.image_file import from_integers, read_pixels, three_channels, write_pixels
+from stimuli.channels import Planes, find, need, need_motion
+from stimuli.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
 _TRANSFER = "metamerlab:transfer"
@@ -49,15 +39,15 @@ class Transfer(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Channels:
-    """Which channel of a file holds what: the first of these names that is there."""
+    """Names of a file's channels, in this project's units; what is empty is found by itself."""
 
-    red: tuple[str, ...] = ("R", "ViewLayer.Combined.R")
-    green: tuple[str, ...] = ("G", "ViewLayer.Combined.G")
-    blue: tuple[str, ...] = ("B", "ViewLayer.Combined.B")
-    depth: tuple[str, ...] = ("Z", "depth.Z", "ViewLayer.Depth.Z")
-    flow_x: tuple[str, ...] = ("flow.x", "forward.u")  # Nuke's
-    flow_y: tuple[str, ...] = ("flow.y", "forward.v")
-    target_depth: tuple[str, ...] = ("target.Z",)
+    red: tuple[str, ...] = ()
+    green: tuple[str, ...] = ()
+    blue: tuple[str, ...] = ()
+    depth: tuple[str, ...] = ()
+    flow_x: tuple[str, ...] = ()
+    flow_y: tuple[str, ...] = ()
+    target_depth: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,7 +95,11 @@ def load_colour(
         grey), is transparent, or has values that are NaN or outside [0, 1].
     """
     pixels = read_pixels(path)
-    return _colour(path, pixels, Channels(), transfer, clip)
+    data = three_channels(path, pixels)
+    if pixels.data.dtype.kind == "u":
+        return from_integers(data)
+    stored = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
+    return _encoded(path, data, transfer or stored, clip)
 
 
 def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
@@ -138,7 +132,9 @@ def load_warp_input(
     transfer: Transfer | None = None,
     clip: bool = False,
 ) -> WarpInput:
-    """Read RGBZ and flow from one OpenEXR file; see the module's table for the channels.
+    """Read RGBZ and flow from one OpenEXR file; `stimuli.channels` lists the channels.
+
+    Where the file's motion leads to the previous frame, as Unreal's does, so does the flow.
 
     Raises
     ------
@@ -149,19 +145,29 @@ def load_warp_input(
         or a value breaks the rules of `pipeline.frame`: NaN colour, depth at or below 0,
         flow that is not finite.
     """
-    names = channels or Channels()
-    pixels = read_pixels(path)
-    colour = _colour(path, pixels, names, transfer, clip, others_allowed=True)
-    unit = str(pixels.attributes.get(_DEPTH_UNIT, "m"))
+    told = channels or Channels()
+    file = read_parts(path)
+    planes = file.planes
+    colour = np.stack(
+        [
+            need(path, planes, key, _told(planes, names))
+            for key, names in (("r", told.red), ("g", told.green), ("b", told.blue))
+        ],
+        axis=-1,
+    )
+    stored = Transfer(str(file.attributes.get(_TRANSFER, Transfer.LINEAR)))
+    colour = _encoded(path, colour, transfer or stored, clip)
+    unit = str(file.attributes.get(_DEPTH_UNIT, "m"))
     if unit != "m":
         raise InputError(f"{path}: depth must be in metres (the header says {unit!r})")
-    depth_m = _depth(path, pixels, names.depth)
-    flow_px = np.stack(
-        [_channel(path, pixels, names.flow_x), _channel(path, pixels, names.flow_y)], axis=-1
-    )
+    depth_m = need(path, planes, "depth", _told(planes, told.depth))
+    check_depth(depth_m, f"{path}: depth")
+    told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))
+    flow_px = need_motion(path, planes, told_motion).flow_px
     check_flow(flow_px, f"{path}: flow")
-    has_target = any(name in pixels.channels for name in names.target_depth)
-    target_m = _depth(path, pixels, names.target_depth) if has_target else None
+    target_m = find(planes, "target_depth", _told(planes, told.target_depth))
+    if target_m is not None:
+        check_depth(target_m, f"{path}: depth")
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
 
 
@@ -225,25 +231,9 @@ def load_plane(path: Path) -> tuple[NDArray[np.float32], bool]:
     return data[..., 0].astype(np.float32), data.dtype.kind == "u"
 
 
-def _colour(
-    path: Path,
-    pixels: Pixels,
-    names: Channels,
-    transfer: Transfer | None,
-    clip: bool,
-    *,
-    others_allowed: bool = False,
+def _encoded(
+    path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
 ) -> NDArray[np.float32]:
-    if others_allowed:
-        data = np.stack(
-            [_channel(path, pixels, name) for name in (names.red, names.green, names.blue)], axis=-1
-        )
-    else:
-        data = three_channels(path, pixels)
-    if pixels.data.dtype.kind == "u":
-        return from_integers(data)
-    if transfer is None:
-        transfer = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
     data = data.astype(np.float32)
     if not np.isfinite(data).all():
         row, column = np.argwhere(~np.isfinite(data).all(axis=-1))[0]
@@ -266,20 +256,9 @@ def _colour(
     return data
 
 
-def _depth(path: Path, pixels: Pixels, names: Iterable[str]) -> NDArray[np.float32]:
-    depth_m = _channel(path, pixels, names).astype(np.float32)
-    depth_m = np.where(depth_m >= EMPTY_DEPTH_M, np.float32(np.inf), depth_m)
-    check_depth(depth_m, f"{path}: depth")
-    return depth_m
-
-
-def _channel(path: Path, pixels: Pixels, names: Iterable[str]) -> NDArray[Any]:
-    for name in names:
-        if name in pixels.channels:
-            return np.ascontiguousarray(pixels.data[..., pixels.channels.index(name)])
-    raise InputError(
-        f"{path}: must have a channel {' or '.join(names)} (has {', '.join(pixels.channels)})"
-    )
+def _told(planes: Planes, names: tuple[str, ...]) -> str | None:
+    """The first of `names` that is there, or else the first; None where none is told."""
+    return next((name for name in names if name in planes), names[0] if names else None)
 
 
 def _linear(colour: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -59,7 +59,12 @@ def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
                 f"{scene.name}: a mesh scene takes no parameters"
                 f" (got {', '.join(scene.parameters)})"
             )
-        world = load_world(folder / scene.file, scale=scene.scale)
+        world = load_world(
+            folder / scene.file,
+            scale=scene.scale,
+            lighting=scene.lighting,
+            sun_direction=scene.sun_direction,
+        )
     return world if scene.view is None else world.seen_from(_viewpoint(scene.view, world))
 
 
@@ -103,9 +108,9 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     elif isinstance(scene, RgbdScene):
         names = [scene.rgb, scene.depth]
     elif isinstance(scene, ExrScene):
-        from stimuli.scenes.sequence import frame_files
+        from stimuli.exr_parts import frame_files
 
-        return {path.name: path for path in frame_files(scene, folder)}
+        return {path.name: path for path in frame_files(scene.file, folder)}
     found = {name: folder / name for name in names}
     for path in found.values():
         if not path.is_file():

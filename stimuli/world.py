@@ -104,6 +104,21 @@ class Mesh:
             ),
         )
 
+    def faceted(self) -> Mesh:
+        """Return the mesh with flat triangles: no vertex is shared."""
+        corners = self.triangles.ravel()
+        position = self.position_m[corners]
+        first, second, third = position.reshape(-1, 3, 3).astype(np.float64).transpose(1, 0, 2)
+        normal = np.cross(second - first, third - first)
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
+        return Mesh(
+            position,
+            np.repeat(normal, 3, axis=0).astype(np.float32),
+            self.uv[corners],
+            self.colour[corners],
+            np.arange(len(corners), dtype=np.uint32),
+        )
+
     def transformed(self, matrix: NDArray[np.float64]) -> Mesh:
         """Return the mesh moved by a 4x4 matrix; normals stay unit and upright to surfaces."""
         linear = matrix[:3, :3]

@@ -1,16 +1,18 @@
 """Scenes from glTF 2.0 (.glb, .gltf) and Wavefront (.obj) files, read by trimesh.
 
-Base colour, vertex colours, coverage (alphaMode MASK and BLEND) and transforms are taken.
-Surfaces are shown as their textures are: light is baked into what such scenes bring, and other
-material properties, lights, cameras, skins and animations are left out.
+Base colour, vertex colours, coverage (alphaMode MASK and BLEND) and transforms are taken. Light
+is either what the textures hold (unlit: most scenes made for games have it baked in), or one
+sun with shadows and the sky's light. Other material properties, lights, cameras, skins and
+animations are left out.
 """
 
 from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -19,18 +21,43 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import InputError
-from stimuli.world import Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
 
 ENDINGS = (".glb", ".gltf", ".obj")
 MOST_TRIANGLES = 20_000_000
 LARGEST_TEXTURE_PX = 8192
 KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
                     "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
+SUN = Light(
+    sun_direction=(-0.65, 0.7, 0.35),
+    sun=(1.45, 1.36, 1.2),
+    sky=(0.3, 0.34, 0.42),
+    ground=(0.14, 0.12, 0.1),
+    exposure=0.9,
+)
+"""A surface that faces the sun comes out about as bright as its colour, and shade is half that."""
 _WHITE = np.full((1, 1, 4), 255, np.uint8)
 
 
-def load_world(path: Path, *, scale: float = 1.0) -> World:
-    """Read a scene; `scale` is metres per unit of the file.
+def load_world(
+    path: Path,
+    *,
+    scale: float = 1.0,
+    lighting: Literal["unlit", "sun"] | None = None,
+    sun_direction: Vector | None = None,
+) -> World:
+    """Read a scene.
+
+    Parameters
+    ----------
+    scale : float
+        Metres per unit of the file.
+    lighting : optional
+        ``unlit`` shows colours as they are, ``sun`` lights them; left out, a file with textures
+        or vertex colours is unlit, since those bring their light, and one of plain colours
+        alone is lit, since it would show no form.
+    sun_direction : (x, y, z), optional
+        From the scene towards the sun; asks for ``sun``.
 
     The viewpoint is outside, towards the middle: a protocol's `view` replaces it.
 
@@ -52,6 +79,11 @@ def load_world(path: Path, *, scale: float = 1.0) -> World:
             f"{path}: must be a whole {path.suffix} file (its reader says: {reason});"
             " export it again"
         ) from error
+    if lighting is None:
+        bare = sun_direction is None and _brings_light(scene)
+        lighting = "unlit" if bare else "sun"
+    lit = lighting == "sun"
+    facets = lit and not _brings_normals(path)
     parts, triangles = [], 0
     materials: dict[int, Material] = {}
     for node in scene.graph.nodes_geometry:
@@ -69,10 +101,12 @@ def load_world(path: Path, *, scale: float = 1.0) -> World:
         matrix[:3] *= scale
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
             continue  # scaled to nothing: it cannot be seen
-        parts.append(_part(path, geometry, matrix, materials))
+        part = _part(path, geometry, matrix, materials, lit)
+        parts.append(Part(part.mesh.faceted(), part.material) if facets else part)
     if not parts:
         raise InputError(f"{path}: must hold at least one triangle (it holds none)")
-    return World(tuple(parts), _outside(parts))
+    light = replace(SUN, sun_direction=sun_direction or SUN.sun_direction) if lit else None
+    return World(tuple(parts), _outside(parts), light)
 
 
 def files_of(path: Path) -> list[Path]:
@@ -119,6 +153,7 @@ def _part(
     geometry: trimesh.Trimesh,
     matrix: NDArray[np.float64],
     materials: dict[int, Material],
+    lit: bool,
 ) -> Part:
     position = np.asarray(geometry.vertices, np.float64)
     if not np.isfinite(position).all():
@@ -134,7 +169,7 @@ def _part(
         colour = colour * _factor(source)
     key = id(source)
     if key not in materials:
-        materials[key] = _material(source)
+        materials[key] = _material(source, lit)
     mesh = Mesh(
         position.astype(np.float32),
         np.asarray(geometry.vertex_normals, np.float32),
@@ -145,12 +180,34 @@ def _part(
     return Part(mesh.transformed(matrix), materials[key])
 
 
-def _vertex_colours(visual: Any, count: int) -> NDArray[np.float64]:
-    """COLOR_0 is linear; other files' vertex colours are encoded."""
+def _brings_light(scene: Any) -> bool:
+    """Whether any surface has a texture or colours of its own at its vertices."""
+    for geometry in scene.geometry.values():
+        visual = getattr(geometry, "visual", None)
+        if _stored_colours(visual) is not None or _image(getattr(visual, "material", None)):
+            return True
+    return False
+
+
+def _brings_normals(path: Path) -> bool:
+    """Without normals, both formats mean flat triangles."""
+    if path.suffix.lower() == ".obj":
+        return bool(_words_after(path, "vn"))
+    meshes = _document(path).get("meshes", [])
+    return any("NORMAL" in part["attributes"] for mesh in meshes for part in mesh["primitives"])
+
+
+def _stored_colours(visual: Any) -> Any:
     attributes = getattr(visual, "vertex_attributes", None) or {}
     stored = attributes.get("color")
     if stored is None and getattr(visual, "kind", None) == "vertex":
         stored = visual.vertex_colors
+    return stored
+
+
+def _vertex_colours(visual: Any, count: int) -> NDArray[np.float64]:
+    """COLOR_0 is linear; other files' vertex colours are encoded."""
+    stored = _stored_colours(visual)
     if stored is None or len(stored) != count:
         return np.ones((count, 3))
     values = np.asarray(stored)
@@ -175,10 +232,10 @@ def _image(source: Any) -> Image.Image | None:
     return picture if isinstance(picture, Image.Image) else None
 
 
-def _material(source: Any) -> Material:
+def _material(source: Any, lit: bool) -> Material:
     picture = None if source is None else _image(source)
     if picture is None:
-        return Material(_WHITE, lit=False)
+        return Material(_WHITE, lit=lit)
     mode = getattr(source, "alphaMode", None)
     largest = max(picture.size)
     if largest > LARGEST_TEXTURE_PX:
@@ -196,7 +253,7 @@ def _material(source: Any) -> Material:
     else:
         pixels = np.concatenate([pixels[..., :3], np.full_like(pixels[..., :1], 255)], axis=-1)
     # trimesh counts v upwards from the picture's last row.
-    return Material(np.ascontiguousarray(pixels[::-1]), cutout=cutout, lit=False)
+    return Material(np.ascontiguousarray(pixels[::-1]), cutout=cutout, lit=lit)
 
 
 def _outside(parts: list[Part]) -> Viewpoint:

@@ -1,72 +1,34 @@
-"""OpenEXR pictures and sequences with depth and motion, as Blender, Nuke and Unreal write them.
-
-Channel names, the first that a file has; `channels` in the protocol names others:
-
-=========  ===============================================================================
-colour     ``R`` ``G`` ``B``; Blender ``ViewLayer.Combined.R``, or any layer's ``.Combined``;
-           Unreal ``FinalImage.R``
-depth      ``Z``, ``depth.Z`` (Nuke); Blender ``ViewLayer.Depth.Z``; Unreal
-           ``FinalImageMovieRenderQueue_WorldDepth.R``, in centimetres
-motion     ``flow.x`` ``flow.y``: to the next frame, in pixels, right and down; Nuke
-           ``forward.u`` ``forward.v``, up; Blender ``ViewLayer.Vector.Z`` ``.W``, up, and
-           backwards (this frame minus the next)
-=========  ===============================================================================
-
-Parts of a file count as one: a channel of a part may be called by its own name or by
-``PART.CHANNEL``.
-"""
+"""OpenEXR pictures and sequences with depth and motion: `stimuli.channels` names the channels."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame, check_depth
+from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
 from protocols.stimuli_schema import ExrScene, StereoPath, UpsamplingPath
-from stimuli.exr import EMPTY_DEPTH_M
+from stimuli.channels import Motion, Planes, find_motion, need, need_motion
+from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
+from stimuli.scenes.follow import followed
 from stimuli.scenes.photo import PhotoScenery, fitted, nearest_plane
 
-
-@dataclass(frozen=True)
-class Name:
-    """A channel's name, ending in this, and the factor that brings it to our units and axes."""
-
-    pattern: str
-    factor: float = 1.0
-
-
-KNOWN: dict[str, tuple[Name, ...]] = {
-    "r": (Name(r"R"), Name(r"[^.]+\.Combined\.R"), Name(r"FinalImage\.R")),
-    "g": (Name(r"G"), Name(r"[^.]+\.Combined\.G"), Name(r"FinalImage\.G")),
-    "b": (Name(r"B"), Name(r"[^.]+\.Combined\.B"), Name(r"FinalImage\.B")),
-    "depth": (
-        Name(r"Z"),
-        Name(r"depth\.Z"),
-        Name(r"([^.]+\.)?Depth\.(Z|V)"),
-        Name(r"FinalImageMovieRenderQueue_WorldDepth\.R", 0.01),
-    ),
-    "motion_x": (Name(r"flow\.x"), Name(r"forward\.u"), Name(r"([^.]+\.)?Vector\.Z", -1.0)),
-    "motion_y": (Name(r"flow\.y"), Name(r"forward\.v", -1.0), Name(r"([^.]+\.)?Vector\.W", 1.0)),
-}
 ASSUMED_FOCAL = 1.0  # image widths, where the protocol does not say
+KEPT_PICTURES = 3  # of a sequence at a time
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One file: encoded colour, depth, and the motion to the next frame where there is one."""
+    """One file: encoded colour, depth, and motion where there is one."""
 
     frame: SourceFrame
-    motion_px: NDArray[np.float32] | None
+    motion: Motion | None
 
 
 class SequenceScenery:
@@ -74,7 +36,7 @@ class SequenceScenery:
 
     def __init__(self, scene: ExrScene, files: list[Path]) -> None:
         self._scene, self._files = scene, files
-        self._kept: tuple[int, Picture] | None = None
+        self._kept: dict[int, Picture] = {}
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
@@ -104,22 +66,9 @@ class SequenceScenery:
     def motion(
         self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Follow every pixel of `source` from file to file, by the nearest pixel's motion."""
+        """Follow every pixel of `source` from file to file."""
         first = self._picture(source).frame
-        height, width = first.size
-        y, x = np.mgrid[:height, :width].astype(np.float64)
-        at_x, at_y = x.copy(), y.copy()
-        for step in range(source, frame):
-            motion = self._picture(step).motion_px
-            if motion is None:
-                raise InputError(
-                    f"{self._files[step]}: must have motion channels to follow (see 'OpenEXR' in"
-                    " docs/stimuli.md), or name them in channels"
-                )
-            row = np.rint(at_y).astype(int).clip(0, height - 1)
-            column = np.rint(at_x).astype(int).clip(0, width - 1)
-            at_x, at_y = at_x + motion[row, column, 0], at_y + motion[row, column, 1]
-        flow = np.stack([at_x - x, at_y - y], axis=-1).astype(np.float32)
+        flow = followed(source, frame, lambda step: self._picture(step).frame, self._motion)
         _, scale = fitted(first, size_px, margin_px)
         planes = [nearest_plane(flow[..., c], size_px, margin_px) * scale for c in range(2)]
         depth = nearest_plane(first.depth_m, size_px, margin_px)
@@ -145,9 +94,16 @@ class SequenceScenery:
                 f"{self._scene.name}: the clip needs frame {frame}, and the sequence has"
                 f" {len(self._files)} files; shorten the clip or render more"
             )
-        if self._kept is None or self._kept[0] != frame:
-            self._kept = (frame, load_picture(self._files[frame], self._scene))
-        return self._kept[1]
+        if frame not in self._kept:
+            while len(self._kept) >= KEPT_PICTURES:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[frame] = load_picture(self._files[frame], self._scene)
+        return self._kept[frame]
+
+    def _motion(self, frame: int) -> Motion:
+        file = self._files[frame]
+        motion = self._picture(frame).motion
+        return motion or motion_of(file, read_parts(file).planes, self._scene)
 
 
 def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScenery:
@@ -160,46 +116,12 @@ def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScene
     """
     if isinstance(scene.camera, StereoPath):
         raise InputError(f"{scene.name}: the stereo path needs a stereo pair")
-    files = frame_files(scene, folder)
+    files = frame_files(scene.file, folder)
     if isinstance(scene.camera, UpsamplingPath):
         return SequenceScenery(scene, files)
     picture = load_picture(files[len(files) // 2], scene)
     focal = scene.focal_px or ASSUMED_FOCAL * picture.frame.size[1]
     return PhotoScenery(scene.name, picture.frame, focal)
-
-
-def frame_files(scene: ExrScene, folder: Path) -> list[Path]:
-    """Return the files of a sequence in order; ``####`` stands for the frame's number.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    InputError
-        If a number is missing in between.
-    """
-    match = re.search(r"#+", scene.file)
-    if match is None:
-        if not (folder / scene.file).is_file():
-            raise FileNotFoundError(2, "No such file", str(folder / scene.file))
-        return [folder / scene.file]
-    head, tail = scene.file[: match.start()], scene.file[match.end() :]
-    place = folder / Path(head).parent if "/" in head else folder
-    name = re.compile(
-        re.escape(Path(head).name if not head.endswith("/") else "")
-        + rf"(\d{{{len(match[0])},}})" + re.escape(tail) + "$"
-    )  # fmt: skip
-    entries = sorted(place.iterdir()) if place.is_dir() else []
-    numbered = {int(m[1]): e for e in entries if (m := name.fullmatch(e.name))}
-    if not numbered:
-        raise FileNotFoundError(2, "No such file", str(folder / scene.file))
-    missing = sorted(set(range(min(numbered), max(numbered) + 1)) - numbered.keys())
-    if missing:
-        raise InputError(
-            f"{folder / scene.file}: must have every frame from {min(numbered)} to"
-            f" {max(numbered)} ({len(missing)} missing, the first is {missing[0]})"
-        )
-    return [numbered[number] for number in sorted(numbered)]
 
 
 def load_picture(path: Path, scene: ExrScene) -> Picture:
@@ -211,94 +133,55 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
         If it is damaged, lacks colour or depth, or a value breaks the rules of
         `pipeline.frame`.
     """
-    channels = read_parts(path)
+    planes = read_parts(path).planes
     given: dict[str, str] = {str(key): value for key, value in scene.channels.items()}
-    light = np.stack([_find(path, channels, key, given) for key in "rgb"], axis=-1)
+
+    def plane(key: str) -> NDArray[np.float32]:
+        cure = f'; name it in the protocol: channels = {{ {key} = "..." }}'
+        return need(path, planes, key, given.get(key), cure=cure)
+
+    light = np.stack([plane(key) for key in "rgb"], axis=-1)
     if not np.isfinite(light).all():
         row, column = np.argwhere(~np.isfinite(light).all(axis=-1))[0]
         raise InputError(
             f"{path}: colour must be finite (found {light[row, column]} at row {row},"
             f" column {column}); render it again, or mend these pixels"
         )
-    depth = _find(path, channels, "depth", given)
-    depth = np.where(depth >= EMPTY_DEPTH_M, np.float32(np.inf), depth).astype(np.float32)
+    depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth")
     motion = None
-    if all(_name(channels, key, given) for key in ("motion_x", "motion_y")):
-        motion = np.stack(
-            [_find(path, channels, key, given) for key in ("motion_x", "motion_y")], axis=-1
-        )
-        if not np.isfinite(motion).all():
-            raise InputError(f"{path}: motion must be finite; render it again without holes in it")
+    if find_motion(planes, _motion_names(scene), style=scene.motion) is not None:
+        motion = motion_of(path, planes, scene)
     return Picture(
         SourceFrame(_encoded(light.clip(0, 1).astype(np.float64), scene.transfer), depth), motion
     )
 
 
-def read_parts(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Read every channel of every part, half or float, by name."""
-    if not path.is_file():
-        raise FileNotFoundError(2, "No such file", str(path))
-    source = oiio.ImageInput.open(str(path))
-    if source is None:
-        raise InputError(f"{path}: must be an OpenEXR file ({oiio.geterror().strip()[:200]})")
-    channels: dict[str, NDArray[np.float32]] = {}
-    size: tuple[int, int] | None = None
-    try:
-        part = 0
-        while source.seek_subimage(part, 0):
-            spec = source.spec()
-            data: Any = source.read_image(part, 0, 0, spec.nchannels, "float")
-            if data is None or source.geterror():
-                raise InputError(
-                    f"{path}: must be a whole image; the file is damaged or was cut short"
-                )
-            if size is not None and (spec.height, spec.width) != size:
-                raise InputError(
-                    f"{path}: its parts must have one size (got {size[1]}x{size[0]} and"
-                    f" {spec.width}x{spec.height})"
-                )
-            size = (spec.height, spec.width)
-            planes = np.asarray(data, np.float32).reshape(*size, spec.nchannels)
-            label = spec.get_string_attribute("oiio:subimagename") or spec.get_string_attribute(
-                "name"
-            )
-            for index, name in enumerate(spec.channelnames):
-                plane = np.ascontiguousarray(planes[..., index])
-                channels.setdefault(name, plane)
-                if label:
-                    channels.setdefault(f"{label}.{name}", plane)
-            part += 1
-    finally:
-        source.close()
-    return channels
+def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
+    """Return a file's motion, as the scene says it is to be read.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not finite.
+    """
+    cure = '; name both in the protocol: channels = { motion_x = "...", motion_y = "..." }'
+    motion = need_motion(path, planes, _motion_names(scene), style=scene.motion, cure=cure)
+    flow_px = (motion.flow_px * np.float32(scene.motion_scale)).astype(np.float32)
+    check_flow(flow_px, f"{path}: motion")
+    return Motion(flow_px, motion.to_previous)
 
 
-def _name(
-    channels: dict[str, NDArray[np.float32]], key: str, given: dict[str, str]
-) -> tuple[str, float] | None:
-    if key in given:
-        return (given[key], 1.0) if given[key] in channels else None
-    for known in KNOWN[key]:
-        for name in channels:
-            if re.fullmatch(known.pattern, name):
-                return name, known.factor
-    return None
+def _motion_names(scene: ExrScene) -> tuple[str | None, str | None]:
+    return scene.channels.get("motion_x"), scene.channels.get("motion_y")
 
 
-def _find(
-    path: Path, channels: dict[str, NDArray[np.float32]], key: str, given: dict[str, str]
-) -> NDArray[np.float32]:
-    found = _name(channels, key, given)
-    if found is None:
-        wanted = given.get(key) or " or ".join(name.pattern for name in KNOWN[key])
-        wanted = wanted.replace("\\", "").replace("[^.]+", "*")
-        raise InputError(
-            f"{path}: must have a channel for {key} ({wanted}) (has {', '.join(channels)});"
-            f' name it in the protocol: channels = {{ {key} = "..." }}'
-        )
-    name, factor = found
-    return (channels[name] * np.float32(factor)).astype(np.float32)
+def _distance(stored: NDArray[np.float32], scene: ExrScene) -> NDArray[np.float32]:
+    """Metres along the optical axis, inf where there is nothing."""
+    if scene.depth_is == "inverse":  # 0 is nothing there; what is no number stays none
+        with np.errstate(divide="ignore"):
+            return (np.float32(scene.depth_scale) / stored).astype(np.float32)
+    return (stored * np.float32(scene.depth_scale)).astype(np.float32)
 
 
 def _encoded(light: NDArray[np.float64], transfer: str) -> NDArray[np.float32]:

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from pydantic import TypeAdapter, ValidationError
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
+from protocols.stimuli_schema import MeshScene
 from stimuli.look import look_around
+from stimuli.open_scene import open_world
 from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import files_of, load_world
 from stimuli.world import Viewpoint
@@ -134,6 +137,88 @@ def test_an_empty_scene_and_a_wrong_ending_are_refused(tmp_path):
         load_world(tmp_path / "s.fbx")
     with pytest.raises(FileNotFoundError):
         load_world(tmp_path / "none.glb")
+
+
+HOUSE = """mtllib house.mtl
+v -9 0 9
+v 9 0 9
+v 9 0 -9
+v -9 0 -9
+v -1 0 1
+v 1 0 1
+v 1 0 -1
+v -1 0 -1
+v 0 2 0
+usemtl grass
+f 1 2 3 4
+usemtl roof
+f 5 6 9
+f 6 7 9
+f 7 8 9
+f 8 5 9
+"""
+
+
+@pytest.fixture
+def house(tmp_path):
+    """Write a pyramid of 2 m on a lawn, in plain colours, without normals."""
+    (tmp_path / "house.obj").write_text(HOUSE)
+    (tmp_path / "house.mtl").write_text("newmtl grass\nKd 0.3 0.5 0.2\nnewmtl roof\nKd 0.7 0.4 0.3")
+    return tmp_path / "house.obj"
+
+
+FRONT = Viewpoint((0.0, 3.0, 7.0), (0.0, 0.7, 0.0), 45.0)
+
+
+def test_plain_colours_are_lit_by_a_sun_with_a_shadow(house, draw):
+    """A sun from the left: the roof's left side is bright, and the shadow lies on the right.
+
+    By hand: the top at 2 m throws its shadow 2 m to the right under a sun of 45 degrees. The
+    lawn at (1.5, 0, 0) is in it and that at (-1.5, 0, 0) is not.
+    """
+    frame = draw(load_world(house, sun_direction=(-1, 1, 0)), FRONT)
+    camera = FRONT.camera(64, 48)
+
+    def seen(x, y, z):
+        column, row = camera.project(np.array([x, y, z], float))[0]
+        return frame.colour[int(row), int(column)]
+
+    left, right = seen(-0.4, 0.8, 0.3), seen(0.4, 0.8, 0.3)
+    assert abs(left.sum() - right.sum()) < 0.06  # the front face is flat: one colour
+    lawn, shade = seen(-1.7, 0, 0.2), seen(1.4, 0, 0.2)
+    assert lawn.sum() > 1.3 * shade.sum()
+    assert shade.sum() > 0.2  # the sky still reaches it
+    above = Viewpoint((0.0, 9.0, 0.01), (0.0, 0.0, 0.0), 30.0)
+    roof = draw(load_world(house, sun_direction=(-1, 1, 0)), above).colour
+    assert roof[24, 28].sum() > 1.5 * roof[24, 36].sum()  # towards the sun, and away from it
+
+
+def test_lighting_is_chosen_by_the_file_or_the_protocol(house, tmp_path):
+    painted = write_glb(tmp_path / "quad.glb", quad(halves((200, 20, 20), (20, 20, 200))))
+
+    def is_lit(path, **more):
+        world = load_world(path, **more)
+        assert all(part.material.lit == (world.light is not None) for part in world.parts)
+        return world.light is not None
+
+    assert is_lit(house)
+    assert not is_lit(house, lighting="unlit")
+    assert not is_lit(painted)
+    assert is_lit(painted, lighting="sun")
+    assert is_lit(painted, sun_direction=(0, 1, 0))
+
+
+def test_a_mesh_in_a_protocol_takes_its_lighting(house):
+    given = {"kind": "mesh", "name": "m", "file": house.name, "camera": {"kind": "circle"}}
+    lit = TypeAdapter(MeshScene).validate_python(given | {"sun_direction": (0, 1, 0)})
+    flat = TypeAdapter(MeshScene).validate_python(given | {"lighting": "unlit"})
+
+    assert open_world(lit, house.parent).light.sun_direction == (0, 1, 0)
+    assert open_world(flat, house.parent).light is None
+    with pytest.raises(ValidationError, match="sun_direction needs lighting = 'sun'"):
+        TypeAdapter(MeshScene).validate_python(
+            given | {"lighting": "unlit", "sun_direction": (0, 1, 0)}
+        )
 
 
 def test_look_draws_views_and_says_how_to_copy_them(tmp_path, gl_context):
