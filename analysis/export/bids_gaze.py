@@ -16,6 +16,7 @@ from protocols.hashing import Json, sha256_bytes
 from protocols.journal import Attempt, Calibration, GazeInfo, SessionResume, SessionStart, SideFile
 from protocols.load import read_bytes
 
+_COLUMNS = ("timestamp", "x_coordinate", "y_coordinate")
 HEADER = ["t_s", "raw_t", "x_px", "y_px"]
 _METHODS = {
     "mouse": "The cursor stood in for an eye",
@@ -43,7 +44,8 @@ def write_gaze(content: Content, beh: Path, stem: str, person: Person, run: Run)
                 continue
             for t_s, raw_t, x_px, y_px in samples:
                 place = f"{x_px:.2f}\t{y_px:.2f}" if x_px is not None else f"{NOTHING}\t{NOTHING}"
-                file.write(f"{t_s:.6f}\t{place}\t{raw_t!r}\n")
+                own = "" if content.public else f"\t{raw_t!r}"
+                file.write(f"{t_s:.6f}\t{place}{own}\n")
             if samples:
                 first_s = samples[0][0] if first_s is None else first_s
                 used.append(attempt)
@@ -91,7 +93,7 @@ def _sidecar(content: Content, person: Person, run: Run, first_s: float) -> dict
         "TaskName": content.protocol.study.name,
         "SamplingFrequency": gaze.rate_hz if gaze else content.protocol.gaze.rate_min_hz,
         "StartTime": first_s,
-        "Columns": ["timestamp", "x_coordinate", "y_coordinate", "tracker_timestamp"],
+        "Columns": list(_COLUMNS),
         "PhysioType": "eyetrack",
         "RecordedEye": content.options.recorded_eye,
         "SampleCoordinateSystem": "gaze-on-screen",
@@ -109,12 +111,14 @@ def _sidecar(content: Content, person: Person, run: Run, first_s: float) -> dict
             "Description": "Gaze on the screen, from its upper edge; n/a: the eye was lost",
             "Units": "pixel",
         },
-        "tracker_timestamp": {
-            "Description": "The tracker's own stamp, on its clock and in its unit"
-        },
     }
-    if gaze and gaze.description and not content.public:
-        found["GazeSourceDescription"] = gaze.description
+    if not content.public:  # a tracker's clock may be the wall clock
+        found["Columns"] = [*_COLUMNS, "tracker_timestamp"]
+        found["tracker_timestamp"] = {
+            "Description": "The tracker's own stamp, on its clock and in its unit"
+        }
+        if gaze and gaze.description:
+            found["GazeSourceDescription"] = gaze.description
     if checks:
         found["CalibrationCount"] = len(checks)
         found["AverageCalibrationError"] = round(
