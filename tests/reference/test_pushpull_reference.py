@@ -77,6 +77,23 @@ def test_upsample_weighs_the_two_axes_alike():
     np.testing.assert_array_equal(fine, [[9 / 16, 3 / 16], [3 / 16, 1 / 16]])
 
 
+def test_upsample_reads_the_next_coarse_pixel_and_none_beyond():
+    """By hand: a spike in a row of five reaches half a coarse pixel to either side."""
+    coarse = np.array([[0.0, 0.0, 1.0, 0.0, 0.0]])[..., None]
+
+    fine = upsample(coarse, (1, 10))
+
+    np.testing.assert_array_equal(fine[..., 0], [[0, 0, 0, 0.25, 0.75, 0.75, 0.25, 0, 0, 0]])
+
+
+def test_push_fills_up_the_confidence_by_that_of_the_coarser_level():
+    """By hand: 0.25 + 0.75 times 0.5."""
+    fine = np.array([[[0.8, 0.8, 0.8, 0.25]]])
+    coarse = np.array([[[0.4, 0.4, 0.4, 0.5]]])
+
+    np.testing.assert_allclose(push(fine, coarse)[..., 3], [[0.625]], rtol=1e-15)
+
+
 def test_push_blends_by_confidence():
     """By hand: a quarter of 0.8 and three quarters of 0.4."""
     fine = np.array([[[0.8, 0.8, 0.8, 0.25]]])

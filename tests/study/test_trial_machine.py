@@ -249,3 +249,26 @@ def test_a_timeline_is_the_protocol_s_times_in_refreshes():
     assert timeline.refreshes_per_clip_frame == 3
     with pytest.raises(StudyError, match="whole frames at 144 Hz"):
         Timeline.of(protocol, load_display("fhd24-144hz"))
+
+
+def test_a_timeline_carries_every_time_and_rule_of_its_protocol():
+    protocol, display = load_protocol(Path("demo")), load_display("laptop14-90hz")
+    trial = protocol.trial.model_copy(
+        update={"fixation_timeout_s": 2.0, "iti_s": 0.1, "dropped_frames_max": 7}
+    )
+    response = protocol.response.model_copy(update={"timeout_s": 3.0})
+    gaze = protocol.gaze.model_copy(update={"mode": "monitor"})
+    timed = protocol.model_copy(update={"trial": trial, "response": response, "gaze": gaze})
+
+    timeline = Timeline.of(timed, display)
+
+    assert (timeline.fixate_timeout, timeline.iti, timeline.respond_timeout) == (180, 9, 270)
+    assert (timeline.dropped_max, timeline.gaze) == (7, GazeMode.MONITOR)
+    patient = response.model_copy(update={"timeout_s": None})
+    endless = Timeline.of(timed.model_copy(update={"response": patient}), display)
+    assert endless.respond_timeout is None
+
+
+def test_a_time_that_is_no_whole_number_of_refreshes_names_the_command_that_says_more():
+    with pytest.raises(StudyError, match=r"at 144 Hz; run 'metamerlab protocol check'$"):
+        Timeline.of(load_protocol(Path("demo")), load_display("fhd24-144hz"))
