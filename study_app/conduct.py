@@ -14,7 +14,6 @@ from protocols.journal import (
     BlockEnd,
     BlockStart,
     Break,
-    Calibration,
     Consent,
     Note,
     Pause,
@@ -23,10 +22,13 @@ from protocols.journal import (
     VoidReason,
 )
 from protocols.plan import Plan
-from study_app.attempt import Log, Watcher, attempt_event, run_attempt
+from study_app.attempt import Log, Watcher, run_attempt
+from study_app.attempt_record import attempt_event
+from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.geometry import Viewing
-from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.gaze.source import GazeSource
+from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
 from study_app.recorder import DiskError, Recorder
 from study_app.session import (
@@ -42,20 +44,13 @@ from study_app.session import (
     given_up,
     next_step,
 )
-from study_app.stage import Page, PageResult, Picture, Stage
-from study_app.trial import Phase, Timeline, Trial
-from study_app.validation import unfit_gaze
-from study_app.wording import fill
+from study_app.stage import Stage
+from study_app.trial import Timeline, Trial
+from study_app.wording import consent_text
 
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
-TRACKER_PATIENCE_S = 2.0
-"""A tracker that is silent for longer between two attempts ends the run."""
-VALIDATIONS_MAX = 3
-"""Poor validations in a row before the run ends; calibrate the tracker, and resume."""
 Mark = Callable[[str, float], None]
 """Told what happens and when, for recordings elsewhere."""
-Validate = Callable[[], CalibrationResult | None]
-"""Shows the targets of a validation; None where the participant or operator quit."""
 
 
 @dataclass(frozen=True)
@@ -147,14 +142,12 @@ class _Conductor:
     ) -> None:
         self._setting, self._plan, self._recorder = setting, plan, recorder
         self._stage, self._on_attempt, self._mark = stage, on_attempt, mark
-        self._validate = validate
-        self._validated: int | None = None
-        """Block for which gaze was validated in this run of the program."""
         self._protocol = setting.protocol
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
         self._language = start.language
         self._texts = texts_of(self._protocol, self._language)
+        self._pages = Dialogue(stage, self._protocol.response, self._texts, max(plan.blocks))
         self._timeline = Timeline.of(self._protocol, setting.display)
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
@@ -166,6 +159,9 @@ class _Conductor:
                 gaze.info().rate_hz,
             )
             self._watcher = Watcher(gaze, monitor)
+        self._gaze_check = None
+        if validate is not None and self._watcher is not None:
+            self._gaze_check = GazeCheck(validate, self._protocol, recorder, stage)
 
     def run(self) -> EndReason:
         """Do step after step."""
@@ -174,7 +170,7 @@ class _Conductor:
             if isinstance(step, Finish):
                 if not step.consented:
                     return "consent-refused"
-                self._page("thanks", self._texts.thanks, wait=False)
+                self._pages.show("thanks", self._texts.thanks, wait=False)
                 return "completed"
             if not self._do(step):
                 return "quit"
@@ -182,17 +178,8 @@ class _Conductor:
                 return "tracker-lost"
 
     def _tracker_lost(self) -> bool:
-        """Wait for a tracker that fell silent; return whether it stays so."""
-        watcher, stage = self._watcher, self._stage
-        if watcher is None:
-            return False
         silence_s = self._protocol.gaze.silence_s
-        while (silent_s := watcher.monitor.silent_s(stage.now())) > silence_s:
-            if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
-                return True
-            stage.show(Picture(Phase.ITI))
-            watcher.monitor.feed(watcher.source.poll())
-        return False
+        return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
 
     def _do(self, step: Step) -> bool:
         """Do one step; False where the sitting is to stop."""
@@ -205,19 +192,19 @@ class _Conductor:
                     return False
                 if not self._announce(block):
                     return False
-                if not self._validated_gaze(block):
+                if not self._gaze_passed(block):
                     return False
                 recorder.append(BlockStart(**recorder.stamps(), block=block, trials=trials))
                 self._mark(f"block {block}", self._stage.now())
             case RunTrial():
-                return self._validated_gaze(step.trial.block) and self._trial(step)
+                return self._gaze_passed(step.trial.block) and self._trial(step)
             case EndBlock(block):
                 recorder.append(BlockEnd(**recorder.stamps(), block=block))
             case TakeBreak(block):
-                result = self._page(
+                result = self._pages.show(
                     "break", texts.break_page, least_s=self._protocol.design.break_s, done=block
                 )
-                if self._quit_pressed(result):
+                if self._pages.quit_pressed(result):
                     return False
                 recorder.append(
                     Break(
@@ -227,23 +214,17 @@ class _Conductor:
                     )
                 )
             case AskQuestion(question):
-                result = self._stage.page(
-                    Page(
-                        "question",
-                        self._filled(question.text),
-                        self._keys(),
-                        choices=question.choices,
-                    )
-                )
+                result = self._pages.ask(question)
+                if self._pages.quit_pressed(result):
+                    return False
                 recorder.append(
                     Answer(**recorder.stamps(), question=question.name, text=result.answer)
                 )
         return True
 
     def _consent(self) -> bool:
-        contact = self._protocol.privacy.contact
-        text = self._filled(self._texts.consent + (f"\n\n{contact}" if contact else ""))
-        result = self._page("consent", text)
+        text = self._pages.filled(consent_text(self._texts, self._protocol.privacy.contact))
+        result = self._pages.show("consent", text)
         self._recorder.append(
             Consent(
                 **self._recorder.stamps(),
@@ -256,48 +237,20 @@ class _Conductor:
 
     def _instructions(self) -> bool:
         return all(
-            not self._quit_pressed(self._page("instructions", text))
+            not self._pages.quit_pressed(self._pages.show("instructions", text))
             for text in self._texts.instructions
         )
 
     def _announce(self, block: int) -> bool:
         """Show the page before practice or before the first main block."""
         if block == 0:
-            return not self._quit_pressed(self._page("practice", self._texts.practice))
+            return not self._pages.quit_pressed(self._pages.show("practice", self._texts.practice))
         if block == next(number for number in self._plan.blocks if number > 0):
-            return not self._quit_pressed(self._page("start", self._texts.start))
+            return not self._pages.quit_pressed(self._pages.show("start", self._texts.start))
         return True
 
-    def _validated_gaze(self, block: int) -> bool:
-        """Validate the gaze source once per block and run; False where the sitting stops."""
-        if self._validate is None or self._watcher is None or self._validated == block:
-            return True
-        for tries_left in reversed(range(VALIDATIONS_MAX)):
-            result = self._validate()
-            if result is None:
-                return False
-            self._recorder.append(
-                Calibration(
-                    **self._recorder.stamps(),
-                    accuracy_deg=round(result.accuracy_deg, 4),
-                    precision_deg=round(result.precision_deg, 4),
-                    points=result.points,
-                )
-            )
-            complaint = unfit_gaze(self._protocol.gaze, result)
-            if not complaint:
-                self._validated = block
-                return True
-            self._recorder.append(Note(**self._recorder.stamps(), text=complaint))
-            keys = self._protocol.response
-            page = Page(
-                "calibration",
-                f"{complaint}\n\n{keys.continue_keys[0]}: again    {keys.quit_keys[0]}: stop",
-                self._keys(),
-            )
-            if not tries_left or self._stage.page(page).key not in keys.continue_keys:
-                raise StudyError(complaint)
-        raise AssertionError("the last validation passes or raises")
+    def _gaze_passed(self, block: int) -> bool:
+        return self._gaze_check is None or self._gaze_check.passed(block)
 
     def _trial(self, step: RunTrial) -> bool:
         self._stage.prepare(step.trial, step.attempt)
@@ -338,43 +291,15 @@ class _Conductor:
     ) -> bool:
         """Ask once after the quit key; rest after the pause key or a lost focus."""
         if "quit" in interrupts:
-            return not self._quit_pressed(self._ask_to_quit())
+            return not self._pages.quit_pressed(self._pages.ask_to_quit())
         if "paused" in interrupts or void_reason == "focus-lost":
             if void_reason == "focus-lost":
                 self._recorder.append(
                     Note(**self._recorder.stamps(), text="another window took the keyboard")
                 )
-            result = self._page("paused", self._texts.paused)
+            result = self._pages.show("paused", self._texts.paused)
             self._recorder.append(
                 Pause(**self._recorder.stamps(), duration_s=round(result.duration_s, 6))
             )
-            return not self._quit_pressed(result)
+            return not self._pages.quit_pressed(result)
         return True
-
-    def _keys(self) -> tuple[str, ...]:
-        response = self._protocol.response
-        return (*response.continue_keys, *response.quit_keys)
-
-    def _page(
-        self, name: str, text: str, *, least_s: float = 0.0, wait: bool = True, done: int = 0
-    ) -> PageResult:
-        keys = self._keys() if wait else ()
-        page = Page(name, self._filled(text, done), keys, least_s=least_s)
-        result = self._stage.page(page)
-        while name != "paused" and self._quit_pressed(result):
-            asked = self._ask_to_quit()
-            if self._quit_pressed(asked):
-                return asked
-            result = self._stage.page(page)
-        return result
-
-    def _ask_to_quit(self) -> PageResult:
-        keys = self._protocol.response
-        text = self._filled(self._texts.quit_question)
-        return self._stage.page(Page("quit", text, (*keys.quit_keys, *keys.continue_keys)))
-
-    def _filled(self, text: str, done: int = 0) -> str:
-        return fill(text, self._protocol.response, done=done, total=max(self._plan.blocks))
-
-    def _quit_pressed(self, result: PageResult) -> bool:
-        return result.key in self._protocol.response.quit_keys

@@ -43,3 +43,13 @@ def key_name(glfw: Any, key: int, scancode: int) -> str:
 def key_label(name: str) -> str:
     """Return how a key is shown to a participant: ``←``, ``F``, ``space``."""
     return _SHOWN.get(name, name.upper() if len(name) == 1 else name)
+
+
+def edited(text: str, typed: str) -> str:
+    """Return `text` after `typed`, in which ``\\b`` takes the last character away."""
+    for char in typed:
+        if char == "\b":
+            text = text[:-1]
+        elif char.isprintable():
+            text += char
+    return text

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -65,6 +64,8 @@ def fit_gamma(readings: Mapping[int, float]) -> LuminanceFit:
 
     def misfit(gamma: float) -> float:
         return float(np.square(levels**gamma - shares).sum())
+
+    from scipy.optimize import minimize_scalar  # slow to import, and sittings need none of it
 
     gamma = float(minimize_scalar(misfit, bounds=(0.2, 6.0), method="bounded").x)
     worst = float(np.abs(levels**gamma - shares).max())

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from study_app.draw import Painter
+from study_app.keys import edited
 from study_app.luminance import LEVELS, PATCH_SHARE, parse_reading
 from study_app.text_image import text_image, typeface_for
-from study_app.window import Window, edited
+from study_app.window import Window
 
 _BACKGROUND = 64
 _HELP = "Hold the photometer to the patch, type cd/m2, press Enter. Escape stops."

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.schema import StudyProtocol
 from protocols.session_schema import Response, Texts
 from study_app.keys import key_label
 from study_app.stage import Page, Picture
-from study_app.text_image import Align, text_image, typeface_for, wrap
+from study_app.text_image import Align, text_image, typeface_for, wrap, writable
+from study_app.wording import consent_text, fill
 
 _TEXT_SHARE = 1 / 27
 """Letter size as a share of the screen's height; never below `_SMALLEST_PX`."""
@@ -16,6 +18,7 @@ _SMALLEST_PX = 12
 _MARGIN_SHARE = 0.12
 _LONGEST_LINE = 34
 """Width of a text in letter sizes: longer lines are hard to read."""
+_CHOSEN, _OPEN, _CARET, _ENTER = "●○▏↵"
 _NOTICES = {
     "gaze-break": "gaze-lost",
     "no-fixation": "gaze-lost",
@@ -47,9 +50,9 @@ class Pages:
         """Return every image that is known beforehand, by name."""
         texts = self._texts
         return {
-            "preparing": self._centred(texts.preparing),
-            "gaze-lost": self._centred(texts.gaze_lost),
-            "too-late": self._centred(texts.too_late),
+            "preparing": self._centred(fill(texts.preparing, response)),
+            "gaze-lost": self._centred(fill(texts.gaze_lost, response)),
+            "too-late": self._centred(fill(texts.too_late, response)),
             "answer-left": self._answer(texts.first, texts.second, response),
             "answer-right": self._answer(texts.second, texts.first, response),
         }
@@ -75,17 +78,18 @@ class Pages:
         """Return a question with what was typed so far, or with its choices."""
         if page.choices:
             lines = [
-                f"{'●' if index == chosen else '○'}  {index + 1}  {choice}"
+                f"{_CHOSEN if index == chosen else _OPEN}  {index + 1}  {choice}"
                 for index, choice in enumerate(page.choices)
             ]
-        else:
-            lines = [typed + "▏"]
-        return self._block("\n".join((page.text, "", *lines, "", "↵")))
+            return self._block("\n".join((page.text, "", *lines, "", _ENTER)))
+        # What was typed is kept as it is; what no font can draw is shown as a question mark.
+        shown = writable(typed, page.text + _CARET + _ENTER)
+        return self._block("\n".join((page.text, "", shown + _CARET, "", _ENTER)))
 
     def _answer(self, left: str, right: str, response: Response) -> NDArray[np.uint8]:
         """Return the answer screen: the question, and at each side its label and key."""
         width, height = self._size
-        image = self._centred(self._texts.question, at=0.36)
+        image = self._centred(fill(self._texts.question, response), at=0.36)
         for label, keys, x in (
             (left, response.left_keys, 0.25),
             (right, response.right_keys, 0.75),
@@ -117,6 +121,37 @@ class Pages:
         image = np.zeros((height, width, 4), np.uint8)
         _paste(image, block, ((width - across) // 2, max(0, top)))
         return image
+
+
+def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
+    """Refuse texts that no font of this machine can write, before anything is shown.
+
+    Raises
+    ------
+    StudyError
+        Naming the characters that are missing.
+    """
+    digits = "0123456789"
+    for text in (
+        consent_text(texts, protocol.privacy.contact),
+        *texts.instructions,
+        texts.practice,
+        texts.start,
+        texts.question,
+        f"{texts.first}\n{texts.second}←→",
+        texts.break_page + digits,
+        texts.paused,
+        texts.gaze_lost,
+        texts.too_late,
+        texts.preparing,
+        texts.quit_question,
+        texts.thanks,
+    ):
+        typeface_for([fill(text, protocol.response)], _SMALLEST_PX)
+    for question in texts.questions:
+        marks = _CHOSEN + _OPEN + digits if question.choices else _CARET
+        text = fill(question.text, protocol.response)
+        typeface_for([text, *question.choices, marks, _ENTER], _SMALLEST_PX)
 
 
 def _paste(image: NDArray[np.uint8], block: NDArray[np.uint8], place: tuple[int, int]) -> None:

@@ -8,47 +8,29 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
-import numpy as np
 
-from protocols.errors import StudyError
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
 from study_app.clips import ClipStore, Pair
 from study_app.draw import Painter
-from study_app.gaze.geometry import Viewing
+from study_app.layout import PATCH_PX, Extras, Layout
+from study_app.page_turner import NOTICE_S, PageTurner
 from study_app.pages import Pages
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
-from study_app.strip import BLOCK_PX, BLOCKS
 from study_app.target import target_image
 from study_app.trial import Phase
 from study_app.virtual import Observer
-from study_app.window import Window, edited
+from study_app.window import Window
 
-NOTICE_S = 1.5
-"""How long a participant can read why an attempt was void."""
-PATCH_PX = 48
-"""Edge of the photodiode's patch, in the lower right corner."""
 _POLL_SHARE = 0.6
 """Share of a refresh in which keys are taken as they come while an answer is awaited."""
 _UPLOAD_SHARE = 0.4
 """Share of a refresh that uploads may take while nothing moves."""
-_SIMULATED_PAGE_S = 0.4
-
-
-@dataclass(frozen=True)
-class Extras:
-    """What a lab may add to the picture."""
-
-    strip: bool = False
-    """Frame strip: number and CRC of every flip."""
-    photodiode: bool = False
-    """Patch that is white at every other clip frame."""
 
 
 class Presenter:
@@ -100,15 +82,18 @@ class Presenter:
         background = round(255 * protocol.display.background)
         self._painter = Painter(window.ctx, window.size, background)
         self._pages = Pages(window.size, texts, background)
+        self._layout = Layout.of(window.display, protocol.trial, manifest, self._extras)
         self._store = ClipStore(window.ctx, stimuli, manifest)
-        width, height = self._store.size
-        self._clip_place = (window.size[0] - width) // 2, (window.size[1] - height) // 2
-        self._check_extras(width, height)
+        image = target_image(self._layout.dot_diameter_px, background)
+        reach = len(image) // 2
+        x_px, y_px = self._layout.dot_px
+        self._target = self._painter.texture(image)
+        self._target_place = round(x_px) - reach, round(y_px) - reach
+        self._dot_beside = self._layout.beside_clip(self._store.size, reach)
         self._statics = {
             name: self._painter.texture(image)
             for name, image in self._pages.fixed(protocol.response).items()
         }
-        self._prepare_target(background)
         self._trial: PlannedTrial | None = None
         self._attempt = 1
         self._next: Pair | None = None
@@ -118,7 +103,15 @@ class Presenter:
         self._notice: tuple[str, float] | None = None
         self._answer: tuple[str, float] | None = None
         self._asked = False
-        self._page_texture: moderngl.Texture | None = None
+        self._turner = PageTurner(
+            window,
+            self._painter,
+            self._pages,
+            protocol.response.quit_keys,
+            self._flip_and_load,
+            self.key_presses,
+            observer,
+        )
 
     def __enter__(self) -> Presenter:
         return self
@@ -130,6 +123,7 @@ class Presenter:
         """Free what is on the graphics card; the window stays open."""
         gc.enable()
         self._store.close()
+        self._turner.release()
         for texture in (*self._statics.values(), self._target):
             texture.release()
         self._painter.release()
@@ -200,16 +194,8 @@ class Presenter:
         """Show a page until one of its keys goes down."""
         gc.enable()
         self._store.allow(True)
-        began_s = self.now()
         self._notice = None
-        self._window.take_focus()
-        self._window.key_presses()
-        self._window.typed()
-        if page.name == "question":
-            result = self._question(page, began_s)
-        else:
-            result = self._wait(page, began_s)
-        return result
+        return self._turner.turn(page)
 
     def look_at(
         self, place_px: tuple[float, float], duration_s: float, poll: Callable[[], None]
@@ -236,65 +222,9 @@ class Presenter:
                 return False
         return True
 
-    # Pages
-
-    def _wait(self, page: Page, began_s: float) -> PageResult:
-        scripted = self._scripted(page, began_s)
-        turns = page.keys[0] if page.keys and page.name != "quit" else ""
-        self._show_page(self._pages.page(page.text, turns))
-        while True:
-            self._flip_page()
-            for press in self.key_presses():
-                if press.key in page.keys and press.t_s >= began_s + page.least_s:
-                    return PageResult(press.key, "", press.t_s - began_s)
-            if scripted and self.now() >= scripted[1]:
-                return PageResult(scripted[0].key, scripted[0].answer, self.now() - began_s)
-            if not page.keys and self.now() >= began_s + NOTICE_S:
-                return PageResult("", "", self.now() - began_s)
-
-    def _question(self, page: Page, began_s: float) -> PageResult:
-        scripted = self._scripted(page, began_s)
-        text, chosen, drawn = "", -1, None
-        while True:
-            if drawn != (text, chosen):
-                drawn = (text, chosen)
-                self._show_page(self._pages.question(page, text, chosen))
-            self._flip_page()
-            typed = self._window.typed()
-            if not page.choices:
-                text = edited(text, typed)
-            for press in self.key_presses():
-                if press.key == "enter" and (chosen >= 0 or not page.choices):
-                    answer = page.choices[chosen] if page.choices else text
-                    return PageResult("enter", answer, self.now() - began_s)
-                if page.choices:
-                    chosen = _chosen(press.key, chosen, len(page.choices))
-            if scripted and self.now() >= scripted[1]:
-                return PageResult(scripted[0].key, scripted[0].answer, self.now() - began_s)
-
-    def _scripted(self, page: Page, began_s: float) -> tuple[PageResult, float] | None:
-        if self._observer is None or not page.keys:
-            return None
-        result = self._observer.turn_page(page)
-        return result, began_s + max(page.least_s, _SIMULATED_PAGE_S)
-
-    def _show_page(self, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:
-        if self._page_texture is not None:
-            self._page_texture.release()
-        self._page_texture = self._painter.texture(image)
-
-    def _flip_page(self) -> None:
-        texture = self._page_texture
-        assert texture is not None
-
-        def draw() -> None:
-            self._painter.clear()
-            self._painter.image(texture, (0, 0))
-
+    def _flip_and_load(self, draw: Callable[[], None]) -> None:
         self._store.pump(self.now())
         self._flip(draw)
-
-    # Flips
 
     def _flip(self, draw: Callable[[], None]) -> Shown:
         draw()
@@ -319,20 +249,20 @@ class Presenter:
         if name:
             painter.image(self._statics[name], (0, 0))
         if picture.clip is not None and picture.frame is not None and self._clips is not None:
-            painter.clip_frame(self._clips[picture.clip], picture.frame, self._clip_place)
+            painter.clip_frame(self._clips[picture.clip], picture.frame, self._layout.clip)
             light = 1.0 - picture.frame % 2
         if phase in (Phase.FIXATE, Phase.GAP) or (
             picture.clip is not None and (self._protocol.trial.dot_over_clips or self._dot_beside)
         ):
             painter.image(self._target, self._target_place)
         if self._extras.photodiode:
-            painter.patch(self._patch_place, PATCH_PX, light)
+            painter.patch(self._layout.patch, PATCH_PX, light)
 
     def _draw_static(self, name: str) -> None:
         self._painter.clear()
         self._painter.image(self._statics[name], (0, 0))
         if self._extras.photodiode:
-            self._painter.patch(self._patch_place, PATCH_PX, 0.0)
+            self._painter.patch(self._layout.patch, PATCH_PX, 0.0)
 
     def _between_clips(self, picture: Picture) -> None:
         """Use the time in which nothing moves: load the next pair, take keys as they come."""
@@ -362,53 +292,3 @@ class Presenter:
         if self._extras.strip:
             self._painter.strip(self._number)
         self._painter.finish()
-
-    def _prepare_target(self, background: int) -> None:
-        timing = self._protocol.trial
-        viewing = Viewing.of(self._window.display)
-        x_px, y_px = viewing.to_px(timing.fixation_x_deg, timing.fixation_y_deg)
-        half = timing.dot_deg / 2
-        left, _ = viewing.to_px(timing.fixation_x_deg - half, timing.fixation_y_deg)
-        right, _ = viewing.to_px(timing.fixation_x_deg + half, timing.fixation_y_deg)
-        image = target_image(right - left, background)
-        edge = len(image) // 2
-        self._target = self._painter.texture(image)
-        self._target_place = round(x_px) - edge, round(y_px) - edge
-        width, height = self._store.size
-        x, y = self._clip_place
-        self._dot_beside = not (
-            x - edge < x_px < x + width + edge and y - edge < y_px < y + height + edge
-        )
-
-    def _check_extras(self, width: int, height: int) -> None:
-        across, down = self._window.size
-        if self._extras.strip and (
-            self._clip_place[1] < BLOCK_PX or across < BLOCKS * BLOCK_PX or height > down
-        ):
-            raise StudyError(
-                f"--strip: the frame strip needs {BLOCKS * BLOCK_PX}x{BLOCK_PX} pixels free above"
-                f" and below the clips (they are {width}x{height} on {across}x{down}); make the"
-                " clips smaller, or leave the strip out"
-            )
-        self._patch_place = across - PATCH_PX, down - PATCH_PX - BLOCK_PX
-        if (
-            self._extras.photodiode
-            and self._patch_place[0] < self._clip_place[0] + width
-            and (self._patch_place[1] < self._clip_place[1] + height)
-        ):
-            raise StudyError(
-                f"--photodiode: the patch needs {PATCH_PX} pixels beside or below the clips (they"
-                f" are {width}x{height} on {across}x{down}); make the clips smaller, or leave it"
-                " out"
-            )
-
-
-def _chosen(key: str, chosen: int, count: int) -> int:
-    """Return the choice after a key: digits pick one, arrows move."""
-    digit = key.removeprefix("kp_")
-    if digit.isdigit() and 1 <= int(digit) <= count:
-        return int(digit) - 1
-    if key in ("up", "down"):
-        step = 1 if key == "down" else -1
-        return (chosen + step) % count if chosen >= 0 else (0 if step > 0 else count - 1)
-    return chosen

@@ -25,10 +25,12 @@ from study_app.gaze.geometry import Viewing
 from study_app.gaze.open_source import Desk, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.layout import Extras, Layout
 from study_app.markers import LslMarkers
 from study_app.observer import ArtificialObserver, ObserverModel, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
-from study_app.presenter import Extras, Presenter
+from study_app.pages import check_texts
+from study_app.presenter import Presenter
 from study_app.sittings import is_stillborn, sitting_folder
 from study_app.validation import PointQuality, summarise, validate
 from study_app.window import Pacing, Window
@@ -102,6 +104,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     check_files(options.stimuli, manifest)
     language = _language(options, resuming=resuming)
     texts = texts_of(protocol, language)
+    check_texts(protocol, texts)
+    Layout.of(display, protocol.trial, manifest, options.extras)
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
     # Early, so that recorders find the stream before the first trial.

@@ -64,6 +64,8 @@ class Page:
     """Keys before that are ignored."""
     choices: tuple[str, ...] = ()
     """A question's answers; empty: free text is typed."""
+    draft: str = ""
+    """What was typed or chosen before the question was left."""
 
 
 class PageResult(NamedTuple):
@@ -71,7 +73,7 @@ class PageResult(NamedTuple):
 
     key: str
     answer: str
-    """What a question's page collected."""
+    """What a question's page collected; what it had so far, if a quit key ended it."""
     duration_s: float
 
 

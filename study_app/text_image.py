@@ -52,12 +52,16 @@ def typeface_for(texts: Sequence[str], size_px: int) -> Typeface:
         If no font on this machine does, naming the characters; or if the script needs shaping
         and the shaping library is missing.
     """
-    text = "".join(sorted(set("".join(texts)) - set("\n")))
+    text = _characters(texts)
     if _SHAPED.search(text) and not features.check("raqm"):
         raise StudyError(
             "text: this script needs shaping (Pillow finds no raqm); install libfribidi0"
         )
     return Typeface(_font_for(text), size_px)
+
+
+def _characters(texts: Sequence[str]) -> str:
+    return "".join(sorted(set("".join(texts)) - set("\n")))
 
 
 @lru_cache(maxsize=32)
@@ -78,6 +82,19 @@ def _font_for(text: str) -> Path:
         f" {len(missing)}: {shown}); install a font of that script, for instance fonts-noto-core"
         " or fonts-noto-cjk"
     )
+
+
+def writable(text: str, along_with: str) -> str:
+    """Return `text` with a question mark for each character that cannot be drawn.
+
+    It is drawn in one font together with `along_with`, which must be writable itself.
+    """
+    try:
+        _font_for(_characters([text, along_with]))
+    except StudyError:
+        missing = missing_characters(_font_for(_characters([along_with])), text)
+        return "".join("?" if char in missing else char for char in text)
+    return text
 
 
 def is_right_to_left(text: str) -> bool:

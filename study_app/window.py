@@ -21,12 +21,13 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from study_app.gamepad import Gamepad
 from study_app.keys import key_name
+from study_app.monitor import check_mode, choose_monitor, plain_text
 from study_app.stage import KeyPress
 from study_app.vsync import Evidence, SyncValues
 
 Pacing = Literal["vsync", "software"]
-RATE_SLACK_HZ = 1.0
-"""Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
+_SETTLE_S = 5.0
+"""How long a window manager may take to make the window cover the screen."""
 
 
 class FlipStamp(NamedTuple):
@@ -78,7 +79,7 @@ class Window:
         monitor = choose_monitor(display)
         mode = glfw.get_video_mode(monitor)
         check_mode(display, mode.size.width, mode.size.height, float(mode.refresh_rate))
-        self.monitor_name = _text(glfw.get_monitor_name(monitor))
+        self.monitor_name = plain_text(glfw.get_monitor_name(monitor))
         self.monitor_mm: tuple[int, int] = glfw.get_monitor_physical_size(monitor)
         self.mode_hz = float(mode.refresh_rate)
         for hint, value in (
@@ -111,12 +112,7 @@ class Window:
             self.ctx: moderngl.Context = adopt_context()
         except GLUnavailableError as error:
             raise StudyError(str(error)) from error
-        size = glfw.get_framebuffer_size(self._handle)
-        if size != (display.width_px, display.height_px):
-            raise StudyError(
-                f"display {display.name!r}: the window must have {display.width_px}x"
-                f"{display.height_px} pixels (got {size[0]}x{size[1]}); turn desktop scaling off"
-            )
+        self._await_full_screen()
         self.ctx.screen.use()
         self._sync = SyncValues.of_window(glfw, self._handle) if self.pacing == "vsync" else None
         glfw.set_key_callback(self._handle, self._on_key)
@@ -126,6 +122,7 @@ class Window:
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         self._gamepad = Gamepad(glfw)
         self._take_focus()
+        self._await_full_screen()  # what came with the focus may have resized it once more
 
     def __enter__(self) -> Window:
         return self
@@ -223,6 +220,18 @@ class Window:
         """Show the mouse: it stands in for an eye."""
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_NORMAL)
 
+    def _await_full_screen(self) -> None:
+        """Let the window manager make the window cover the screen; it may show a frame before."""
+        wanted = self.size
+        until_s = self.now() + _SETTLE_S
+        while (size := glfw.get_framebuffer_size(self._handle)) != wanted:
+            if self.now() >= until_s:
+                raise StudyError(
+                    f"display {self.display.name!r}: the window must have {wanted[0]}x{wanted[1]}"
+                    f" pixels (got {size[0]}x{size[1]}); turn desktop scaling off"
+                )
+            glfw.wait_events_timeout(0.02)
+
     def _take_focus(self) -> None:
         glfw.focus_window(self._handle)
         until_s = self.now() + 2.0
@@ -262,61 +271,6 @@ class Window:
         self._closing = True
 
 
-def edited(text: str, typed: str) -> str:
-    """Return `text` after `typed`, in which ``\\b`` takes the last character away."""
-    for char in typed:
-        if char == "\b":
-            text = text[:-1]
-        elif char.isprintable():
-            text += char
-    return text
-
-
-def choose_monitor(display: Display) -> Any:
-    """Return the monitor a display file names, or the primary one.
-
-    Raises
-    ------
-    StudyError
-        If no monitor has that name; it lists those that are there.
-    """
-    monitors = glfw.get_monitors()
-    names = [_text(glfw.get_monitor_name(monitor)) for monitor in monitors]
-    if not monitors:
-        raise StudyError("a monitor must be connected (found none)")
-    if not display.monitor:
-        return glfw.get_primary_monitor()
-    if display.monitor not in names:
-        raise StudyError(
-            f"display {display.name!r}: monitor {display.monitor!r} must be connected (found"
-            f" {', '.join(names)}); connect it, or correct 'monitor' in the display file"
-        )
-    return monitors[names.index(display.monitor)]
-
-
-def check_mode(display: Display, width_px: int, height_px: int, rate_hz: float) -> None:
-    """Refuse a video mode other than the display file's; a rate of 0 is not stated.
-
-    Raises
-    ------
-    StudyError
-        Saying both modes and the cure.
-    """
-    size_fits = (width_px, height_px) == (display.width_px, display.height_px)
-    rate_fits = rate_hz == 0 or abs(rate_hz - display.refresh_hz) <= RATE_SLACK_HZ
-    if not (size_fits and rate_fits):
-        found = f"{width_px}x{height_px}" + (f" at {rate_hz:g} Hz" if rate_hz else "")
-        raise StudyError(
-            f"display {display.name!r}: the monitor must run at {display.width_px}x"
-            f"{display.height_px}, {display.refresh_hz:g} Hz (found {found}); set that mode in"
-            " the desktop's settings, or name the display that is there with --display"
-        )
-
-
-def _text(value: bytes | str) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
 def _last_error() -> str:
     _, description = glfw.get_error()
-    return _text(description) if description else "no reason given"
+    return plain_text(description) if description else "no reason given"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from protocols.session_schema import PLACEHOLDERS, Response
+from protocols.session_schema import PLACEHOLDERS, Response, Texts
 
 
 def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str:
@@ -28,3 +28,8 @@ def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str
     for name in PLACEHOLDERS:
         text = text.replace("{" + name + "}", values[name])
     return text
+
+
+def consent_text(texts: Texts, contact: str) -> str:
+    """Return what the consent page says, placeholders included: the text, and whom to ask."""
+    return texts.consent + (f"\n\n{contact}" if contact else "")

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.live import Live
-from rich.table import Table
 
 from protocols.errors import StudyError
-from protocols.journal import AnyEvent, Attempt, SessionEnd
-from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.journal import AnyEvent, Attempt
 from protocols.load import load_display, load_protocol, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
+from study_app.cli.record_commands import OutOption, print_rows, watch, withdraw
 from study_app.conduct import Outcome
 from study_app.display_check import DisplayCheck, check_display, verdict, write_report
 from study_app.gaze.source import CalibrationResult
+from study_app.layout import Extras
 from study_app.luminance import LuminanceFit, fit_gamma, store_luminance
 from study_app.luminance_page import read_patches
-from study_app.operator_view import attempt_line, rows
-from study_app.presenter import Extras
+from study_app.operator_view import attempt_line
 from study_app.run import Listener, SittingOptions, resume_sitting, run_sitting, utc_now
 from study_app.validation import PointQuality, smallest_window_deg
 from study_app.window import Window
-from study_app.withdrawal import find_participant
-from study_app.withdrawal import withdraw as withdraw_participant
 
 ProtocolArgument = Annotated[
     Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
@@ -38,7 +32,6 @@ StimuliOption = Annotated[Path, typer.Option(help="Folder of the study's built c
 ParticipantOption = Annotated[
     str, typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name.")
 ]
-OutOption = Annotated[Path, typer.Option(help="Folder of sessions.")]
 DisplayOption = Annotated[
     str | None, typer.Option(help="Another display than the protocol's: a name or a .toml file.")
 ]
@@ -194,7 +187,7 @@ def check_display_(
             check = check_display(window, utc_now, flips)
             report = write_report(out, check)
             readings = read_patches(window) if luminance else {}
-        _print_rows(verdict(check, described))
+        print_rows(verdict(check, described))
         print(f"report: {out / report.file}")
         if readings is None:
             raise StudyError("luminance: stopped before the last reading; nothing was stored")
@@ -202,50 +195,6 @@ def check_display_(
             fit = fit_gamma(readings)
             store_luminance(Path(display), fit)
             _print_fit(fit, display)
-
-
-def withdraw(
-    participant: Annotated[str, typer.Argument(help="The participant's code.")],
-    out: OutOption = Path("sessions"),
-    study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-) -> None:
-    """Delete a participant's data for good; a stone says so, and the slot becomes free.
-
-    Example: metamerlab session withdraw P01 --out sessions
-    """
-    with user_errors():
-        folder = find_participant(out, participant, study).folder
-        if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
-            raise StudyError(f"{folder}: nothing was deleted")
-        count = withdraw_participant(out, participant, utc_now, study)
-        print(f"{folder}: {count} files deleted; a stone is left, and the slot is free")
-
-
-def watch(
-    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
-    once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
-) -> None:
-    """Follow a running session from another terminal: trials, dropped frames, gaze quality.
-
-    It only reads the journal, so it cannot disturb the session.
-
-    Example: metamerlab session watch sessions/demo/P01
-    """
-    with user_errors():
-        path = session / JOURNAL_NAME
-        if not path.is_file():
-            raise StudyError(f"{session}: must be the folder of one session (found no journal)")
-        if once:
-            _print_rows(rows(read_journal(path, lenient=True).events))
-            return
-        try:
-            with Live(_table(path), refresh_per_second=2) as live:
-                while not _over(path):
-                    time.sleep(0.5)
-                    live.update(_table(path))
-        except KeyboardInterrupt:
-            return
 
 
 def register(app: typer.Typer) -> None:
@@ -307,23 +256,3 @@ def _print_fit(fit: LuminanceFit, display: str) -> None:
         f" {fit.gamma:.3f} (worst reading {100 * fit.worst_share:.1f} % of the peak off);"
         f" written into {display}"
     )
-
-
-def _print_rows(entries: Iterable[tuple[str, str]]) -> None:
-    Console().print(_grid(entries))
-
-
-def _table(path: Path) -> Table:
-    return _grid(rows(read_journal(path, lenient=True).events))
-
-
-def _grid(entries: Iterable[tuple[str, str]]) -> Table:
-    table = Table(show_header=False)
-    for name, value in entries:
-        table.add_row(name, value)
-    return table
-
-
-def _over(path: Path) -> bool:
-    events = read_journal(path, lenient=True).events
-    return bool(events) and isinstance(events[-1], SessionEnd)

@@ -21,6 +21,7 @@ from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSample
 from study_app.keys import key_name
 from study_app.luminance import LEVELS, fit_gamma, store_luminance
+from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.sittings import find_sittings, next_slot
 from study_app.strip import BLOCK_PX, BLOCKS, Seen, code_of, compare, crc8, read_strip
@@ -37,7 +38,6 @@ from study_app.validation import (
 from study_app.virtual import VirtualClock
 from study_app.vsync import judge
 from study_app.vsync import summarise as summarise_stamps
-from study_app.window import check_mode
 from study_app.withdrawal import withdraw
 
 FHD = load_display("fhd27-60hz")

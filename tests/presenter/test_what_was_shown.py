@@ -168,7 +168,8 @@ from protocols.manifest import read_manifest
 from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
 from study_app.opening import texts_of
-from study_app.presenter import Extras, Presenter
+from study_app.layout import Extras
+from study_app.presenter import Presenter
 from study_app.stage import Picture
 from study_app.trial import Phase
 from study_app.window import Window

@@ -1,0 +1,89 @@
+"""The commands of `metamerlab session` about what was recorded: following it, deleting it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from protocols.errors import StudyError
+from protocols.journal import SessionEnd
+from protocols.journal_file import JOURNAL_NAME, read_journal
+from study_app.cli.errors import user_errors
+from study_app.operator_view import rows
+from study_app.run import utc_now
+from study_app.withdrawal import find_participant
+from study_app.withdrawal import withdraw as withdraw_participant
+
+OutOption = Annotated[Path, typer.Option(help="Folder of sessions.")]
+
+
+def withdraw(
+    participant: Annotated[str, typer.Argument(help="The participant's code.")],
+    out: OutOption = Path("sessions"),
+    study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a participant's data for good; a stone says so, and the slot becomes free.
+
+    Example: metamerlab session withdraw P01 --out sessions
+    """
+    with user_errors():
+        folder = find_participant(out, participant, study).folder
+        if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
+            raise StudyError(f"{folder}: nothing was deleted")
+        count = withdraw_participant(out, participant, utc_now, study)
+        print(f"{folder}: {count} files deleted; a stone is left, and the slot is free")
+
+
+def watch(
+    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
+    once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
+) -> None:
+    """Follow a running session from another terminal: trials, dropped frames, gaze quality.
+
+    It only reads the journal, so it cannot disturb the session.
+
+    Example: metamerlab session watch sessions/demo/P01
+    """
+    with user_errors():
+        path = session / JOURNAL_NAME
+        if not path.is_file():
+            raise StudyError(f"{session}: must be the folder of one session (found no journal)")
+        if once:
+            print_rows(rows(read_journal(path, lenient=True).events))
+            return
+        try:
+            with Live(_table(path), refresh_per_second=2) as live:
+                while not _over(path):
+                    time.sleep(0.5)
+                    live.update(_table(path))
+        except KeyboardInterrupt:
+            return
+
+
+def print_rows(entries: Iterable[tuple[str, str]]) -> None:
+    """Print names and values as a table."""
+    Console().print(_grid(entries))
+
+
+def _table(path: Path) -> Table:
+    return _grid(rows(read_journal(path, lenient=True).events))
+
+
+def _grid(entries: Iterable[tuple[str, str]]) -> Table:
+    table = Table(show_header=False)
+    for name, value in entries:
+        table.add_row(name, value)
+    return table
+
+
+def _over(path: Path) -> bool:
+    events = read_journal(path, lenient=True).events
+    return bool(events) and isinstance(events[-1], SessionEnd)

@@ -1,0 +1,59 @@
+"""Which monitor a display file names, and whether it runs in the mode that the file states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import glfw
+
+from protocols.display import Display
+from protocols.errors import StudyError
+
+RATE_SLACK_HZ = 1.0
+"""Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
+
+
+def choose_monitor(display: Display) -> Any:
+    """Return the monitor a display file names, or the primary one.
+
+    Raises
+    ------
+    StudyError
+        If no monitor has that name; it lists those that are there.
+    """
+    monitors = glfw.get_monitors()
+    names = [plain_text(glfw.get_monitor_name(monitor)) for monitor in monitors]
+    if not monitors:
+        raise StudyError("a monitor must be connected (found none)")
+    if not display.monitor:
+        return glfw.get_primary_monitor()
+    if display.monitor not in names:
+        raise StudyError(
+            f"display {display.name!r}: monitor {display.monitor!r} must be connected (found"
+            f" {', '.join(names)}); connect it, or correct 'monitor' in the display file"
+        )
+    return monitors[names.index(display.monitor)]
+
+
+def check_mode(display: Display, width_px: int, height_px: int, rate_hz: float) -> None:
+    """Refuse a video mode other than the display file's; a rate of 0 is not stated.
+
+    Raises
+    ------
+    StudyError
+        Saying both modes and the cure.
+    """
+    size_fits = (width_px, height_px) == (display.width_px, display.height_px)
+    rate_fits = rate_hz == 0 or abs(rate_hz - display.refresh_hz) <= RATE_SLACK_HZ
+    if not (size_fits and rate_fits):
+        found = f"{width_px}x{height_px}" + (f" at {rate_hz:g} Hz" if rate_hz else "")
+        raise StudyError(
+            f"display {display.name!r}: the monitor must run at {display.width_px}x"
+            f"{display.height_px}, {display.refresh_hz:g} Hz (found {found}); set that mode in"
+            " the desktop's settings, or name the display that is there with --display"
+        )
+
+
+def plain_text(value: bytes | str) -> str:
+    """Return what GLFW said, which is bytes."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
