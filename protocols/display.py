@@ -17,24 +17,32 @@ class Display(Model):
     """One display at one viewing distance, in one mode."""
 
     name: Name
+    """Its name in manifests and journals."""
     description: str = ""
+    """For people."""
     width_px: Pixels
+    """Of the mode it runs in."""
     height_px: Pixels
+    """Of the mode it runs in."""
     width_mm: Millimetres
     """Visible area, measured with a ruler."""
     height_mm: Millimetres
+    """Visible area, measured with a ruler."""
     distance_mm: Millimetres
     """From the eye to the screen's centre, along its normal."""
     refresh_hz: Hertz
     """Nominal rate, against which times are counted in frames; a display whose measured rate is
     within `refresh_tolerance_share` of it fits."""
     refresh_tolerance_share: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    """How far the measured rate may be from the nominal one."""
     clip_memory_mib: Positive = 2048
     """Graphics memory that clips may use: the pair shown and the next one."""
     monitor: str = ""
     """The system's name of the monitor; empty: the primary one."""
     peak_cd_m2: Luminance | None = None
+    """Luminance of white; left out: not measured."""
     black_cd_m2: Luminance | None = None
+    """Luminance of black; left out: not measured."""
     gamma: Annotated[float, Field(gt=0)] | None = None
     """Measured with a photometer; left out: not measured."""
 

@@ -28,9 +28,13 @@ class StudyInfo(Model):
     """What the study is."""
 
     name: Name
+    """Its name in files and folders."""
     title: Text
+    """What people read."""
     description: str = ""
+    """What it asks, in a sentence or two."""
     version: Text = "1"
+    """Raise it when the study changes after the first participant."""
     source: str = ""
     """The publication whose design this follows."""
     participants: Positive
@@ -50,6 +54,7 @@ class Practice(Model):
     """Trials before the first block; their answers are kept and never analysed."""
 
     trials: Positive
+    """How many."""
     scenes: tuple[Name, ...] = ()
     """Left out: the scenes of the design."""
 
@@ -58,10 +63,13 @@ class CatchTrials(Model):
     """Trials whose answer is known, spread evenly over the blocks."""
 
     trials: Positive
+    """How many."""
     better: Name
     """The method that an attentive participant picks."""
     worse: Name
+    """The method it is shown against."""
     size: Name
+    """The size at which the difference is plain."""
 
 
 class Design(Model):
@@ -80,11 +88,15 @@ class Design(Model):
     """Which side's key stands for the first interval: swapped between slots, within a session,
     or never (left is first)."""
     blocks: Positive = 1
+    """The trials are dealt into this many blocks, with breaks between."""
     break_s: SecondsOrNone = 30.0
     """Shortest break between two blocks."""
     practice: Practice | None = None
+    """Left out: no practice."""
     catch: CatchTrials | None = None
+    """Left out: no catch trials."""
     seed: Seed
+    """Of the order of trials."""
     max_attempts: Positive = 3
     """A trial that fails this often is given up and counted as missing."""
 
@@ -128,6 +140,7 @@ class Gaze(Model):
     violation_s: SecondsOrNone = 0.02
     """How long gaze must be outside, over at least `violation_samples`."""
     violation_samples: Positive = 2
+    """How many samples in a row must be outside."""
     blink_s: SecondsOrNone = 0.15
     """Lost data up to this long is a blink and pardoned."""
     blink_margin_s: SecondsOrNone = 0.05
@@ -139,6 +152,7 @@ class Gaze(Model):
     accuracy_max_deg: Degrees = 1.0
     """Worst mean error of a validation that still lets a block start."""
     rate_min_hz: Annotated[float, Field(ge=0)] = 50.0
+    """A slower gaze source is refused."""
 
 
 KeyName = Annotated[
@@ -157,11 +171,15 @@ class Response(Model):
     """Keys, and how long the answer may take."""
 
     left_keys: Keys = ("left",)
+    """Any of them answers for the left label."""
     right_keys: Keys = ("right",)
+    """Any of them answers for the right label."""
     continue_keys: Keys = ("space",)
     """Turn a page, end a break."""
     pause_keys: Keys = ("p",)
+    """End the attempt, which comes again, and rest."""
     quit_keys: Keys = ("escape",)
+    """Ask whether to stop; the sitting can be resumed."""
     timeout_s: Seconds | None = None
     """Left out: no time-out. A later answer makes the attempt void."""
 
@@ -180,7 +198,9 @@ class Question(Model):
     """One question after the last block, answered in free text or by choice."""
 
     name: Name
+    """Its name in tables."""
     text: Text
+    """What is asked."""
     choices: tuple[Text, ...] = ()
     """Left out: free text."""
 
@@ -197,9 +217,11 @@ class Texts(Model):
     """
 
     consent: Text
+    """The first page; the continue key agrees."""
     instructions: Annotated[tuple[Text, ...], Field(min_length=1)]
     """One page each."""
     practice: Text
+    """Before the practice trials."""
     start: Text
     """Before the first block."""
     question: Text
@@ -207,21 +229,30 @@ class Texts(Model):
     first: Text
     """Label of the first interval on the answer screen."""
     second: Text
+    """Label of the second interval."""
     break_page: Text
+    """Between two blocks."""
     paused: Text
+    """After the pause key."""
     gaze_lost: Text
     """After an attempt that ended because gaze left the dot."""
     too_late: Text
+    """After an attempt without an answer in time."""
     preparing: Text
+    """While clips are loaded."""
     quit_question: Text
+    """After the quit key."""
     thanks: Text
+    """The last page."""
     questions: tuple[Question, ...] = ()
+    """Asked after the last block."""
 
 
 class TextSection(Model):
     """Texts by language."""
 
     default_language: LanguageCode
+    """The language of a sitting that names none."""
     languages: Annotated[dict[LanguageCode, Texts], Field(min_length=1)]
 
 
@@ -229,7 +260,9 @@ class PrimaryComparison(Model):
     """The comparison the study stands or falls with."""
 
     method: Name
+    """The method expected to be preferred."""
     against: Name
+    """The method it is compared with."""
     size: Name | None = None
     """Left out: all sizes together."""
 
@@ -253,12 +286,15 @@ class Analysis(Model):
     """What will be tested, fixed before the data."""
 
     primary: PrimaryComparison
+    """The comparison that is tested by itself."""
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+    """Level of the tests."""
     smallest_effect_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference rate from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
     """Whose variation the inference respects."""
     correction: Literal["holm", "none"] = "holm"
+    """Over all pairings and sizes; the primary comparison stands alone."""
     exclusions: Exclusions = Exclusions()
 
 
@@ -268,7 +304,9 @@ class Privacy(Model):
     code_pattern: Text = r"[A-Za-z0-9_-]{2,32}"
     """Regular expression that participant codes match whole: pseudonyms, never names."""
     consent_required: bool = True
+    """Ask for consent before anything is recorded."""
     store_gaze: bool = True
+    """Keep the gaze samples of every attempt."""
     retention_months: Positive | None = None
     """After how long the data is to be deleted; left out: not stated."""
     contact: str = ""

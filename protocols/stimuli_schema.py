@@ -106,12 +106,15 @@ class SceneBase(Model):
     """What every scene says."""
 
     name: Name
+    """Its name in this study."""
     label: Text | None = None
     """What reports print; left out: the name."""
     camera: CameraPath
+    """How the camera moves during a clip."""
     view: View | None = None
     """Left out: the scene's own camera."""
     seed: Seed = 0
+    """Of the scene that is made from noise."""
     parameters: Annotated[Parameters, Field(default_factory=dict)]
     """Checked by whoever makes the scene."""
     reference: bool | None = None
@@ -132,6 +135,7 @@ class BuiltinScene(SceneBase):
     """A scene that comes with metamerlab."""
 
     kind: Literal["builtin"]
+    """Where the scene comes from."""
     builtin: Name
     """Its name among the built-in scenes."""
 
@@ -226,7 +230,9 @@ class Size(Model):
     """One amount of disocclusion: a wanted mean share of hole pixels, or a fixed path extent."""
 
     name: Name
+    """Its name in this study."""
     label: Text | None = None
+    """What reports print; left out: the name."""
     hole_share: Annotated[float, Field(gt=0, lt=0.5)] | None = None
     """Mean share of the frame that is hole; the path's extent is solved for it and reported."""
     extent_m: Metres | None = None
@@ -277,6 +283,7 @@ class Clips(Model):
     width_deg: Degrees
     """Width of the clip on the screen, centred before the eye."""
     height_deg: Degrees
+    """Height of the clip on the screen."""
     fps: Hertz
     """Clip frames per second; the display must show each for a whole number of refreshes."""
     duration_s: Seconds

@@ -22,7 +22,8 @@ class Model(BaseModel):
 NAME_PATTERN = r"^[a-z0-9]+([-_][a-z0-9]+)*$"
 """Lower-case words joined by single dashes or underscores: `__` stays free to join names."""
 
-Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=48)]
+NAME_LENGTH = 48
+Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=NAME_LENGTH)]
 Text = Annotated[str, StringConstraints(min_length=1)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 ParticipantCode = Annotated[

@@ -19,8 +19,9 @@ __all__ = ["SLOTS", "app", "main", "user_errors"]
 SLOTS = (
     # name, help (the first line of `metamerlab --help`), import path
     Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
-    Slot("demo", "See the method at work on one picture.", "study_app.cli.demo:demo"),
+    Slot("demo", "See the whole chain at work.", "study_app.cli.demo.command:demo"),
     Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
+    Slot("new-study", "Make a folder to start a study from.", "study_app.cli.new_study:new_study"),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
     Slot("session", "Run a sitting with a participant.", "study_app.cli.session_commands:app"),

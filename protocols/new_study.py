@@ -1,0 +1,221 @@
+"""The files of a new study: templates, with every key explained from the schema itself.
+
+A template is a valid TOML file with ``@WORD@`` for what differs between studies. Above the first
+use of each key come its meaning, type and default, taken from the models that read the file, so
+that comments and program cannot drift apart. A line ``#? key = value`` is a key that may be left
+out: it stays behind a ``#``.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import tomllib
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+from protocols.display import Display
+from protocols.publish import schema_text
+from protocols.schema import StudyProtocol
+from protocols.units import NAME_PATTERN
+
+FOLDERS = ("scenes", "clips", "sessions", "report")
+WANTED_FPS = 30.0
+_WIDTH = 96
+_NO_BOUND = 2**62
+_HEADER = re.compile(r"\[\[?([\w.]+)\]\]?$")
+_KEY = re.compile(r"(#\? )?(\w+) = ")
+
+
+def study_files(name: str, title: str, display: Display) -> dict[str, str]:
+    """Return the files of a new study by name.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study, as the protocol's `study.name` may be.
+    title : str
+        What people read.
+    display : Display
+        The display to start from.
+    """
+    words = {
+        "NAME": name,
+        "TITLE": title,
+        "DISPLAY": display.name,
+        "DESCRIPTION": display.description,
+        "WIDTH_PX": display.width_px,
+        "HEIGHT_PX": display.height_px,
+        "WIDTH_MM": display.width_mm,
+        "HEIGHT_MM": display.height_mm,
+        "DISTANCE_MM": display.distance_mm,
+        "REFRESH_HZ": display.refresh_hz,
+        "CLIP_MEMORY_MIB": display.clip_memory_mib,
+        "FPS": clip_fps(display.refresh_hz),
+    }
+
+    def made(file: str, model: type[BaseModel] | None = None) -> str:
+        text = _template(file)
+        for word, value in words.items():
+            text = text.replace(f"@{word}@", str(value))
+        return text if model is None else explained(text, model)
+
+    return {
+        "study.toml": made("study.toml", StudyProtocol),
+        "display.toml": made("display.toml", Display),
+        "README.md": made("README.md"),
+        "schemas/study.schema.json": schema_text("study"),
+        "schemas/display.schema.json": schema_text("display"),
+    }
+
+
+def clip_fps(refresh_hz: float) -> float:
+    """Return the whole frame rate nearest to 30 that shows each frame for whole refreshes."""
+    whole = [
+        refresh_hz / each
+        for each in range(1, 16)
+        if abs(refresh_hz / each - round(refresh_hz / each)) < 1e-6
+    ]
+    return min(whole or [refresh_hz], key=lambda fps: abs(fps - WANTED_FPS))
+
+
+def explained(text: str, model: type[BaseModel]) -> str:
+    """Return a TOML text with a comment above the first use of every key.
+
+    Parameters
+    ----------
+    text : str
+        With ``#? key = value`` for keys that stay commented out.
+    model : type of BaseModel
+        What reads the file.
+    """
+    return "\n".join(_explain(text.splitlines(), model)) + "\n"
+
+
+def _explain(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
+    current, told = model, set[tuple[str, str]]()
+    quoted = False  # inside a text of several lines
+    for number, line in enumerate(lines):
+        if header := _HEADER.match(line):
+            current = _section(model, header[1].split("."), _kind(lines[number + 1 :]))
+        key = None if quoted else _KEY.match(line)
+        quoted ^= line.count('"""') % 2 == 1
+        if not key:
+            yield line
+            continue
+        owner = _owner(current, key[2])
+        if (owner.__name__, key[2]) not in told:
+            told.add((owner.__name__, key[2]))
+            yield from _comment(owner, key[2])
+        yield "# " + line.removeprefix("#? ") if key[1] else line
+
+
+def _comment(owner: type[BaseModel], key: str) -> list[str]:
+    """Return what the schema says of a key: meaning, then unit, range and default."""
+    published = owner.model_json_schema()
+    schema: dict[str, Any] = published["properties"][key]
+    said = " ".join((owner.model_fields[key].description or "").split())
+    details = _details(schema, published.get("$defs", {}))
+    if not owner.model_fields[key].is_required():
+        default = schema.get("default")
+        left_out = default is None or default in ("", [], {})
+        details.append("may be left out" if left_out else f"default {_toml(default)}")
+    text = f"{said} ({', '.join(details)})" if details else said
+    return textwrap.wrap(
+        text.strip(),
+        _WIDTH,
+        initial_indent="# ",
+        subsequent_indent="#   ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _details(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    """Return unit, range and choices of a value; nothing for what its example shows anyway."""
+    options = [entry for entry in schema.get("anyOf", ()) if entry.get("type") != "null"]
+    if len(options) == 1:
+        return _details(options[0], definitions)
+    if "discriminator" in schema:
+        kinds = " | ".join(schema["discriminator"]["mapping"])
+        return [f"{schema['discriminator']['propertyName']} = {kinds}"]
+    if "$ref" in schema:
+        entry = definitions[str(schema["$ref"]).rpartition("/")[2]]
+        return ["with " + ", ".join(entry["properties"])]
+    if "enum" in schema:
+        return [" | ".join(map(_toml, schema["enum"]))]
+    if schema.get("type") == "boolean":
+        return ["true | false"]
+    if schema.get("pattern") == NAME_PATTERN:
+        return ["lower-case words joined by dashes"]
+    signs = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+    bounds = [
+        f"{sign} {schema[name]:g}"
+        for name, sign in signs.items()
+        if name in schema and schema[name] < _NO_BOUND
+    ]
+    return [schema["unit"], *bounds] if "unit" in schema else bounds
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _section(model: type[BaseModel], names: list[str], kind: str) -> type[BaseModel]:
+    """Return the model of a section; where several may stand there, the one of that kind."""
+    for name in names:
+        if name in model.model_fields:
+            model = _model_in(model.model_fields[name].annotation, kind)
+        # else: a key of a table, such as the language in text.languages.en
+    return model
+
+
+def _model_in(annotation: object, kind: str) -> type[BaseModel]:
+    found = list(_models(annotation))
+    for entry in found:
+        if kind and kind in get_args(getattr(entry.model_fields.get("kind"), "annotation", None)):
+            return entry
+    return found[0]
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) is not None:
+        for argument in get_args(annotation):
+            yield from _models(argument)
+
+
+def _owner(model: type[BaseModel], key: str) -> type[BaseModel]:
+    """Return the class that defines a key, so that kinds which share it are told it once."""
+    return next(
+        entry
+        for entry in reversed(model.__mro__)
+        if issubclass(entry, BaseModel) and key in entry.model_fields
+    )
+
+
+def _kind(lines: list[str]) -> str:
+    section = []
+    for line in lines:
+        if _HEADER.match(line):
+            break
+        section.append(line)
+    found = re.search(r'^kind = "(.+)"$', "\n".join(section), flags=re.M)
+    return found[1] if found else ""
+
+
+def _template(name: str) -> str:
+    path = Path(str(files("protocols"))) / "templates" / name
+    text = path.read_text(encoding="utf-8")
+    if name.endswith(".toml"):
+        tomllib.loads(re.sub(r"@\w+@", "0", text))  # a mistake of ours shows here, not at a user's
+    return text

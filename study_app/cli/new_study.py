@@ -1,0 +1,68 @@
+"""`metamerlab new-study`: a folder to start a study from."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.report.folder import whole_folder
+from protocols.errors import StudyError
+from protocols.load import load_display
+from protocols.new_study import FOLDERS, study_files
+from protocols.units import NAME_LENGTH, NAME_PATTERN
+from study_app.cli.errors import user_errors
+
+_NEVER_REPLACED = ".no-earlier-study"
+
+
+def new_study(
+    folder: Annotated[Path, typer.Argument(help="New folder.", metavar="DIR")],
+    name: Annotated[
+        str | None,
+        typer.Option(help="Name of the study in files and folders; default: the folder's name."),
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="What people read; default: the name.")] = None,
+    display: Annotated[
+        str, typer.Option(help="Display to start from: a shipped name or a .toml file.")
+    ] = "fhd27-60hz",
+) -> None:
+    """Make a folder to start a study from: protocol, display file, and where things belong.
+
+    Every key is explained in the files; they pass 'metamerlab protocol check' as they are, and
+    build in about a minute. The folder's README.md says what to do next.
+
+    Example:
+
+        metamerlab new-study my-study
+    """
+    with user_errors():
+        named = name or slug(folder.absolute().name)
+        if not re.fullmatch(NAME_PATTERN, named) or len(named) > NAME_LENGTH:
+            raise StudyError(
+                "--name: must be lower-case letters and digits, joined by single dashes, at most"
+                f" {NAME_LENGTH} (got {named!r}); give one with --name"
+            )
+        shown = (title or named.replace("-", " ").replace("_", " ").capitalize()).strip()
+        if re.search(r'["\\\x00-\x1f]', shown):
+            raise StudyError(
+                f"--title: must hold no quotes, backslashes and line ends (got {shown!r})"
+            )
+        made = study_files(named, shown, load_display(display))
+        with whole_folder(folder, _NEVER_REPLACED) as work:
+            for file, text in made.items():
+                (work / file).parent.mkdir(exist_ok=True)
+                (work / file).write_text(text, encoding="utf-8")
+            for below in FOLDERS:
+                (work / below).mkdir()
+    print(f"{folder}: the study {named!r}, ready to be made yours. Next:")
+    print(f"  cd {folder}")
+    print("  metamerlab protocol check study.toml")
+    print("and see README.md there.")
+
+
+def slug(text: str) -> str:
+    """Return a folder's name as the name of a study may be."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

@@ -1,0 +1,182 @@
+"""`metamerlab new-study` makes a folder that works at once and explains every key."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from protocols.display import Display
+from protocols.load import load_display, load_protocol, shipped
+from protocols.new_study import clip_fps, explained, study_files
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Exclusions, Question, Texts
+from protocols.stimuli_schema import BuiltinScene, Clips, Method, Size
+from study_app.cli.new_study import slug
+
+
+@pytest.fixture
+def made(metamerlab, tmp_path) -> Path:
+    done = metamerlab("new-study", tmp_path / "My Study 2")
+    assert done.exit_code == 0, done.output
+    return tmp_path / "My Study 2"
+
+
+def test_it_is_in_order_at_once_from_wherever_it_is_checked(metamerlab, made, monkeypatch):
+    for folder, name in ((made, "study.toml"), (made.parent, "My Study 2/study.toml")):
+        monkeypatch.chdir(folder)
+        done = metamerlab("protocol", "check", name)
+        assert done.exit_code == 0, done.output
+        assert "my-study-2: in order" in done.stdout
+    assert {path.name for path in made.iterdir()} == {
+        "README.md", "study.toml", "display.toml", "schemas", "scenes", "clips", "sessions",
+        "report",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("display", shipped("displays"))
+def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display):
+    made = metamerlab("new-study", tmp_path / "study", "--display", display)
+    assert made.exit_code == 0, made.output
+
+    done = metamerlab("protocol", "check", tmp_path / "study" / "study.toml")
+    assert done.exit_code == 0, done.output
+    copied = load_display(str(tmp_path / "study" / "display.toml"))
+    assert copied == load_display(display)
+
+
+@pytest.mark.parametrize(
+    ("section", "model"),
+    [
+        *((name, name) for name in ("study", "display", "clips", "design", "trial", "gaze")),
+        *((name, name) for name in ("response", "analysis", "privacy")),
+        ("scenes", BuiltinScene),
+        ("sizes", Size),
+        ("methods", Method),
+        ("analysis.exclusions", Exclusions),
+        ("text.languages.en", Texts),
+        ("text.languages.en.questions", Question),
+    ],
+)
+def test_every_key_of_every_section_is_there_and_explained(made, section, model):
+    if isinstance(model, str):
+        model = StudyProtocol.model_fields[model].annotation
+    parts = re.split(r"^\[\[?([\w.]+)\]\]?$", (made / "study.toml").read_text(), flags=re.M)
+    lines = next(
+        text for name, text in zip(parts[1::2], parts[2::2], strict=True) if name == section
+    ).splitlines()
+    tables = {"analysis": {"exclusions"}, "text.languages.en": {"questions"}}
+
+    for key in set(model.model_fields) - tables.get(section, set()):
+        at = next((i for i, line in enumerate(lines) if re.match(rf"(# )?{key} = ", line)), None)
+        assert at is not None, f"[{section}] {key} is missing"
+        assert lines[at - 1].startswith("# "), f"[{section}] {key} is not explained"
+
+
+def test_examples_of_optional_keys_are_valid_themselves(made):
+    text = (made / "study.toml").read_text(encoding="utf-8")
+    examples = re.findall(r"^# (\w+) = (.+)$", text, flags=re.M)
+    ours = {
+        "source", "view", "parameters", "reference", "extent_m", "method", "bit_depth",
+        "render_width_px", "rescale", "margin_share", "exr", "preview", "scenes", "timeout_s",
+        "choices", "rt_max_s", "retention_months",
+    }  # fmt: skip
+    assert ours <= {key for key, _ in examples}
+
+    # Alternatives to what is there (an extent instead of a share) go in one by one.
+    for key in ours - {"extent_m", "parameters", "method"}:
+        one = re.sub(rf"^# ({key} = .+)$", r"\1", text, count=1, flags=re.M)
+        if key == "render_width_px":
+            one = re.sub(r"^# (rescale = .+)$", r"\1", one, count=1, flags=re.M)
+        path = made / "with-example.toml"
+        path.write_text(one, encoding="utf-8")
+        load_protocol(path)
+
+
+def test_comments_come_from_the_schema():
+    text = explained("[clips]\nfps = 30.0\n#? exr = false\n[clips]\nfps = 60.0\n", StudyProtocol)
+
+    meaning = Clips.model_fields["fps"].description
+    assert text == (
+        f"[clips]\n# {meaning} (Hz, > 0)\nfps = 30.0\n"
+        f"# {Clips.model_fields['exr'].description} (true | false, default false)\n# exr = false\n"
+        "[clips]\nfps = 60.0\n"
+    )
+
+
+def test_names_and_titles_reach_every_file():
+    made = study_files("two-words", "Two words", load_display("qhd27-120hz"))
+
+    assert tomllib.loads(made["study.toml"])["study"]["name"] == "two-words"
+    assert "# Two words" in made["README.md"]
+    assert not [name for name, text in made.items() if re.search(r"@[A-Z_]+@", text)]
+    assert Display.model_validate(tomllib.loads(made["display.toml"])).name == "qhd27-120hz"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["日本"], "give one with --name"),
+        (["x", "--name", "Not A Name"], "--name: must be lower-case letters"),
+        (["x", "--name", "a" * 49], "at most 48"),
+        (["x", "--title", 'a "b"'], "--title: must hold no quotes"),
+        (["x", "--display", "fhd28-60hz"], "fhd27-60hz"),
+        (["full"], "must be empty or new"),
+        (["full/a-file"], "must be a folder to fill"),
+        (["full/a-file/x"], "must be a folder (this is a file)"),
+    ],
+)
+def test_mistakes_are_told_and_leave_nothing(metamerlab, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a-file").write_text("mine")
+
+    done = metamerlab("new-study", *arguments)
+
+    assert done.exit_code == 2, done.output
+    assert message in " ".join(done.stderr.split())
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a-file", "full"]
+
+
+def test_an_empty_folder_is_taken(metamerlab, tmp_path):
+    (tmp_path / "empty").mkdir()
+
+    assert metamerlab("new-study", tmp_path / "empty").exit_code == 0
+    assert (tmp_path / "empty" / "study.toml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("refresh_hz", "fps"),
+    [(60, 30), (90, 30), (120, 30), (144, 36), (240, 30), (75, 25), (59.94, 59.94)],
+)  # fmt: skip
+def test_clip_frames_last_whole_refreshes(refresh_hz, fps):
+    assert clip_fps(refresh_hz) == fps
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"), [("My Study 2", "my-study-2"), ("__x__", "x"), ("日本", "")]
+)
+def test_folders_become_names(folder, name):
+    assert slug(folder) == name
+
+
+def test_every_command_of_its_readme_exists(made):
+    from typer.main import get_command
+
+    from study_app.cli import app
+
+    text = (made / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    commands = [line.split() for line in text.splitlines() if line.startswith("       metamerlab")]
+    assert len(commands) >= 12
+    for words in commands:
+        command = get_command(app)
+        context = command.make_context("metamerlab", [], resilient_parsing=True)
+        for word in words[1:3]:
+            command = command.get_command(context, word)
+            assert command is not None, words
+            if not hasattr(command, "get_command"):
+                command = command._slot.load() if hasattr(command, "_slot") else command
+        options = {option for entry in command.params for option in getattr(entry, "opts", [])}
+        assert {word for word in words if word.startswith("--")} <= options, words
