@@ -12,9 +12,10 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
 from protocols.stimuli_schema import CirclePath
 from stimuli import pictures
-from stimuli.footage import Footage, RenderedScenery, Shot
+from stimuli.footage import Footage, Shot
 from stimuli.paths import make_path
 from stimuli.render import Renderer
+from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene
 
 FILLS = (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from protocols.hashing import sha256_bytes, sha256_file
 from protocols.manifest import MANIFEST_NAME, Manifest, read_manifest
-from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.batch_folder import HOLES_FOLDER, survey_name
 from stimuli.clip import SURVEY_NAME
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import preview_path

@@ -25,10 +25,11 @@ from pipeline.methods.registry import create_method
 from protocols.hashing import sha256_bytes
 from protocols.schema import ClipName
 from stimuli.exr import save_colour
-from stimuli.footage import Footage, Scenery, Shot
+from stimuli.footage import Footage, Shot
 from stimuli.orders import Orders
 from stimuli.paths import make_path
 from stimuli.png import decode, encode_frame, encode_mask, is_whole, write_whole
+from stimuli.scenery import Scenery
 from stimuli.solve import solve_extent
 
 ENCODERS = 2

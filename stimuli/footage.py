@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import moderngl
 import numpy as np
@@ -17,119 +15,10 @@ from pipeline.gl.texture import read_back, texture_from, upload
 from pipeline.warp.gpu import WarpPass, WarpTextures
 from pipeline.warp.settings import WarpSettings, Window
 from stimuli.motion import MotionPass, border_gap_px
-from stimuli.paths import Path, Pose
-from stimuli.render import Renderer, check_view
+from stimuli.paths import Path
+from stimuli.scenery import RenderedScenery, Scenery
 
 MARGIN_ROUNDS = 8
-
-
-class Scenery(Protocol):
-    """What a camera can be pointed at."""
-
-    def source(
-        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
-    ) -> tuple[SourceFrame, Camera]:
-        """Return the RGBZ picture at `pose` with a margin, and its camera.
-
-        `size_px` (width, height) is the shown part, in the picture's middle; `frame` is the
-        frame that is seen at `pose`, -1 for the path's centre.
-        """
-        ...
-
-    def truth(
-        self,
-        size_px: tuple[int, int],
-        pose: Pose,
-        extent_m: float,
-        warped: WarpedFrame,
-        margin_px: int,
-    ) -> NDArray[np.float32]:
-        """Return what the camera at `pose` really sees, of `size_px`."""
-        ...
-
-    def motion(
-        self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-        """Return flow and target depth from frame `source` to `frame`, where a file tells them.
-
-        None: the cameras tell.
-        """
-        ...
-
-    @property
-    def typical_depth_m(self) -> float:
-        """The depth of what is near, to begin the search for a path's extent."""
-        ...
-
-    @property
-    def largest_extent_m(self) -> float:
-        """How far a path may reach; inf where nothing limits it."""
-        ...
-
-    def release(self) -> None:
-        """Free what is held on the GPU."""
-        ...
-
-
-class RenderedScenery:
-    """A world of triangles: every view of it is true."""
-
-    def __init__(self, ctx: moderngl.Context, renderer: Renderer, name: str) -> None:
-        del ctx
-        self._renderer = renderer
-        self._name = name
-        self._near_m: float | None = None
-
-    def source(
-        self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
-    ) -> tuple[SourceFrame, Camera]:
-        """Draw the view with its margin."""
-        del frame
-        viewpoint = self._renderer.world.viewpoint
-        camera = pose.applied_to(viewpoint.camera(*size_px, margin_px), extent_m)
-        seen = self._renderer.render(camera)
-        check_view(camera, seen, self._name)
-        return seen, camera
-
-    def truth(
-        self,
-        size_px: tuple[int, int],
-        pose: Pose,
-        extent_m: float,
-        warped: WarpedFrame,  # noqa: ARG002
-        margin_px: int,  # noqa: ARG002
-    ) -> NDArray[np.float32]:
-        """Draw the view from where the camera is."""
-        viewpoint = self._renderer.world.viewpoint
-        return self._renderer.render(pose.applied_to(viewpoint.camera(*size_px), extent_m)).colour
-
-    def motion(
-        self,
-        size_px: tuple[int, int],
-        margin_px: int,
-        source: int,
-        frame: int,
-    ) -> None:
-        """Leave the motion to the cameras."""
-
-    @property
-    def typical_depth_m(self) -> float:
-        """The depth that a twentieth of the picture is nearer than."""
-        if self._near_m is None:
-            camera = self._renderer.world.viewpoint.camera(96, 72)
-            frame = self._renderer.render(camera)
-            check_view(camera, frame, self._name)
-            self._near_m = float(np.percentile(frame.depth_m[np.isfinite(frame.depth_m)], 5))
-        return self._near_m
-
-    @property
-    def largest_extent_m(self) -> float:
-        """Nothing limits it."""
-        return float("inf")
-
-    def release(self) -> None:
-        """Free the world."""
-        self._renderer.release()
 
 
 @dataclass(frozen=True)
@@ -320,5 +209,3 @@ def _nothing() -> WarpedFrame:
 
 
 _NOTHING = _nothing()
-
-MakeScenery = Callable[[moderngl.Context], Scenery]

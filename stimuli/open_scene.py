@@ -18,7 +18,7 @@ from protocols.stimuli_schema import (
     StereoScene,
     View,
 )
-from stimuli.footage import RenderedScenery, Scenery
+from stimuli.scenery import RenderedScenery, Scenery
 from stimuli.scenes.registry import build_scene, scene_entry
 from stimuli.world import Viewpoint, World
 

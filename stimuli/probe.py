@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from protocols.errors import StudyError
 from protocols.manifest import Clip, read_manifest
 from protocols.suggest import did_you_mean
-from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.batch_folder import HOLES_FOLDER, survey_name
 from stimuli.clip import read_mask
 from stimuli.png import decode
 

@@ -9,7 +9,8 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
-from stimuli.footage import Footage, Scenery, Shot
+from stimuli.footage import Footage, Shot
+from stimuli.scenery import Scenery
 
 PROBE_FRAMES = 12
 TOLERANCE = 0.01  # of the wanted share

@@ -19,9 +19,9 @@ import moderngl
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.schema import ClipName
 from stimuli.clip import Survey, make_frames, take_survey
-from stimuli.footage import Scenery
 from stimuli.open_scene import open_scenery
 from stimuli.orders import Orders
+from stimuli.scenery import Scenery
 
 _PR_SET_PDEATHSIG = 1
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import stimuli.build
 import stimuli.clip
+import stimuli.records
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.manifest import check_manifest, read_manifest
@@ -101,7 +101,7 @@ def test_the_other_photograph_is_the_truth_in_the_holes_of_a_pair(batch):
 
 
 def test_building_again_changes_nothing_even_after_a_commit(copy, orders, inline, monkeypatch):
-    monkeypatch.setattr(stimuli.build, "code_revision", lambda: "abcdef0")
+    monkeypatch.setattr(stimuli.records, "code_revision", lambda: "abcdef0")
     before = contents(copy)
     stamp = (copy / "manifest.json").stat().st_mtime_ns
     outcome = build(orders, copy, inline)

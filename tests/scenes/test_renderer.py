@@ -11,10 +11,11 @@ from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
 from protocols.stimuli_schema import CirclePath, UpsamplingPath
-from stimuli.footage import Footage, RenderedScenery, Shot
+from stimuli.footage import Footage, Shot
 from stimuli.motion import MotionPass
 from stimuli.paths import make_path
 from stimuli.render import Renderer
+from stimuli.scenery import RenderedScenery
 from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
 
 VIEW = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)

@@ -1,0 +1,99 @@
+"""The triangles of a world on the GPU, joined by material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.gl.texture import check_size
+from stimuli.world import Material, Mesh, Part
+
+ANISOTROPY = 4.0
+_SRGB8_ALPHA8 = 0x8C43
+_VERTEX = "3f 3f 2f 4f"
+_NAMES = ("in_position", "in_normal", "in_uv", "in_colour")
+
+
+@dataclass(eq=False)
+class Batch:
+    """All triangles of one material on the GPU."""
+
+    material: Material
+    vertices: moderngl.Buffer
+    indices: moderngl.Buffer
+    texture: moderngl.Texture
+    surface: moderngl.VertexArray
+    depth: moderngl.VertexArray
+
+    def set_openness(
+        self, mesh: Mesh, openness: NDArray[np.floating], origin_m: NDArray[np.float64]
+    ) -> None:
+        """Say how much of the sky each vertex of `mesh`, the batch's own, sees: in [0, 1]."""
+        self.vertices.write(_vertex_bytes(mesh, origin_m, openness))
+
+    def release(self) -> None:
+        """Free it all."""
+        for resource in (self.surface, self.depth, self.vertices, self.indices, self.texture):
+            resource.release()
+
+
+def upload(
+    ctx: moderngl.Context,
+    parts: tuple[Part, ...],
+    origin_m: NDArray[np.float64],
+    surface: moderngl.Program,
+    depth: moderngl.Program,
+) -> list[tuple[Batch, Mesh]]:
+    """Put the triangles of `parts` on the GPU, places counted from `origin_m`.
+
+    Raises
+    ------
+    InputError
+        If a texture is larger than the driver can hold.
+    """
+    groups: dict[int, tuple[Material, list[Mesh]]] = {}
+    for part in parts:
+        if len(part.mesh.triangles):
+            groups.setdefault(id(part.material), (part.material, []))[1].append(part.mesh)
+    batches = []
+    for material, meshes in groups.values():
+        mesh = Mesh.joined(meshes)
+        texture = _texture(ctx, material)
+        vertices = ctx.buffer(_vertex_bytes(mesh, origin_m, np.ones(len(mesh.position_m))))
+        indices = ctx.buffer(mesh.triangles.tobytes())
+        arrays = [
+            ctx.vertex_array(program, [(vertices, _VERTEX, *_NAMES)], indices, skip_errors=True)
+            for program in (surface, depth)
+        ]
+        batches.append((Batch(material, vertices, indices, texture, *arrays), mesh))
+    return batches
+
+
+def _vertex_bytes(
+    mesh: Mesh, origin_m: NDArray[np.float64], openness: NDArray[np.floating]
+) -> bytes:
+    packed = np.concatenate(
+        [
+            (mesh.position_m - origin_m).astype(np.float32),
+            mesh.normal,
+            mesh.uv,
+            mesh.colour,
+            openness.astype(np.float32)[:, None],
+        ],
+        axis=1,
+    )
+    return packed.astype(np.float32).tobytes()
+
+
+def _texture(ctx: moderngl.Context, material: Material) -> moderngl.Texture:
+    height, width, _ = material.texture.shape
+    check_size(ctx, (width, height))
+    data = np.ascontiguousarray(material.texture)
+    texture = ctx.texture((width, height), 4, data, internal_format=_SRGB8_ALPHA8)
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    texture.anisotropy = min(ANISOTROPY, float(ctx.max_anisotropy))
+    return texture

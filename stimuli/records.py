@@ -1,0 +1,156 @@
+"""What a batch knows of its clips: which are there whole, and what the manifest says of each."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from protocols.errors import StudyError
+from protocols.hashing import sha256_file
+from protocols.manifest import Clip, Manifest, read_manifest
+from protocols.manifest import Renderer as RendererEntry
+from protocols.revision import code_revision, package_version
+from protocols.schema import ClipName
+from protocols.units import Scalar
+from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
+from stimuli.clip import Survey, read_survey
+from stimuli.orders import Orders
+from stimuli.png import write_whole
+from stimuli.worker import RendererInfo
+
+VERSIONED = (
+    "moderngl", "numpy", "scipy", "scikit-image", "opencv-python-headless", "OpenImageIO",
+    "pillow", "trimesh",
+)  # fmt: skip
+
+
+class Records:
+    """The manifest's entries in the making, for one renderer: bytes repeat on one only."""
+
+    def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
+        self._orders, self._out, self._renderer = orders, out, renderer
+        self._folder = out / BUILD_FOLDER / "records"
+
+    def old(self) -> dict[ClipName, Clip]:
+        """Return what an earlier build of this renderer said of its clips."""
+        records: dict[ClipName, Clip] = {}
+        try:
+            manifest = read_manifest(self._out)
+            old = manifest.renderer
+            if RendererInfo(old.vendor, old.renderer, old.version) == self._renderer:
+                records = {clip.clip_name: clip for clip in manifest.clips}
+        except StudyError:
+            pass
+        for path in self._folder.glob("*.json"):
+            try:
+                raw = json.loads(path.read_bytes())
+                clip = Clip.model_validate_json(json.dumps(raw["clip"]))
+            except (ValueError, KeyError, ValidationError):
+                continue
+            if raw["renderer"] == asdict(self._renderer):
+                records[clip.clip_name] = clip
+        return records
+
+    def is_done(self, name: ClipName, record: Clip | None) -> bool:
+        """Whether `name` is there whole, made from what is wanted now."""
+        if record is None or record.cache_key != self._orders.clip_key(name):
+            return False
+        masks = self._out / HOLES_FOLDER / survey_name(name)
+        if read_survey(masks, self._orders.survey_key(name)) is None:
+            return False
+        folder = self._out / str(name)
+        endings = (".png", ".exr") if self._orders.protocol.clips.exr else (".png",)
+        frames = range(len(record.frames_sha256))
+        wanted = {f"{index:06d}{ending}" for index in frames for ending in endings}
+        try:
+            if {entry.name for entry in folder.iterdir()} != wanted:
+                return False
+            return all(
+                sha256_file(folder / f"{index:06d}.png") == sha
+                for index, sha in enumerate(record.frames_sha256)
+            )
+        except OSError:
+            return False
+
+    def is_stale(self, records: Mapping[ClipName, Clip]) -> bool:
+        """Whether the folder has no manifest, or one that says other things than `records`."""
+        # Not for the revision: it says who made the clips, and sittings cite the manifest's hash.
+        made_by = {"revision": "", "versions": {}}
+        try:
+            old = read_manifest(self._out).model_copy(update=made_by)
+        except StudyError:
+            return True
+        return old != self.manifest(records).model_copy(update=made_by)
+
+    def store(self, record: Clip) -> None:
+        """Keep a clip's entry until the manifest is written."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        content = {"clip": record.model_dump(mode="json"), "renderer": asdict(self._renderer)}
+        write_whole(
+            self._folder / f"{record.clip_name}.json", json.dumps(content, sort_keys=True).encode()
+        )
+
+    def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
+        """Return the manifest's entry of a clip with these frames."""
+        orders = self._orders
+        clips, (width, height) = orders.protocol.clips, orders.shown_px
+        parameters: dict[str, Scalar | tuple[Scalar, ...]] = {
+            "path": orders.scene(name).camera.kind,
+            "extent_m": survey.extent_m,
+            "margin_px": survey.margin_px,
+            "hole_share_least": survey.hole_share_least,
+            "hole_share_most": survey.hole_share_most,
+            "hole_masks_sha256": survey.masks_hash,
+            "scene_seed": orders.scene(name).seed,
+            "method": orders.method(name).registry_name,
+            "exr": clips.exr,
+            "preview": clips.preview,
+        }
+        for key, value in orders.parameters(name).items():
+            if value is not None:
+                parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value
+        return Clip(
+            scene=name.scene,
+            size=name.size,
+            method=name.method,
+            width_px=width,
+            height_px=height,
+            fps=clips.fps,
+            bit_depth=clips.bit_depth,
+            seed=clips.seed,
+            parameters=parameters,
+            hole_share=survey.hole_share,
+            cache_key=orders.clip_key(name),
+            frames_sha256=tuple(hashes),
+        )
+
+    def manifest(self, records: Mapping[ClipName, Clip]) -> Manifest:
+        """Return the manifest of `records`."""
+        orders = self._orders
+        return Manifest(
+            format=1,
+            study=orders.protocol.study.name,
+            stimuli_sha256=orders.protocol.stimuli_sha256,
+            display=orders.display.name,
+            revision=f"{package_version()}, revision {code_revision()}",
+            renderer=RendererEntry(**asdict(self._renderer)),
+            versions=versions(),
+            clips=tuple(records[name] for name in orders.clip_names if name in records),
+        )
+
+
+def versions() -> dict[str, str]:
+    """Return Python's version and those of the packages that take part in making pixels."""
+    found = {"python": platform.python_version()}
+    for package in VERSIONED:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

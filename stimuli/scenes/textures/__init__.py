@@ -1,0 +1,34 @@
+"""Surfaces for the built-in scenes: photographs that come with scikit-image, and noise.
+
+Every texture repeats without a seam, is uint8 of shape (N, N, 4) in encoded R'G'B' with
+coverage, and is a pure function of the generator it is given.
+"""
+
+from stimuli.scenes.textures.base import SIZE_PX, Colour, Texture, finish, fractal, photograph, ramp
+from stimuli.scenes.textures.foliage import blades, leaves
+from stimuli.scenes.textures.ground import earth, lawn, pebbles
+from stimuli.scenes.textures.sky import panorama
+from stimuli.scenes.textures.walls import bark, iron, masonry, planks, plaster, roof_tiles, stone
+
+__all__ = [
+    "SIZE_PX",
+    "Colour",
+    "Texture",
+    "bark",
+    "blades",
+    "earth",
+    "finish",
+    "fractal",
+    "iron",
+    "lawn",
+    "leaves",
+    "masonry",
+    "panorama",
+    "pebbles",
+    "photograph",
+    "planks",
+    "plaster",
+    "ramp",
+    "roof_tiles",
+    "stone",
+]

@@ -1,0 +1,133 @@
+"""Leaves and grass: drawn, not photographed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from stimuli.scenes.textures.base import (
+    SIZE_PX,
+    Colour,
+    Plane,
+    Texture,
+    finish,
+    fractal,
+)
+
+
+def leaves(
+    rng: np.random.Generator,
+    count: int = 120,
+    length_px: tuple[int, int] = (90, 150),
+    colours: Sequence[Colour] | None = None,
+    *,
+    size: int = SIZE_PX,
+    slender: float = 0.42,
+) -> Texture:
+    """A spray of leaves on nothing: for cut-out cards. It does not repeat: edges stay empty."""
+    tones = colours or [(52, 84, 26), (74, 108, 36), (96, 126, 48), (118, 142, 62)]
+    colour, mask = scatter(
+        rng, size, count, length_px, tones, wrap=False, slender=slender, towards_centre=True
+    )
+    return finish(colour, mask)
+
+
+def blades(
+    rng: np.random.Generator,
+    count: int = 46,
+    colours: Sequence[Colour] | None = None,
+    *,
+    heads: Colour | None = None,
+    size: int = 512,
+) -> Texture:
+    """A tuft of grass or reed that stands on the edge v = 0; `heads` adds flowers."""
+    tones = np.asarray(colours or [(58, 80, 26), (92, 112, 42), (130, 140, 66), (150, 146, 84)])
+    scale = 2
+    image = Image.new("RGBA", (size * scale, size * scale))
+    draw = ImageDraw.Draw(image)
+    for _ in range(count):
+        foot = rng.uniform(0.3, 0.7)
+        lean = rng.normal(0, 0.16) + 0.6 * (foot - 0.5)
+        height = rng.uniform(0.45, 0.97)
+        bow = rng.normal(0, 0.12)
+        t = np.linspace(0, 1, 16)
+        x = foot + lean * t + bow * t**2
+        y = height * t * (1 - 0.12 * abs(bow) * t)
+        half = 0.007 * rng.uniform(0.6, 1.4) * (1 - t) + 0.0012
+        tone = tones[rng.integers(len(tones))] * rng.uniform(0.75, 1.15)
+        outline = np.concatenate([np.stack([x - half, y], 1), np.stack([x + half, y], 1)[::-1]])
+        fill = (*np.clip(tone, 0, 255).astype(int).tolist(), 255)
+        draw.polygon([(px * size * scale, py * size * scale) for px, py in outline], fill=fill)
+        if heads is not None and rng.random() < 0.4:
+            radius = rng.uniform(0.02, 0.035)
+            for petal in range(6):
+                turn = petal * np.pi / 3
+                px, py = x[-1] + radius * np.cos(turn), y[-1] + radius * np.sin(turn)
+                petal_tone = np.asarray(heads) * rng.uniform(0.8, 1.1)
+                box = [
+                    (px - 0.7 * radius) * size * scale, (py - 0.7 * radius) * size * scale,
+                    (px + 0.7 * radius) * size * scale, (py + 0.7 * radius) * size * scale,
+                ]  # fmt: skip
+                draw.ellipse(box, fill=(*np.clip(petal_tone, 0, 255).astype(int).tolist(), 255))
+            core = [
+                (x[-1] - 0.45 * radius) * size * scale, (y[-1] - 0.45 * radius) * size * scale,
+                (x[-1] + 0.45 * radius) * size * scale, (y[-1] + 0.45 * radius) * size * scale,
+            ]  # fmt: skip
+            draw.ellipse(core, fill=(210, 170, 60, 255))
+    small = np.asarray(image.resize((size, size), Image.Resampling.BOX), np.float64)
+    return finish(small[..., :3], (small[..., 3] > 110).astype(np.float64))
+
+
+def scatter(
+    rng: np.random.Generator,
+    size: int,
+    count: int,
+    length_px: tuple[int, int],
+    tones: Sequence[Colour],
+    *,
+    wrap: bool = True,
+    slender: float = 0.42,
+    towards_centre: bool = False,
+) -> tuple[NDArray[np.float64], Plane]:
+    """Leaves lying about, each with a midrib and a bright and a dark half."""
+    image = Image.new("RGBA", (size, size))
+    draw = ImageDraw.Draw(image)
+    palette = np.asarray(tones, np.float64)
+    t = np.linspace(0, 1, 13)
+    profile = np.sin(np.pi * t**0.8) ** 0.9
+    for _ in range(count):
+        length = rng.uniform(*length_px)
+        turn = rng.uniform(0, 2 * np.pi)
+        if towards_centre:
+            radius = 0.44 * size * np.sqrt(rng.uniform(0, 1)) - 0.3 * length
+            where = rng.uniform(0, 2 * np.pi)
+            x0 = size / 2 + max(radius, 0) * np.cos(where)
+            y0 = size / 2 + max(radius, 0) * np.sin(where)
+        else:
+            x0, y0 = rng.uniform(0, size, 2)
+        tone = palette[rng.integers(len(palette))] * rng.uniform(0.72, 1.18)
+        bend = rng.normal(0, 0.12)
+        along = np.stack([np.cos(turn) * t - np.sin(turn) * bend * t**2,
+                          np.sin(turn) * t + np.cos(turn) * bend * t**2], 1)  # fmt: skip
+        side = np.array([-np.sin(turn), np.cos(turn)])
+        half = slender * rng.uniform(0.75, 1.1) / 2
+        spine = along * length
+        near = spine + np.outer(profile * half * length, side)
+        far = spine - np.outer(profile * half * length, side)
+        shifts = [(0.0, 0.0)]
+        if wrap:
+            shifts = [(dx, dy) for dx in (-size, 0, size) for dy in (-size, 0, size)]
+        for dx, dy in shifts:
+            base = np.array([x0 + dx, y0 + dy])
+            for outline, factor in ((near, 1.06), (far, 0.86)):
+                fill = (*np.clip(tone * factor, 0, 255).astype(int).tolist(), 255)
+                points = np.concatenate([base + outline, (base + spine)[::-1]])
+                draw.polygon([tuple(point) for point in points.tolist()], fill=fill)
+            rib = (*np.clip(tone * 1.25 + 8, 0, 255).astype(int).tolist(), 255)
+            draw.line([tuple(p) for p in (base + spine).tolist()], fill=rib, width=2)
+    pixels = np.asarray(image, np.float64)
+    grain = 1 + 0.07 * fractal(rng, size, 0.6, 16)
+    return pixels[..., :3] * grain[..., None], pixels[..., 3] / 255
