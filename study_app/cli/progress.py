@@ -1,4 +1,4 @@
-"""One line that says what is done, shared by commands that report (what, done, total)."""
+"""What commands with long work show meanwhile: one line, or a bar with the time that is left."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 
 @contextmanager
@@ -20,3 +27,16 @@ def one_line() -> Iterator[Callable[[str, int, int], None]]:
             bars.update(task, description=name, completed=done, total=total or None)
 
         yield say
+
+
+def progress_bar() -> Progress:
+    """Return a bar that stays, with counts and times; its tasks say what is going on."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+    )

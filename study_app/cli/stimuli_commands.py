@@ -8,18 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.progress import progress_bar
+from study_app.cli.score_command import score
 
 if TYPE_CHECKING:
     from stimuli.orders import Orders
@@ -37,9 +31,12 @@ app = typer.Typer(
 
         metamerlab stimuli check clips
 
+        metamerlab stimuli score clips --out scores
+
         metamerlab stimuli look place.glb --out views.png
     """,
 )
+app.command()(score)
 
 GIB = 2**30
 
@@ -106,7 +103,7 @@ def check(folder: FolderArgument) -> None:
     from stimuli.check import check_batch
 
     with user_errors():
-        with _progress() as progress:
+        with progress_bar() as progress:
             task = progress.add_task("hashing", total=None)
             verdict = check_batch(
                 folder, lambda done, total: progress.update(task, completed=done, total=total)
@@ -146,7 +143,7 @@ def probe(
     from stimuli.probe import probe_batch
 
     with user_errors():
-        with _progress() as progress:
+        with progress_bar() as progress:
             task = progress.add_task("reading frames", total=None)
             findings = probe_batch(
                 folder,
@@ -264,7 +261,7 @@ def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None
         else:
             parallel = workers or min(cores(), len(orders.clip_names))
             executor = stack.enter_context(local_processes(parallel))
-        progress = stack.enter_context(_progress())
+        progress = stack.enter_context(progress_bar())
         task = progress.add_task("starting", total=None)
 
         def report(done: int, total: int, what: str) -> None:
@@ -294,18 +291,6 @@ def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None
     console.print(
         f"{out}: {len(outcome.built)} clips built, {len(outcome.kept)} kept; manifest"
         f" {outcome.manifest.sha256[:12]}. Look at {out / 'contact-sheet.html'}"
-    )
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
     )
 
 

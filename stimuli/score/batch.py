@@ -1,0 +1,249 @@
+"""What there is to score: the clips of a finished batch, or two clips or pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.errors import InputError
+from protocols.errors import StudyError
+from protocols.manifest import Clip, read_manifest
+from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.score.metrics import HOLES, Metric
+from stimuli.score.pair import Pair, read_colour
+
+DEFAULT_FPS = 30.0
+_PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One thing to score, and its place in the tables."""
+
+    scene: str
+    size: str
+    method: str
+    pair: Pair
+
+    @property
+    def name(self) -> str:
+        """As the clip's folder is called."""
+        return self.pair.name
+
+
+@dataclass(frozen=True)
+class Subjects:
+    """All that is scored together, in the order of the tables.
+
+    Attributes
+    ----------
+    origin : mapping
+        Where the clips come from: study, display, revision, manifest.
+    notes : tuple of str
+        What was left out, and why.
+    """
+
+    items: tuple[Subject, ...]
+    origin: dict[str, str]
+    notes: tuple[str, ...]
+    clips: tuple[Clip, ...] = ()
+
+
+def subjects_of_batch(folder: Path) -> Subjects:
+    """Return every clip of a finished batch that has a reference.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no finished batch, no reference, or clips of other lengths or sizes
+        than their reference.
+    """
+    manifest = read_manifest(folder)
+    if manifest.simulated:
+        raise StudyError(f"{folder}: must hold clips with pixels (this manifest is simulated)")
+    references = {(clip.scene, clip.size): clip for clip in manifest.clips if _is_reference(clip)}
+    items, without = [], set()
+    for clip in manifest.clips:
+        if _is_reference(clip):
+            continue
+        truth = references.get((clip.scene, clip.size))
+        if truth is None:
+            without.add(f"{clip.scene}, {clip.size}")
+            continue
+        items.append(Subject(clip.scene, clip.size, clip.method, _batch_pair(folder, clip, truth)))
+    if not items:
+        found = ", ".join(sorted({clip.method for clip in manifest.clips}))
+        raise StudyError(
+            f"{folder}: clips must have a reference to be scored against (there are clips of"
+            f" {found or 'nothing'}, and none whose scene and size has both a reference and"
+            " another method); add a method 'reference' to the protocol and build again"
+        )
+    order = [clip.method for clip in manifest.clips]
+    items.sort(key=lambda item: order.index(item.method))
+    notes = tuple(f"{name}: no reference clip, so nothing to score against"
+                  for name in sorted(without))  # fmt: skip
+    origin = {
+        "folder": folder.name,
+        "study": manifest.study,
+        "display of the clips": manifest.display,
+        "clips made by": manifest.revision,
+        "renderer": f"{manifest.renderer.renderer}, {manifest.renderer.version}",
+        "manifest": manifest.sha256,
+    }
+    return Subjects(tuple(items), origin, notes, manifest.clips)
+
+
+def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> Subjects:
+    """Return one pair: two folders of frames, or two pictures.
+
+    Raises
+    ------
+    StudyError
+        If one is missing, they differ in kind, length or size, or a clip has one frame.
+    """
+    for path, what in ((test, "the clip or picture to score"), (truth, "the reference")):
+        if not path.exists():
+            raise StudyError(f"{path}: {what} must exist (there is no such file or folder)")
+    if test.is_dir() != truth.is_dir():
+        raise StudyError(
+            f"{test} and {truth}: must both be folders of frames or both be pictures"
+            f" (got a {'folder' if test.is_dir() else 'picture'} and a"
+            f" {'folder' if truth.is_dir() else 'picture'})"
+        )
+    pictures = not test.is_dir()
+    ours, theirs = ((test,), (truth,)) if pictures else (frames_in(test), frames_in(truth))
+    masks: tuple[Path, ...] = ()
+    if mask is not None:
+        if not mask.exists():
+            raise StudyError(f"{mask}: the mask must exist (there is no such file or folder)")
+        masks = frames_in(mask) if mask.is_dir() else (mask,)
+    _check_lengths(test.name, len(ours), len(theirs), len(masks))
+    if not pictures and len(ours) == 1:
+        raise StudyError(
+            f"{test}: a clip must have at least two frames (it has one); to compare pictures,"
+            f" give the files: {ours[0]} {theirs[0]}"
+        )
+    width_px, height_px = _size(ours[0])
+    pair = Pair(test.name, ours, theirs, masks, width_px, height_px, 0.0 if pictures else fps)
+    items = (Subject(truth.name, "", test.name, pair),)
+    return Subjects(items, {"test": test.name, "reference": truth.name}, ())
+
+
+def frames_in(folder: Path) -> tuple[Path, ...]:
+    """Return the pictures of a folder, by name.
+
+    Raises
+    ------
+    StudyError
+        If there is none.
+    """
+    found = sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in _PICTURES and not path.name.startswith(".")
+    )
+    names = {path.suffix for path in found}
+    if ".png" in names and ".exr" in names:  # a batch with `exr` keeps both of every frame
+        found = [path for path in found if path.suffix == ".png"]
+    if not found:
+        raise StudyError(
+            f"{folder}: must be a folder of frames, such as 000000.png (it holds no picture)"
+        )
+    return tuple(found)
+
+
+def check_subjects(subjects: Subjects, metrics: Sequence[Metric]) -> None:
+    """Read every frame's size and refuse what the metrics cannot take.
+
+    Raises
+    ------
+    StudyError
+        Naming the frame, or the metrics and the least size that they need.
+    """
+    seen: dict[Path, tuple[int, int]] = {}
+    for subject in subjects.items:
+        pair = subject.pair
+        for path in (*pair.test, *pair.truth):
+            if path not in seen:
+                seen[path] = _size(path)
+            if seen[path] != (pair.width_px, pair.height_px):
+                raise StudyError(
+                    f"{path}: all frames must have one size, {pair.width_px} x"
+                    f" {pair.height_px} px as {pair.test[0]} (got {seen[path][0]} x"
+                    f" {seen[path][1]} px)"
+                )
+        small = min(pair.width_px, pair.height_px)
+        too_small = [metric for metric in metrics if metric.least_px > small]
+        if too_small:
+            needs = ", ".join(f"{metric.name} {metric.least_px} px" for metric in too_small)
+            fit = ",".join(metric.name for metric in metrics if metric not in too_small)
+            raise StudyError(
+                f"{subject.name}: frames of {pair.width_px} x {pair.height_px} px are too small"
+                f" for some metrics (they need at least: {needs});"
+                + (f" leave these out with --metrics {fit}" if fit else " give larger frames")
+            )
+
+
+def usable_regions(metric: Metric, pair: Pair) -> tuple[str, ...]:
+    """Return where a metric can measure a pair; nowhere if it needs time and there is none."""
+    if metric.over_time and pair.is_picture:
+        return ()
+    return tuple(region for region in metric.regions if region in pair.regions)
+
+
+def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> Pair:
+    name, frames = str(clip.clip_name), len(clip.frames_sha256)
+    _check_lengths(name, frames, len(truth.frames_sha256), 0)
+    if frames == 1:
+        raise StudyError(
+            f"{folder / name}: a clip must have at least two frames (it has one); to compare"
+            f" pictures, give the files: {folder / clip.frame_path(0)}"
+            f" {folder / truth.frame_path(0)}"
+        )
+    sizes = [(entry.width_px, entry.height_px) for entry in (clip, truth)]
+    if sizes[0] != sizes[1]:
+        raise StudyError(
+            f"{folder / name}: must have the size of its reference (got {sizes[0][0]} x"
+            f" {sizes[0][1]} px, and {sizes[1][0]} x {sizes[1][1]} px); build again"
+        )
+    holes = folder / HOLES_FOLDER / survey_name(clip.clip_name)
+    test, true = (
+        tuple(folder / entry.frame_path(k) for k in range(frames)) for entry in (clip, truth)
+    )
+    masks = tuple(holes / f"{k:06d}.png" for k in range(frames))
+    for path in (*test, *true, *masks):
+        if not path.is_file():
+            raise StudyError(
+                f"{path}: must be there, as the manifest says (it is missing); 'metamerlab"
+                f" stimuli check {folder}' names all that is missing, 'stimuli build' makes it"
+            )
+    return Pair(name, test, true, masks, clip.width_px, clip.height_px, clip.fps)
+
+
+def _check_lengths(name: str, ours: int, theirs: int, masks: int) -> None:
+    if ours != theirs:
+        raise StudyError(
+            f"{name}: must have as many frames as its reference (got {ours} and {theirs})"
+        )
+    if masks not in (0, 1, ours):
+        raise StudyError(
+            f"{name}: must have one {HOLES} mask, or one per frame (got {masks} masks and"
+            f" {ours} frames)"
+        )
+
+
+def _size(path: Path) -> tuple[int, int]:
+    """Width and height, from the file's head where it is a PNG."""
+    if path.suffix.lower() == ".png":
+        with path.open("rb") as file:
+            head = file.read(24)
+        if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) == 24:
+            return int.from_bytes(head[16:20]), int.from_bytes(head[20:24])
+        raise InputError(f"{path}: must be a whole PNG file (it is damaged or cut short)")
+    height, width = read_colour(path).shape[:2]
+    return width, height
+
+
+def _is_reference(clip: Clip) -> bool:
+    return clip.parameters.get("method") == "reference"

@@ -1,0 +1,134 @@
+"""FovVideoVDP (Mantiuk et al. 2021) by `pyfvvdp`, with two sets of parameters.
+
+Frames are read when the metric asks for them, so that memory does not grow with the clip.
+
+The package ships the parameters of version 1.0 but not their tables of sensitivity, which
+differ by the exponent of cortical magnification, ``k_cm``. Magnification relative to the fovea,
+raised to any power, is 1 in the fovea: without a gaze, where the metric takes every pixel as
+foveal, the current tables are those of version 1.0. With a gaze, 1.0 is not offered.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stimuli.score.measured import Measured
+from stimuli.score.metrics import HOLES
+from stimuli.score.pair import Image, Pair
+from stimuli.score.torch_parts import one_thread, quiet_libraries
+from stimuli.score.viewing import STANDARD_FHD, Gaze, Viewing
+
+CURRENT = "fvvdp_parameters.json"
+VERSION_1_0 = "fvvdp_parameters_1_0.json"
+NAMES = {"fvvdp": None, "fvvdp-1.0": VERSION_1_0}
+
+
+def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
+    """Compare the whole clip; foveated where the gaze is known."""
+    values: dict[tuple[str, str], float | None] = {}
+    with quiet_libraries():
+        for name, parameters in NAMES.items():
+            if parameters is not None and gaze.points_px:
+                continue
+            metric = open_metric(viewing, parameters, foveated=bool(gaze.points_px))
+            for region in pair.regions:
+                source = _Frames(pair, region, metric)
+                jod, _ = metric.predict_video_source(source, fixation_point=_points(gaze))
+                values[name, region] = float(jod)
+        if pair.masks and not any(pair.mask(index).any() for index in range(pair.frames)):
+            values |= {(name, HOLES): None for name in NAMES}
+    return Measured(values)
+
+
+@lru_cache(maxsize=4)
+def open_metric(viewing: Viewing, parameters: str | None, *, foveated: bool) -> Any:
+    """Return a configured `pyfvvdp.fvvdp`.
+
+    Parameters
+    ----------
+    parameters : str or None
+        Name of a file of parameters that the package ships; None: its current one.
+    """
+    with quiet_libraries():
+        import pyfvvdp
+        import torch
+        from pyfvvdp import utils
+
+        one_thread()
+        photometry = geometry = None
+        if viewing.name != STANDARD_FHD:
+            photometry = pyfvvdp.fvvdp_display_photo_eotf(
+                viewing.peak_cd_m2,
+                contrast=viewing.contrast,
+                EOTF="sRGB" if viewing.gamma is None else "gamma",
+                gamma=viewing.gamma or 2.2,
+                E_ambient=viewing.ambient_lux,
+                name=viewing.name,
+            )
+            geometry = pyfvvdp.fvvdp_display_geometry(
+                (viewing.width_px, viewing.height_px),
+                distance_m=viewing.distance_m,
+                diagonal_size_inches=viewing.diagonal_inches,
+            )
+        with tempfile.TemporaryDirectory(prefix="metamerlab-fvvdp-") as folder:
+            if parameters is not None:
+                shipped = Path(pyfvvdp.__file__).parent / "fvvdp_data"
+                current = json.loads((shipped / CURRENT).read_bytes())
+                wanted = json.loads((shipped / parameters).read_bytes())
+                wanted["k_cm"] = current["k_cm"]
+                (Path(folder) / CURRENT).write_text(json.dumps(wanted), encoding="utf-8")
+                utils.config_files.set_config_dir(folder)
+            try:
+                return pyfvvdp.fvvdp(
+                    display_name=STANDARD_FHD,
+                    display_photometry=photometry,
+                    display_geometry=geometry,
+                    foveated=foveated,
+                    quiet=True,
+                    device=torch.device("cpu"),
+                )
+            finally:
+                utils.config_files.set_config_dir(None)
+
+
+def _points(gaze: Gaze) -> Any:
+    if not gaze.points_px:
+        return None
+    points = np.asarray(gaze.points_px, np.float32)
+    return points[0] if len(points) == 1 else points
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """The package's interface of a video source."""
+
+    pair: Pair
+    region: str
+    metric: Any
+
+    def get_video_size(self) -> tuple[int, int, int]:
+        return self.pair.height_px, self.pair.width_px, self.pair.frames
+
+    def get_frames_per_second(self) -> float:
+        return self.pair.fps
+
+    def get_test_frame(self, frame: int, device: Any) -> Any:
+        return self._luminance(self.pair.test_frame(frame, self.region), device)
+
+    def get_reference_frame(self, frame: int, device: Any) -> Any:
+        return self._luminance(self.pair.truth_frame(frame), device)
+
+    def _luminance(self, colour: Image, device: Any) -> Any:
+        from pyfvvdp.video_source import fvvdp_video_source_array
+
+        one = fvvdp_video_source_array(
+            colour, colour, 0, dim_order="HWC", display_photometry=self.metric.display_photometry
+        )
+        return one.get_test_frame(0, device=device)

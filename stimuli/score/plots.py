@@ -1,0 +1,213 @@
+"""Figures of scores: bars per scene, time against quality, and where a method errs."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from stimuli.score.metrics import FRAME, Metric
+from stimuli.score.run import Results
+from stimuli.score.tables import Table, method_order
+
+# Okabe and Ito's colours, told apart by every kind of colour vision; patterns for print.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
+HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++", "oooo")
+MARKERS = "os^DvPX*"
+MAP_COLOURS = cv2.COLORMAP_INFERNO
+_STYLE: dict[Any, Any] = {  # matplotlib's keys are a type of 300 words
+    "font.family": "DejaVu Sans", "font.size": 8.0, "axes.spines.top": False,
+    "axes.spines.right": False, "axes.axisbelow": True, "axes.grid": False, "svg.fonttype": "none",
+    "svg.hashsalt": "metamerlab", "hatch.linewidth": 0.5, "legend.frameon": False,
+}  # fmt: skip
+
+
+def bars(table: Table) -> Figure:
+    """Draw a group of bars per scene, from the value of identical clips to the clip's."""
+    metric, count = table.metric, len(table.methods)
+    with _style():
+        figure = Figure(figsize=(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count)))
+        FigureCanvasAgg(figure)
+        figure.set_layout_engine("constrained")
+        axes = figure.subplots()
+        start = metric.perfect if math.isfinite(metric.perfect) else 0.0
+        height = 0.82 / count
+        for index, method in enumerate(table.methods):
+            places, lengths = [], []
+            for row, (_, values) in enumerate(table.rows):
+                value = values[index]
+                if value is not None and math.isfinite(value):
+                    places.append(row + (index - (count - 1) / 2) * height)
+                    lengths.append(value - start)
+            axes.barh(
+                places, lengths, height, left=start, label=method,
+                color=COLOURS[index % len(COLOURS)], hatch=HATCHES[index % len(HATCHES)],
+                edgecolor="white", linewidth=0.4,
+            )  # fmt: skip
+        axes.set_yticks(range(len(table.rows)), [scene for scene, _ in table.rows])
+        axes.invert_yaxis()
+        axes.axvline(start, color="#444444", linewidth=0.8)
+        axes.xaxis.grid(color="#E3E3E3", linewidth=0.6)
+        unit = f" ({metric.unit})" if metric.unit else ""
+        axes.set_xlabel(f"{metric.label}{unit}, {metric.arrow}")
+        figure.legend(loc="outside upper center", ncols=min(count, 4))
+        if math.isfinite(metric.perfect) and metric.better == "higher":
+            axes.invert_xaxis()  # the longer the bar the worse, for every metric
+    return figure
+
+
+def trade_off(
+    results: Results, metric: Metric, region: str, times_ms: dict[str, float]
+) -> Figure | None:
+    """Draw the mean quality of each method against its time; None if nothing can be drawn."""
+    points = []
+    for index, method in enumerate(method_order(results)):
+        values = [
+            value
+            for item in results.subjects.items
+            if item.method == method
+            and (value := results.value(item, metric, region)) is not None
+            and math.isfinite(value)
+        ]
+        if values and method in times_ms:
+            points.append((index, method, times_ms[method], float(np.mean(values))))
+    if len(points) < 2:
+        return None
+    with _style():
+        figure = Figure(figsize=(5.2, 3.2))
+        FigureCanvasAgg(figure)
+        figure.set_layout_engine("constrained")
+        axes = figure.subplots()
+        for index, method, time_ms, value in points:
+            axes.plot(
+                time_ms, value, MARKERS[index % len(MARKERS)], markersize=7,
+                color=COLOURS[index % len(COLOURS)], label=method,
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.grid(color="#E3E3E3", linewidth=0.6)
+        lowest, highest = (pick(point[2] for point in points) for pick in (min, max))
+        axes.set_xlim(lowest / 1.5, highest * 1.5)
+        ticks = _log_ticks(lowest / 1.5, highest * 1.5)
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel("time of one fill on this machine (ms), lower is better")
+        unit = f" ({metric.unit})" if metric.unit else ""
+        axes.set_ylabel(f"{metric.label}{unit}, {metric.arrow}")
+        figure.legend(loc="outside right upper")
+    return figure
+
+
+def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple[str, str]]]]]:
+    """Paint where each method errs.
+
+    Returns
+    -------
+    top : float
+        The error that the brightest colour stands for; one scale for all.
+    rows : list of (scene, size, pictures)
+        Label and data address of each picture: the reference's middle frame, then the methods.
+    """
+    maps = results.maps
+    if not maps:
+        return 0.0, []
+    peaks = [float(np.quantile(one[one > 0], 0.99)) for one in maps.values() if (one > 0).any()]
+    top = max(peaks, default=1.0)
+    rows = []
+    for scene, size in dict.fromkeys((item.scene, item.size) for item in results.subjects.items):
+        members = [
+            item for item in results.subjects.items if (item.scene, item.size) == (scene, size)
+        ]
+        pair = members[0].pair
+        truth = pair.truth_frame(pair.frames // 2)
+        pictures = [("reference", _address(np.rint(255 * truth).astype(np.uint8)))]
+        for method in method_order(results):
+            for item in members:
+                if item.method == method and item.name in maps:
+                    level = np.clip(255 * maps[item.name] / top, 0, 255).astype(np.uint8)
+                    painted = cv2.applyColorMap(level, MAP_COLOURS)[..., ::-1]
+                    pictures.append((method, _address(painted)))
+        rows.append((scene, size, pictures))
+    return top, rows
+
+
+def colour_bar(top: float, label: str) -> Figure:
+    """Draw the scale of the error maps."""
+    with _style():
+        figure = Figure(figsize=(3.6, 0.62))
+        FigureCanvasAgg(figure)
+        figure.set_layout_engine("constrained")
+        axes = figure.subplots()
+        axes.imshow(
+            np.linspace(0, 1, 256)[None], aspect="auto", cmap="inferno", extent=(0, top, 0, 1)
+        )
+        axes.set_yticks([])
+        axes.set_xlabel(label)
+    return figure
+
+
+def inline_svg(figure: Figure, name: str, title: str) -> str:
+    """Return a figure as an SVG element with names of its own and a title for screen readers."""
+    buffer = io.BytesIO()
+    with _style():
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "metamerlab"})
+    text = buffer.getvalue().decode("utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', text)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    escaped = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    return text.replace("<svg ", f'<svg role="img" aria-label="{escaped}" ', 1)
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """Return a figure as PNG, without a date."""
+    buffer = io.BytesIO()
+    with _style():
+        figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def pictured(table: Table) -> bool:
+    """Whether a table is worth bars: those over the whole frame say less about the fill."""
+    finite = [
+        value
+        for _, values in table.rows
+        for value in values
+        if value is not None and math.isfinite(value)
+    ]
+    return bool(finite) and (table.region != FRAME or len(table.rows) == 1)
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    steps: Sequence[float] = (1.0, 2.0, 5.0)
+    every = [step * 10.0**power for power in range(-4, 6) for step in steps]
+    return [tick for tick in every if low <= tick <= high]
+
+
+def _address(colour: NDArray[np.uint8]) -> str:
+    height, width = colour.shape[:2]
+    scale = min(1.0, 320 / width)
+    if scale < 1:
+        small = (max(1, round(scale * width)), max(1, round(scale * height)))
+        colour = np.asarray(cv2.resize(colour, small, interpolation=cv2.INTER_AREA), np.uint8)
+    image = np.ascontiguousarray(colour[..., ::-1])
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])
+    return "data:image/jpeg;base64," + base64.b64encode(bytes(data)).decode()

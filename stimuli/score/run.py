@@ -1,0 +1,257 @@
+"""Measure every clip by every metric: in processes, resumable, with progress."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.errors import StudyError
+from stimuli.executors import local_processes
+from stimuli.score.available import Missing, split_available
+from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
+from stimuli.score.cache import Cache, hash_files, measurement_key
+from stimuli.score.measured import Measured
+from stimuli.score.metrics import FAMILIES, Family, Metric
+from stimuli.score.pair import Pair
+from stimuli.score.viewing import Gaze, Viewing
+
+Report = Callable[[int, int, str], None]
+"""Called with measurements done, measurements in all, and what is going on."""
+
+TOGETHER = ("pixels", "statistics", "flip")
+"""Families that may share a process; each of the others needs processes of its own."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is wanted, and how it is looked at."""
+
+    metrics: tuple[Metric, ...]
+    viewing: Viewing
+    gaze: Gaze = field(default_factory=Gaze)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Every number, and what it depends on.
+
+    Attributes
+    ----------
+    metrics : tuple of Metric
+        Those that were computed.
+    values : mapping
+        By (subject's name, metric's name, region); None where there was nothing to measure.
+    per_frame : mapping
+        The same, frame by frame, for metrics that have such numbers.
+    maps : mapping
+        Error of every pixel by subject's name, and in `map_metric` what it means.
+    """
+
+    subjects: Subjects
+    settings: Settings
+    metrics: tuple[Metric, ...]
+    missing: tuple[Missing, ...]
+    notes: tuple[str, ...]
+    values: dict[tuple[str, str, str], float | None]
+    per_frame: dict[tuple[str, str, str], list[float | None]]
+    maps: dict[str, NDArray[np.float32]]
+    map_metric: str
+
+    def value(self, subject: Subject, metric: Metric, region: str) -> float | None:
+        """Return one number, None where there is none."""
+        return self.values.get((subject.name, metric.name, region))
+
+
+@dataclass(frozen=True)
+class _Job:
+    subject: Subject
+    family: Family
+    key: str
+
+
+def score(
+    subjects: Subjects,
+    settings: Settings,
+    *,
+    cache: Path | None = None,
+    workers: int = 1,
+    report: Report | None = None,
+) -> Results:
+    """Measure all `subjects`; what `cache` knows is not measured again.
+
+    Parameters
+    ----------
+    cache : Path, optional
+        Folder in which every measurement is kept as soon as it is made.
+    workers : int
+        Processes at work at once.
+
+    Raises
+    ------
+    StudyError
+        If frames are too small or differ in size, the gaze is not on them, no metric can be
+        computed, or a process died.
+    InputError
+        If a frame is damaged.
+    """
+    say = report or (lambda *_: None)
+    metrics, missing = split_available(settings.metrics)
+    metrics, notes = _measurable(metrics, missing, subjects, settings.gaze)
+    check_subjects(subjects, metrics)
+    for subject in subjects.items:
+        pair = subject.pair
+        settings.gaze.check(pair.frames, pair.width_px, pair.height_px)
+    say(0, 0, "hashing frames")
+    hashes = hash_files(subject.pair for subject in subjects.items)
+    wanted = {metric.family for metric in metrics}
+    jobs = [
+        _Job(subject, family, measurement_key(
+            subject.pair, family, settings.viewing, settings.gaze, hashes))
+        for family in FAMILIES.values() if family.name in wanted
+        for subject in subjects.items
+    ]  # fmt: skip
+    found = _measure_all(jobs, settings, Cache(cache), workers, say)
+    return _collected(subjects, settings, metrics, missing, notes, jobs, found)
+
+
+def measure_job(family: str, pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
+    """Run one family on one pair; what a worker process does."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    measure = cast(
+        Callable[[Pair, Viewing, Gaze], Measured],
+        importlib.import_module(FAMILIES[family].module).measure,
+    )
+    return measure(pair, viewing, gaze)
+
+
+def _measurable(
+    metrics: tuple[Metric, ...], missing: tuple[Missing, ...], subjects: Subjects, gaze: Gaze
+) -> tuple[tuple[Metric, ...], tuple[str, ...]]:
+    """Leave out what nothing here can be measured by; say so."""
+    pairs = [subject.pair for subject in subjects.items]
+    usable = tuple(
+        metric for metric in metrics if any(usable_regions(metric, pair) for pair in pairs)
+    )
+    left_out = [metric for metric in metrics if metric not in usable]
+    notes = list(subjects.notes)
+    if gaze.points_px and any(metric.name == "fvvdp-1.0" for metric in usable):
+        usable = tuple(metric for metric in usable if metric.name != "fvvdp-1.0")
+        notes.append(
+            "fvvdp-1.0: left out, since pyfvvdp has no foveated tables for these parameters;"
+            " leave --gaze out to compute it"
+        )
+    if left_out:
+        needs = "clips with a mask of holes (--mask)" if not pairs[0].is_picture else "clips"
+        names = ", ".join(metric.name for metric in left_out)
+        notes.append(f"{names}: left out, measures only {needs}")
+    if not usable:
+        reasons = [f"{', '.join(entry.metrics)}: {entry.reason}" for entry in missing] + notes
+        raise StudyError("no metric that was asked for can be computed\n" + "\n".join(reasons))
+    return usable, tuple(notes)
+
+
+def _measure_all(
+    jobs: Sequence[_Job], settings: Settings, cache: Cache, workers: int, say: Report
+) -> dict[str, Measured]:
+    found: dict[str, Measured] = {}
+    open_jobs: dict[str, _Job] = {}
+    for job in jobs:
+        known = cache.read(job.key)
+        if known is None:
+            open_jobs[job.key] = job
+        else:
+            found[job.key] = known
+    groups: dict[str, list[_Job]] = {}
+    for job in open_jobs.values():
+        name = "together" if job.family.name in TOGETHER else job.family.name
+        groups.setdefault(name, []).append(job)
+    keys = {job.key for job in jobs}
+
+    def finish(job: _Job, measured: Measured) -> None:
+        cache.write(job.key, measured)
+        found[job.key] = measured
+        say(len(found), len(keys), f"{job.family.name}: {job.subject.name}")
+
+    say(len(found), len(keys), "measuring")
+    for name, group in groups.items():
+        if name == "together" and min(workers, len(group)) == 1:
+            for job in group:
+                finish(job, measure_job(*_arguments(job, settings)))
+        else:
+            _in_processes(group, settings, min(workers, len(group)), finish)
+    return found
+
+
+def _in_processes(
+    jobs: Sequence[_Job],
+    settings: Settings,
+    workers: int,
+    finish: Callable[[_Job, Measured], None],
+) -> None:
+    with local_processes(workers) as pool:
+        try:
+            running: dict[Future[Measured], _Job] = {
+                pool.submit(measure_job, *_arguments(job, settings)): job for job in jobs
+            }
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    finish(running.pop(future), future.result())
+        except BrokenProcessPool:
+            raise StudyError(
+                "a worker process was killed (out of memory?); nothing that was measured is lost:"
+                " run the same command again, with fewer --workers if memory is short"
+            ) from None
+        except BaseException:
+            pool.stop()
+            raise
+
+
+def _arguments(job: _Job, settings: Settings) -> tuple[str, Pair, Viewing, Gaze]:
+    return job.family.name, job.subject.pair, settings.viewing, settings.gaze
+
+
+def _collected(
+    subjects: Subjects,
+    settings: Settings,
+    metrics: tuple[Metric, ...],
+    missing: tuple[Missing, ...],
+    notes: tuple[str, ...],
+    jobs: Sequence[_Job],
+    found: dict[str, Measured],
+) -> Results:
+    names = {metric.name for metric in metrics}
+    values: dict[tuple[str, str, str], float | None] = {}
+    per_frame: dict[tuple[str, str, str], list[float | None]] = {}
+    maps: dict[str, dict[str, NDArray[np.float32]]] = {}
+    for job in jobs:
+        measured, clip = found[job.key], job.subject.name
+        for (metric, region), value in measured.values.items():
+            if metric in names:
+                values[clip, metric, region] = value
+        for (metric, region), numbers in measured.per_frame.items():
+            if metric in names:
+                per_frame[clip, metric, region] = numbers
+        if measured.error_map is not None:
+            maps.setdefault(job.family.name, {})[clip] = measured.error_map
+    kind = "flip" if "flip" in maps else "pixels"
+    return Results(
+        subjects=subjects,
+        settings=settings,
+        metrics=metrics,
+        missing=missing,
+        notes=notes,
+        values=values,
+        per_frame=per_frame,
+        maps=maps.get(kind, {}),
+        map_metric="FLIP" if kind == "flip" else "root-mean-square error",
+    )

@@ -1,0 +1,205 @@
+"""Tables in the layout of [MI]'s Tables 1 and 2: a row per scene, a column per method, means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stimuli.score.metrics import FRAME, HOLES, METRICS, Metric
+from stimuli.score.run import Results
+
+OURS, RIVAL = "metameric", "push-pull"
+PAPERS = {
+    ("lpips", HOLES): "Table 1",
+    ("fvvdp-1.0", HOLES): "Table 2",
+    ("fvvdp", HOLES): "Table 2, current parameters",
+}
+REGION_TEXT = {
+    HOLES: "inside the disocclusions, all other pixels set to the reference",
+    FRAME: "over the whole frame",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """One metric in one region, for one size.
+
+    Attributes
+    ----------
+    rows : tuple of (scene, values)
+        A value per method, None where there is none; the last row holds the means.
+    """
+
+    metric: Metric
+    region: str
+    size: str
+    methods: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[float | None, ...]], ...]
+
+    @property
+    def title(self) -> str:
+        """Which table of the paper it is, or only what it shows."""
+        paper = PAPERS.get((self.metric.name, self.region))
+        unit = f", {self.metric.unit}" if self.metric.unit else ""
+        text = f"{self.metric.label}{unit} ({self.metric.arrow}) {REGION_TEXT[self.region]}"
+        size = f"; size {self.size}" if self.size else ""
+        return f"{paper}: {text}{size}" if paper else text + size
+
+    def text(self, value: float | None) -> str:
+        """Print one value with the metric's digits."""
+        return "-" if value is None else f"{value:.{self.metric.digits}f}"
+
+    def best(self, values: tuple[float | None, ...]) -> float | None:
+        """Return the badness of a row's best value, as it is printed."""
+        there = [self.printed_badness(value) for value in values if value is not None]
+        return min(there) if len(there) > 1 else None
+
+    def printed_badness(self, value: float) -> float:
+        """Rank by what is printed: equal digits are equally good."""
+        return self.metric.badness(float(self.text(value)))
+
+    def markdown(self) -> str:
+        """Render for a document; the best of each row in bold."""
+        lines = [
+            "| | " + " | ".join(self.methods) + " |",
+            "| --- |" + " ---: |" * len(self.methods),
+        ]
+        for scene, values in self.rows:
+            best = self.best(values)
+            cells = [
+                f"**{self.text(value)}**"
+                if value is not None and self.printed_badness(value) == best
+                else self.text(value)
+                for value in values
+            ]
+            lines.append(f"| {scene} | " + " | ".join(cells) + " |")
+        return "\n".join(lines)
+
+
+def method_order(results: Results) -> tuple[str, ...]:
+    """Ours, push-pull, then the others as the study names them."""
+    names = list(dict.fromkeys(subject.method for subject in results.subjects.items))
+    names.sort(key=lambda name: (name != OURS, name != RIVAL))
+    return tuple(names)
+
+
+def all_tables(results: Results) -> tuple[Table, ...]:
+    """Return every table that has a number: the paper's first, then by metric and region."""
+    methods = method_order(results)
+    sizes = tuple(dict.fromkeys(subject.size for subject in results.subjects.items))
+    keys = [(metric, region) for metric in results.metrics for region in metric.regions]
+    keys.sort(key=lambda key: list(PAPERS).index((key[0].name, key[1]))
+              if (key[0].name, key[1]) in PAPERS else len(PAPERS))  # fmt: skip
+    tables = [
+        _table(results, metric, region, size, methods) for metric, region in keys for size in sizes
+    ]
+    return tuple(
+        table
+        for table in tables
+        if any(value is not None for _, values in table.rows for value in values)
+    )
+
+
+def _table(
+    results: Results, metric: Metric, region: str, size: str, methods: tuple[str, ...]
+) -> Table:
+    places = {(item.scene, item.method): item for item in results.subjects.items
+              if item.size == size}  # fmt: skip
+    rows: list[tuple[str, tuple[float | None, ...]]] = []
+    for scene in dict.fromkeys(scene for scene, _ in places):
+        row = [
+            results.value(places[scene, method], metric, region)
+            if (scene, method) in places
+            else None
+            for method in methods
+        ]
+        rows.append((scene, tuple(row)))
+    if len(rows) > 1:
+        rows.append(("mean", tuple(_mean([values[k] for _, values in rows])
+                                   for k in range(len(methods)))))  # fmt: skip
+    return Table(metric, region, size, methods, tuple(rows))
+
+
+def _mean(column: list[float | None]) -> float | None:
+    """The mean of a column that is whole: means of different scenes are not comparable."""
+    there = [value for value in column if value is not None]
+    return sum(there) / len(there) if there and len(there) == len(column) else None
+
+
+@dataclass(frozen=True)
+class Duel:
+    """How one method does against another by one table.
+
+    Attributes
+    ----------
+    lost : tuple of str
+        Scenes in which `method` is not better, by the digits printed.
+    """
+
+    table: Table
+    method: str
+    against: str
+    means: tuple[float, float]
+    scenes: int
+    lost: tuple[str, ...]
+
+    @property
+    def wins_on_average(self) -> bool:
+        """Whether the mean is better."""
+        ours, theirs = (self.table.printed_badness(value) for value in self.means)
+        return ours < theirs
+
+    @property
+    def sentence(self) -> str:
+        """Say it plainly."""
+        ours, theirs = (self.table.text(value) for value in self.means)
+        verdict = "better than" if self.wins_on_average else "NOT better than"
+        where = "in holes" if self.table.region == HOLES else "over the frame"
+        won = self.scenes - len(self.lost)
+        return (
+            f"{self.table.metric.label} {where}: {self.method} {ours} is {verdict}"
+            f" {self.against} {theirs} on average, and better in {won} of {self.scenes} scenes"
+        )
+
+
+def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -> tuple[Duel, ...]:
+    """Compare two methods by every table that has both."""
+    found = []
+    for table in tables:
+        if method not in table.methods or against not in table.methods:
+            continue
+        ours, theirs = table.methods.index(method), table.methods.index(against)
+        both = [
+            (scene, values[ours], values[theirs])
+            for scene, values in table.rows
+            if scene != "mean" or len(table.rows) == 1
+        ]
+        pairs = [(scene, a, b) for scene, a, b in both if a is not None and b is not None]
+        if not pairs:
+            continue
+        lost = tuple(
+            scene for scene, a, b in pairs if table.printed_badness(a) >= table.printed_badness(b)
+        )
+        means = (
+            sum(a for _, a, _ in pairs) / len(pairs),
+            sum(b for _, _, b in pairs) / len(pairs),
+        )
+        found.append(Duel(table, method, against, means, len(pairs), lost))
+    return tuple(found)
+
+
+def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[str, list[str]]]]:
+    """Return heads and rows of one table for a terminal: a line per method, a mean per metric."""
+    metrics = [metric for metric in results.metrics if region in metric.regions]
+    rows = []
+    for method in method_order(results):
+        cells = []
+        for metric in metrics:
+            values = [
+                results.value(item, metric, region)
+                for item in results.subjects.items
+                if item.method == method
+            ]
+            mean = _mean(values)
+            cells.append("-" if mean is None else f"{mean:.{metric.digits}f}")
+        rows.append((method, cells))
+    return tuple(METRICS[metric.name].label for metric in metrics), rows

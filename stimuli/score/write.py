@@ -1,0 +1,141 @@
+"""Scores as files: CSV and JSON with all that the numbers depend on."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+from protocols.errors import StudyError
+from protocols.hashing import Json
+from protocols.revision import code_revision, package_version
+from stimuli.png import write_whole
+from stimuli.score.available import versions
+from stimuli.score.run import Results
+
+CACHE_FOLDER = ".cache"
+CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
+JSON_NAME, HTML_NAME = "scores.json", "scores.html"
+_OURS = {CACHE_FOLDER, CSV_NAME, FRAMES_NAME, TABLES_NAME, JSON_NAME, HTML_NAME, "figures"}
+
+
+def check_out(out: Path) -> None:
+    """Require a folder that is new, empty, or holds earlier scores.
+
+    Raises
+    ------
+    StudyError
+        Naming what is in it.
+    """
+    if out.exists() and not out.is_dir():
+        raise StudyError(f"{out}: must be a folder (this is a file)")
+    for entry in sorted(out.iterdir()) if out.is_dir() else ():
+        if entry.name not in _OURS:
+            raise StudyError(
+                f"{out}: must be an empty folder or one with earlier scores (it holds"
+                f" {entry.name}); choose another --out, or move that away"
+            )
+
+
+def scores_csv(results: Results) -> str:
+    """One line per clip, region and metric; `inf` is a perfect PSNR, empty is nothing there."""
+    rows = [
+        [item.scene, item.size, item.method, region, metric.name,
+         _number(results.value(item, metric, region)), metric.unit, metric.better]
+        for item in results.subjects.items
+        for metric in results.metrics
+        for region in metric.regions if region in item.pair.regions
+    ]  # fmt: skip
+    return _csv(("scene", "size", "method", "region", "metric", "value", "unit", "better"), rows)
+
+
+def frames_csv(results: Results) -> str:
+    """One line per frame, for metrics that are measured frame by frame."""
+    rows = []
+    for item in results.subjects.items:
+        for metric in results.metrics:
+            for region in metric.regions:
+                numbers = results.per_frame.get((item.name, metric.name, region), [])
+                first = item.pair.frames - len(numbers)  # flicker begins with the second frame
+                rows += [
+                    [item.scene, item.size, item.method, region, metric.name, str(index),
+                     _number(value)]
+                    for index, value in enumerate(numbers, start=first)
+                ]  # fmt: skip
+    return _csv(("scene", "size", "method", "region", "metric", "frame", "value"), rows)
+
+
+def scores_json(results: Results, times_ms: dict[str, float], renderer: str) -> dict[str, Json]:
+    """Return every number and all that it depends on; an infinite one as the text "inf"."""
+    settings = results.settings
+    return {
+        "format": 1,
+        "made_with": f"{package_version()}, revision {code_revision()}",
+        "versions": dict(versions(results.metrics)),
+        "origin": dict(results.subjects.origin),
+        "display": settings.viewing.as_json(),
+        "gaze_px": [list(point) for point in settings.gaze.points_px],
+        "metrics": [
+            {key: _json(value) for key, value in asdict(metric).items()}
+            for metric in results.metrics
+        ],
+        "missing": [
+            {"metrics": list(entry.metrics), "reason": entry.reason} for entry in results.missing
+        ],
+        "notes": list(results.notes),
+        "fill_ms": {name: round(value, 3) for name, value in times_ms.items()},
+        "fill_renderer": renderer,
+        "clips": [
+            {
+                "scene": item.scene,
+                "size": item.size,
+                "method": item.method,
+                "frames": item.pair.frames,
+                "size_px": [item.pair.width_px, item.pair.height_px],
+                "scores": {
+                    f"{metric.name} {region}": _json(results.value(item, metric, region))
+                    for metric in results.metrics
+                    for region in metric.regions
+                    if region in item.pair.regions
+                },
+            }
+            for item in results.subjects.items
+        ],
+    }
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, text.encode("utf-8"))
+
+
+def json_text(content: dict[str, Json]) -> str:
+    """Return readable JSON that every reader takes."""
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _csv(heads: tuple[str, ...], rows: Iterable[list[str]]) -> str:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(heads)
+    writer.writerows(rows)
+    return buffer.getvalue()
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.8g}"
+
+
+def _json(value: object) -> Json:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "inf"
+    if isinstance(value, tuple):
+        return [_json(entry) for entry in value]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"{type(value).__name__} has no place in scores")

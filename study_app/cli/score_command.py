@@ -1,0 +1,226 @@
+"""`metamerlab stimuli score`: how clips compare with their reference, by many metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from protocols.errors import StudyError
+from study_app.cli.errors import user_errors
+from study_app.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from stimuli.score.batch import Subjects
+    from stimuli.score.run import Results
+
+
+def score(
+    first: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="DIR | TEST",
+            help="Folder of built clips; or a clip (folder of frames) or picture to score.",
+            show_default=False,
+        ),
+    ] = None,
+    second: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[REFERENCE]", help="What TEST is compared with.", show_default=False
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for tables, plots and the page. [default for DIR: scores]",
+            show_default=False,
+        ),
+    ] = None,
+    metrics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="Only these, such as psnr,fvvdp. [default: all that this machine can compute]",
+            show_default=False,
+        ),
+    ] = None,
+    display: Annotated[
+        str,
+        typer.Option(help="standard_fhd (as in the paper), a display's name, or a .toml file."),
+    ] = "standard_fhd",
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y | FILE",
+            help="Where the viewer looks, in pixels of the clip; or a CSV file with columns x_px"
+            " and y_px and a line per frame. Left out: not foveated.",
+            show_default=False,
+        ),
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="For two clips or pictures: where the holes are (white), a picture or a folder.",
+            show_default=False,
+        ),
+    ] = None,
+    fps: Annotated[
+        float, typer.Option(min=1.0, max=1000.0, help="Of two clips given as folders.")
+    ] = 30.0,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes at work. [default: one per core]", show_default=False),
+    ] = None,
+    list_metrics: Annotated[
+        bool, typer.Option("--list", help="Say what can be measured here, and what is missing.")
+    ] = False,
+) -> None:
+    """Score clips against their reference, in holes and over the frame.
+
+    DIR scores a whole batch and writes tables in the layout of the paper's, plots and one
+    page. Killed at any point, the same command goes on where it was.
+
+    Examples:
+
+        metamerlab stimuli score clips --out scores
+
+        metamerlab stimuli score filled.png truth.png --mask holes.png
+
+        metamerlab stimuli score clips --metrics fvvdp,fvvdp-1.0 --display fhd27-60hz
+
+        metamerlab stimuli score --list
+    """
+    with user_errors():
+        if list_metrics:
+            _print_metrics()
+            return
+        if first is None:
+            raise StudyError(
+                "give a folder of built clips, or two clips or pictures; 'metamerlab stimuli"
+                " score --help' has examples"
+            )
+        _score(first, second, out, metrics, display, gaze, mask, fps, workers)
+
+
+def _score(
+    first: Path,
+    second: Path | None,
+    out: Path | None,
+    names: str | None,
+    display: str,
+    gaze: str | None,
+    mask: Path | None,
+    fps: float,
+    workers: int | None,
+) -> None:
+    from stimuli.executors import cores
+    from stimuli.score.batch import subjects_of_batch, subjects_of_two
+    from stimuli.score.metrics import choose_metrics
+    from stimuli.score.run import Settings
+    from stimuli.score.run import score as run
+    from stimuli.score.viewing import open_viewing, read_gaze
+    from stimuli.score.write import CACHE_FOLDER, check_out
+
+    chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
+    settings = Settings(chosen, open_viewing(display), read_gaze(gaze))
+    if second is None:
+        if mask is not None:
+            raise StudyError("--mask is for two clips or pictures: a batch has masks of its own")
+        if first.is_file():
+            raise StudyError(
+                f"{first}: must be a folder of built clips (this is a file); to score a picture,"
+                " give its reference as well: metamerlab stimuli score TEST REFERENCE"
+            )
+        subjects = subjects_of_batch(first)
+        folder: Path | None = out or Path("scores")
+    else:
+        subjects = subjects_of_two(first, second, mask, fps)
+        folder = out
+    if folder is not None:
+        check_out(folder)
+    console = Console(highlight=False, soft_wrap=True)
+    with progress_bar() as progress:
+        task = progress.add_task("starting", total=None)
+
+        def report(done: int, total: int, what: str) -> None:
+            progress.update(task, completed=done, total=total or None, description=what)
+
+        results = run(
+            subjects,
+            settings,
+            cache=None if folder is None else folder / CACHE_FOLDER,
+            workers=workers or cores(),
+            report=report,
+        )
+        page = None
+        if folder is not None:
+            page = _write(
+                results, subjects, folder, first,
+                lambda what: progress.update(task, description=what),
+            )  # fmt: skip
+    _print_results(console, results)
+    if page is not None:
+        console.print(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
+
+
+def _write(
+    results: Results, subjects: Subjects, out: Path, source: Path, say: Callable[[str], None]
+) -> Path:
+    from stimuli.score.report import write_report
+    from stimuli.score.speed import time_methods
+
+    times_ms: dict[str, float] = {}
+    renderer = ""
+    if subjects.clips:
+        say("timing one fill of each method")
+        pair = subjects.items[0].pair
+        times_ms, renderer = time_methods(subjects.clips, pair, source.parent)
+    return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say)
+
+
+def _print_results(console: Console, results: Results) -> None:
+    from stimuli.score.metrics import FRAME, HOLES
+    from stimuli.score.tables import all_tables, duels, summary
+
+    for region, title in ((HOLES, "inside holes"), (FRAME, "over the whole frame")):
+        heads, rows = summary(results, region)
+        if not any(cell != "-" for _, cells in rows for cell in cells):
+            continue
+        table = Table(f"{title}, means", box=None)
+        for head in heads:
+            table.add_column(head, justify="right")
+        for method, cells in rows:
+            table.add_row(method, *cells)
+        console.print(table)
+    for duel in duels(all_tables(results)):
+        if duel.table.region == HOLES:
+            console.print(f"{duel.sentence}.")
+    for note in results.notes:
+        console.print(f"note: {note}")
+    for entry in results.missing:
+        console.print(f"left out: {', '.join(entry.metrics)}: {entry.reason}")
+
+
+def _print_metrics() -> None:
+    from stimuli.score.available import split_available
+    from stimuli.score.metrics import METRICS
+
+    there, missing = split_available(METRICS.values())
+    table = Table("metric", "what", "better", "least px", "from", box=None)
+    for metric in METRICS.values():
+        table.add_row(
+            metric.name if metric in there else f"({metric.name})",
+            metric.what,
+            metric.arrow,
+            str(metric.least_px),
+            metric.licence,
+        )
+    console = Console(highlight=False)
+    console.print(table)
+    for entry in missing:
+        console.print(f"missing: {', '.join(entry.metrics)}: {entry.reason}", soft_wrap=True)
