@@ -3,12 +3,14 @@
 #
 # prepare: system packages, .venv and the locked Python packages, each only
 # where something is missing. Says on stderr what it does; silent otherwise.
+# With CI=true, or once `script/setup --metrics` was run, also the extra `metrics`.
 
 set -euo pipefail
 
 ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
+METRICS="$ROOT/requirements-metrics.txt"
 MINIMUM_PYTHON=3.11
 
 # What a Debian or Ubuntu machine needs beside Python, and how any other system
@@ -183,14 +185,41 @@ install_python_packages() {
     mv -- "$VENV/metamerlab-stamp.new" "$VENV/metamerlab-stamp" # last: all or nothing
 }
 
+# The extra `metrics` is wanted by CI, and by whoever asked for it here before.
+wants_metrics() {
+    [[ ${CI:-} == true || -e $VENV/metamerlab-metrics ]]
+}
+
+wanted_metrics_stamp() {
+    cat -- "$METRICS" "$LOCK" | sha256sum
+}
+
+has_metrics() {
+    [[ -f $VENV/metamerlab-metrics && $(<"$VENV/metamerlab-metrics") == "$(wanted_metrics_stamp)" ]]
+}
+
+# The locked versions stay as they are: pip is told of them as constraints. Which build of
+# torch comes, for CPU or GPU, is decided by where pip looks (PIP_EXTRA_INDEX_URL).
+install_metrics() {
+    local locked="$VENV/metamerlab-locked.txt"
+    awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$LOCK" >"$locked"
+    say "Installing the extra metrics (torch: some 200 MB, several GB with CUDA)"
+    quietly pip_here install --no-user --prefer-binary --constraint "$locked" -r "$METRICS"
+    wanted_metrics_stamp >"$VENV/metamerlab-metrics.new"
+    mv -- "$VENV/metamerlab-metrics.new" "$VENV/metamerlab-metrics"
+}
+
 prepare() {
     cd -- "$ROOT"
     find_python
     need_system_packages
-    is_ready && return
+    is_ready && { ! wants_metrics || has_metrics; } && return
     (
         # Two commands started together: the second waits, then finds all done.
         if command -v flock >/dev/null; then flock 9; fi
+        again=false
+        if wants_metrics; then again=true; fi # a new environment forgets the wish
         is_ready || install_python_packages
+        ! $again || has_metrics || install_metrics
     ) 9<"$LOCK"
 }
