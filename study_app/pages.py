@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Response, Texts
 from study_app.keys import key_label
 from study_app.stage import Page, Picture
-from study_app.text_image import Align, text_image, typeface_for, wrap, writable
+from study_app.text_image import Align, text_image, typeface_for, widest_px, wrap, writable
 from study_app.wording import consent_text, fill
 
 _TEXT_SHARE = 1 / 27
@@ -18,7 +19,7 @@ _SMALLEST_PX = 12
 _MARGIN_SHARE = 0.12
 _LONGEST_LINE = 34
 """Width of a text in letter sizes: longer lines are hard to read."""
-_CHOSEN, _OPEN, _CARET, _ENTER = "●○▏↵"
+_CARET = "|"
 _NOTICES = {
     "gaze-break": "gaze-lost",
     "no-fixation": "gaze-lost",
@@ -65,47 +66,67 @@ class Pages:
 
     def page(self, text: str, key: str = "") -> NDArray[np.uint8]:
         """Return a page of text, with the key that turns it below; letters shrink if need be."""
-        image = self._block(text)
+        image = self._block(text, narrow=True)
         if key:
-            label = f"[ {key_label(key)} ]"
-            face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
-            width, height = self._size
-            hint = text_image([label], face, width, align="centre", grey=self._grey)
-            _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
+            self._hint(image, key)
         return image
 
     def question(self, page: Page, typed: str, chosen: int) -> NDArray[np.uint8]:
         """Return a question with what was typed so far, or with its choices."""
         if page.choices:
+            marks = _marks(page)
             lines = [
-                f"{_CHOSEN if index == chosen else _OPEN}  {index + 1}  {choice}"
+                f"{marks[index == chosen]}  {index + 1}  {choice}"
                 for index, choice in enumerate(page.choices)
             ]
-            return self._block("\n".join((page.text, "", *lines, "", _ENTER)))
-        # What was typed is kept as it is; what no font can draw is shown as a question mark.
-        shown = writable(typed, page.text + _CARET + _ENTER)
-        return self._block("\n".join((page.text, "", shown + _CARET, "", _ENTER)))
+        else:
+            # What was typed is kept as it is; what no font can draw is shown as a question mark.
+            lines = [writable(typed, page.text + _CARET) + _CARET]
+        image = self._block("\n".join((page.text, "", *lines)))
+        self._hint(image, "enter")
+        return image
+
+    def _hint(self, image: NDArray[np.uint8], key: str) -> None:
+        """Write at the lower edge which key goes on."""
+        label = f"[ {key_label(key)} ]"
+        face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
+        width, height = self._size
+        hint = text_image([label], face, width, align="centre", grey=self._grey)
+        _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
 
     def _answer(self, left: str, right: str, response: Response) -> NDArray[np.uint8]:
         """Return the answer screen: the question, and at each side its label and key."""
         width, height = self._size
-        image = self._centred(fill(self._texts.question, response), at=0.36)
+        image = self._centred(fill(self._texts.question, response), at=0.36, ends=0.47)
         for label, keys, x in (
             (left, response.left_keys, 0.25),
             (right, response.right_keys, 0.75),
         ):
             text = f"{label}\n{key_label(keys[0])}"
             face = typeface_for([text], self._letter_px)
-            block = text_image(text.split("\n"), face, width // 2, align="centre", grey=self._grey)
+            lines = wrap(text, face, round(0.4 * width))
+            block = text_image(lines, face, width // 2, align="centre", grey=self._grey)
             _paste(image, block, (round(width * x) - width // 4, round(height * 0.5)))
         return image
 
-    def _centred(self, text: str, at: float = 0.45) -> NDArray[np.uint8]:
-        return self._block(text, align="centre", at=at)
+    def _centred(self, text: str, at: float = 0.45, ends: float = 1.0) -> NDArray[np.uint8]:
+        return self._block(text, align="centre", at=at, ends=ends)
 
     def _block(
-        self, text: str, *, align: Align = "left", at: float | None = None
+        self,
+        text: str,
+        *,
+        align: Align = "left",
+        at: float | None = None,
+        ends: float = 1.0,
+        narrow: bool = False,
     ) -> NDArray[np.uint8]:
+        """Lay out a text.
+
+        `at` and `ends` are shares of the height: where it begins (left out: in the middle), and
+        where it ends at the latest. A `narrow` block is as wide as its widest line, so that short
+        texts stand in the middle.
+        """
         width, height = self._size
         room = round(height * (1 - 2 * _MARGIN_SHARE))
         letter_px = self._letter_px
@@ -116,8 +137,11 @@ class Pages:
             if len(lines) * face.line_px <= room or letter_px <= _SMALLEST_PX:
                 break
             letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
+        if narrow:
+            across = min(across, widest_px(lines, face))
         block = text_image(lines, face, across, align=align, grey=self._grey)
         top = round(height * at) if at is not None else (height - len(block)) // 2
+        top = min(top, round(height * ends) - len(lines) * face.line_px)
         image = np.zeros((height, width, 4), np.uint8)
         _paste(image, block, ((width - across) // 2, max(0, top)))
         return image
@@ -149,9 +173,17 @@ def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
     ):
         typeface_for([fill(text, protocol.response)], _SMALLEST_PX)
     for question in texts.questions:
-        marks = _CHOSEN + _OPEN + digits if question.choices else _CARET
         text = fill(question.text, protocol.response)
-        typeface_for([text, *question.choices, marks, _ENTER], _SMALLEST_PX)
+        typeface_for([text, *question.choices, digits, _CARET], _SMALLEST_PX)
+
+
+def _marks(page: Page) -> tuple[str, str]:
+    """Return what stands before a choice that is open, and before the chosen one."""
+    try:
+        typeface_for([page.text, *page.choices, "○●"], _SMALLEST_PX)
+    except StudyError:
+        return "[  ]", "[x]"
+    return "○", "●"
 
 
 def _paste(image: NDArray[np.uint8], block: NDArray[np.uint8], place: tuple[int, int]) -> None:

@@ -20,7 +20,13 @@ from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
-from study_app.display_check import DisplayCheck, check_display, write_report
+from study_app.display_check import (
+    REHEARSAL_FLIPS,
+    SESSION_FLIPS,
+    DisplayCheck,
+    check_display,
+    write_report,
+)
 from study_app.gaze.geometry import Viewing
 from study_app.gaze.open_source import Desk, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
@@ -112,7 +118,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     mark = LslMarkers(options.participant) if options.markers else _no_marks
     with ExitStack() as stack:
         window = stack.enter_context(Window(display, pacing=options.pacing))
-        check = check_display(window, utc_now)
+        flips = SESSION_FLIPS if options.pacing == "vsync" else REHEARSAL_FLIPS
+        check = check_display(window, utc_now, flips)
         listener.on_check(check)
         gaze = _gaze(options, window, check.measured_hz)
         if gaze is not None:

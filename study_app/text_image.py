@@ -5,6 +5,7 @@ Pillow draws, with raqm for scripts that need shaping and for right-to-left line
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -122,6 +123,12 @@ def wrap(text: str, typeface: Typeface, width_px: int) -> list[str]:
                 line += piece
         lines.append(line.rstrip())
     return lines
+
+
+def widest_px(lines: Sequence[str], typeface: Typeface) -> int:
+    """Return the width of the widest line."""
+    font = _load(typeface)
+    return max(1, *(math.ceil(font.getlength(line)) for line in lines))
 
 
 def _pieces(paragraph: str) -> list[str]:

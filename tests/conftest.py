@@ -31,6 +31,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Name the marker of pytest-xdist, which a run without it must know as well."""
+    config.addinivalue_line("markers", "xdist_group(name): one worker runs these")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Skip what is marked `full` unless it was asked for."""
     if config.getoption("--full"):

@@ -25,6 +25,7 @@ from protocols.manifest import Clip, Manifest, Renderer, write_manifest
 from protocols.schema import StudyProtocol
 
 WIDTH, HEIGHT = 640, 480
+METAMERLAB = "from study_app.cli import main; main()"
 NEEDED = ("Xvfb", "openbox", "xdotool")
 
 DISPLAY = f"""
@@ -82,9 +83,15 @@ class Study:
             return np.asarray(image.convert("RGB"))
 
 
-def write_study(folder: Path, values: dict[str, str] | None = None, pixels: int = 1) -> Study:
+def write_study(
+    folder: Path, values: dict[str, str] | None = None, pixels: int = 1, *, questions: bool = False
+) -> Study:
     """Write a short version of the demo study with clips of noise."""
     text = shipped("studies")["demo"].read_text(encoding="utf-8")
+    if not questions:
+        text = re.sub(
+            r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S
+        )
     text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
     text = re.sub(r'\n\[\[scenes\]\]\nname = "colonnade".*?(?=\n\[\[)', "\n", text, flags=re.S)
     text = re.sub(r'\n\[\[sizes\]\]\nname = "large".*?(?=\n\[\[)', "\n", text, flags=re.S)
@@ -156,10 +163,23 @@ def write_study(folder: Path, values: dict[str, str] | None = None, pixels: int 
     return study
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run what uses the screen, one test after the other: it is in real time."""
+    for item in items:
+        if "screen" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("screen"))
+
+
 @pytest.fixture
 def make_study(tmp_path: Path) -> Callable[..., Study]:
     """Give a function that writes a study with other values below the test's folder."""
-    return lambda values=None, name="study": write_study(tmp_path / name, values)
+
+    def make(
+        values: dict[str, str] | None = None, name: str = "study", *, questions: bool = False
+    ) -> Study:
+        return write_study(tmp_path / name, values, questions=questions)
+
+    return make
 
 
 @dataclass(frozen=True)
@@ -181,14 +201,37 @@ class Screen:
         pixels = np.frombuffer(data, np.uint8, offset=header + 12 * colours)
         return pixels[: WIDTH * HEIGHT * 4].reshape(HEIGHT, WIDTH, 4)[..., 2::-1]
 
+    def shows(self, image: np.ndarray, beside: tuple[int, int] | None = None) -> bool:
+        """Whether the screen is this RGBA image on the study's grey, left of and above `beside`.
+
+        `beside` is where the mouse stands: its arrow hangs to the right and below.
+        """
+        alpha = image[..., 3:] / 255
+        wanted = image[..., :3] * alpha + 128 * (1 - alpha)
+        off = np.abs(self.picture() - wanted).max(axis=2) > 2
+        if beside is not None:
+            x, y = beside
+            off[max(0, y - 8) : y + 32, max(0, x - 8) : x + 32] = False
+        return not off.any()
+
+    def point(self, x_px: int, y_px: int) -> None:
+        """Move the mouse."""
+        subprocess.run(["xdotool", "mousemove", str(x_px), str(y_px)], env=self.env, check=True)
+
+    def type(self, text: str) -> None:
+        """Type characters, as a keyboard does."""
+        subprocess.run(["xdotool", "type", "--delay", "30", text], env=self.env, check=True)
+
     def keys(self, *names: str) -> None:
         """Let keys go down and up, as a keyboard does."""
         subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
 
-    def start(self, *arguments: object, **kwargs: object) -> subprocess.Popen[str]:
-        """Start `metamerlab` on this screen."""
+    def start(
+        self, *arguments: object, code: str = METAMERLAB, **kwargs: object
+    ) -> subprocess.Popen[str]:
+        """Start `metamerlab` on this screen, or other Python text."""
         return subprocess.Popen(
-            [sys.executable, "-c", "from study_app.cli import main; main()", *map(str, arguments)],
+            [sys.executable, "-c", code, *map(str, arguments)],
             env=self.env,
             text=True,
             stdout=subprocess.PIPE,
@@ -209,7 +252,13 @@ class Screen:
 
     def script(self, text: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run Python text on this screen; it must succeed."""
-        done = subprocess.run(
+        done = self.try_script(text, *arguments)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done
+
+    def try_script(self, text: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Run Python text on this screen."""
+        return subprocess.run(
             [sys.executable, "-c", text, *map(str, arguments)],
             env=self.env,
             text=True,
@@ -217,8 +266,6 @@ class Screen:
             timeout=240,
             check=False,
         )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done
 
     def session(self, verb: str, study: Study, *more: object, code: str = "P01") -> list[object]:
         """Arguments of `session run` or `session resume`."""
@@ -260,12 +307,21 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
         process.wait(timeout=10)
 
 
-def wait_for(condition: Callable[[], object], what: str, timeout_s: float = 60.0) -> object:
-    """Poll until a condition holds."""
+def wait_for(
+    condition: Callable[[], object],
+    what: str,
+    timeout_s: float = 60.0,
+    process: subprocess.Popen[str] | None = None,
+) -> object:
+    """Poll until a condition holds; give up at once if `process` ends before."""
     until_s = time.monotonic() + timeout_s
     while time.monotonic() < until_s:
+        ended = process is not None and process.poll() is not None
         if value := condition():
             return value
+        if ended:
+            out, err = process.communicate()
+            raise AssertionError(f"ended before {what}: {process.returncode}\n{out}\n{err}")
         time.sleep(0.02)
     raise AssertionError(f"waited in vain for {what}")
 

@@ -111,16 +111,21 @@ def test_a_killed_windowed_session_resumes_in_the_same_order_and_loses_nothing(
     for kill in range(kills):
         wanted = min(kill + 2, 5)
 
-        def reached(wanted=wanted, running=process):
-            return len(events_of(study, Attempt)) >= wanted or running.poll() is not None
+        def reached(wanted=wanted):
+            return len(events_of(study, Attempt)) >= wanted
 
-        wait(reached, f"{wanted} attempts")
+        wait(reached, f"{wanted} attempts", process=process)
         time.sleep(0.35)  # inside the next trial
         process.send_signal(signal.SIGKILL)
         process.communicate(timeout=30)
         before = study.journal().events
         process = screen.start(*screen.session("resume", study, "--simulate"))
-        wait(lambda: len(study.journal().events) > len(before), "the resume")  # noqa: B023
+        resumed = SessionResume, kill + 1
+        wait(
+            lambda: len(events_of(study, resumed[0])) == resumed[1],  # noqa: B023
+            "the resume",
+            process=process,
+        )
         assert study.journal().events[: len(before)] == before
     _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err

@@ -1,0 +1,222 @@
+"""Every page as it stands on the screen, turned by real keys, in a sitting watched by the mouse."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+from PIL import Image
+
+from protocols.journal import Answer, Break, Calibration, Pause, SessionEnd
+from study_app.pages import Pages
+from study_app.stage import Page
+from study_app.wording import fill
+
+CENTRE, ASIDE = (320, 240), (60, 400)
+# Frames take long to read, so that the preparing page can be seen.
+SLOW_DISK = """
+import time
+from study_app import clips
+from study_app.cli import main
+read_frame = clips.read_frame
+def slowly(*arguments):
+    time.sleep(0.02)
+    return read_frame(*arguments)
+clips.read_frame = slowly
+main()
+"""
+
+
+@pytest.fixture
+def study(make_study):
+    return make_study(
+        {
+            "pairings": '[["metameric", "push-pull"], ["metameric", "reference"]]',
+            "repeats": "1",
+            "blocks": "2",
+            "break_s": "0.6",
+            "duration_s": "0.5",
+            "fixation_timeout_s": "30.0",
+            "timeout_s": "30.0",
+            "mode": '"enforce"',
+            # The cursor is read once per flip: a busy machine leaves gaps.
+            "silence_s": "1.0",
+            "loss_max_share": "1.0",
+            "max_attempts": "9",
+        },
+        questions=True,
+    )
+
+
+def events(study, kind):
+    return [event for event in study.journal().events if isinstance(event, kind)]
+
+
+def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, wait, tmp_path):
+    texts, response = study.protocol.text.languages["en"], study.protocol.response
+    pages = Pages((640, 480), texts, 128)
+    fixed = pages.fixed(response)
+    strategy, vision = texts.questions
+    mouse = CENTRE
+
+    def see(image, what):
+        assert image[..., 3].any()
+        try:
+            wait(lambda: screen.shows(image, mouse), f"the page: {what}", process=process)
+        except AssertionError:
+            Image.fromarray(screen.picture()).save(tmp_path / "seen.png")
+            Image.fromarray(image).save(tmp_path / "wanted.png")
+            raise
+
+    def turn(image, what, key="space"):
+        see(image, what)
+        screen.keys(key)
+
+    def clip_is_seen():  # noise; text and the fixation target vary less
+        return screen.picture()[210:270, 280:360].std() > 60
+
+    screen.point(*CENTRE)
+    process = screen.start(
+        *screen.session("run", study, "--gaze", "mouse", "--skip-validation"), code=SLOW_DISK
+    )
+    try:
+        turn(pages.page(texts.consent, "space"), "consent")
+        for text in texts.instructions:
+            turn(pages.page(text, "space"), "instructions")
+        turn(pages.page(texts.start, "space"), "start")
+        see(fixed["preparing"], "preparing")
+
+        # Looking away voids the attempt, and the participant is told.
+        wait(clip_is_seen, "the first clip")
+        mouse = ASIDE
+        screen.point(*ASIDE)
+        see(fixed["gaze-lost"], "gaze was lost")
+        (void,) = study.journal().attempts
+        assert (void.outcome, void.void_reason) == ("void", "gaze-break")
+
+        # Without gaze on the dot nothing begins; with it the attempt is decided.
+        mouse = CENTRE
+        screen.point(*CENTRE)
+        wait(
+            lambda: any(screen.shows(fixed[f"answer-{side}"], mouse) for side in ("left", "right")),
+            "the answer screen",
+        )
+        first_side = "left" if screen.shows(fixed["answer-left"], mouse) else "right"
+        screen.keys("Left")
+
+        # The break names its key only when the key does something.
+        rest = fill(texts.break_page, response, done=1, total=2)
+        turn(pages.page(rest, ""), "the break, not yet over")
+        turn(pages.page(rest, "space"), "the break, over")
+
+        wait(clip_is_seen, "a clip of block 2")
+        screen.keys("p")
+        turn(pages.page(texts.paused, "space"), "pause")
+        wait(
+            lambda: any(screen.shows(fixed[f"answer-{side}"], mouse) for side in ("left", "right")),
+            "the second answer screen",
+        )
+        screen.keys("j")
+
+        question = Page("question", strategy.text, ())
+        see(pages.question(question, "", -1), "the typed question")
+        screen.type("Edges, 2x")
+        screen.keys("BackSpace")
+        see(pages.question(question, "Edges, 2", -1), "what was typed")
+        screen.keys("Escape")
+        turn(pages.page(texts.quit_question), "the question whether to stop")
+        turn(pages.question(question, "Edges, 2", -1), "what was typed, still there", "Return")
+        choice = Page("question", vision.text, (), choices=vision.choices)
+        turn(pages.question(choice, "", -1), "the choices", "Return")  # nothing is chosen yet
+        screen.keys("Down", "3", "Up")
+        turn(pages.question(choice, "", 1), "the choice", "Return")
+        see(pages.page(texts.thanks), "thanks")
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.communicate()
+
+    assert process.returncode == 0, err
+    journal = study.journal()
+    assert journal.start.gaze.source == "mouse"
+    reasons = [(attempt.void_reason, attempt.key) for attempt in journal.attempts]
+    assert reasons == [("gaze-break", None), (None, "left"), ("paused", None), (None, "j")]
+    decided = journal.attempts[1]
+    assert decided.first_side == first_side
+    assert decided.choice == ("first" if first_side == "left" else "second")
+    assert decided.gaze.mean_deg < 0.1
+    for attempt, place in ((journal.attempts[0], ASIDE), (decided, CENTRE)):
+        with (study.sessions / "demo" / "P01" / attempt.gaze_file.file).open() as file:
+            rows = list(csv.DictReader(file))
+        assert (float(rows[-1]["x_px"]), float(rows[-1]["y_px"])) == place
+    assert {e.question: e.text for e in events(study, Answer)} == {
+        "strategy": "Edges, 2", "vision": "glasses"
+    }  # fmt: skip
+    (rested,) = events(study, Break)
+    assert rested.duration_s >= 0.6
+    assert len(events(study, Pause)) == 1
+    assert not events(study, Calibration)
+    assert [e.reason for e in events(study, SessionEnd)] == ["completed"]
+    assert "gaze-break" in out
+
+
+def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
+    study = make_study(
+        {
+            "pairings": '[["metameric", "push-pull"]]',
+            "repeats": "1",
+            "fixation_timeout_s": "30.0",
+            "mode": '"enforce"',
+            "max_attempts": "99",
+        }
+    )
+    # At first the eye leaves the dot too soon for any trial (0.5 s), then it stays.
+    until_s, rate_hz = 9.0, 250
+    tape = tmp_path / "eye.csv"
+    lines = ["t_s,x_px,y_px"]
+    for number in range(60 * rate_hz):
+        t_s = number / rate_hz
+        away = t_s < until_s and t_s % 0.7 > 0.35
+        lines.append(f"{t_s:.3f},{320 + 150 * away + number % 3},{240 - number % 2}")
+    tape.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    replay = ["--gaze", f"replay:{tape}", "--skip-validation"]
+
+    refused = screen.run(*screen.session("run", study, *replay))
+    assert (refused.returncode, "replay needs --simulate" in refused.stderr) == (2, True)
+    done = screen.run(*screen.session("run", study, "--simulate", *replay))
+
+    assert done.returncode == 0, done.stderr
+    journal = study.journal()
+    assert journal.start.gaze.source == "replay"
+    assert journal.start.gaze.rate_hz == pytest.approx(rate_hz)
+    *voids, decided = journal.attempts
+    assert voids
+    assert {attempt.void_reason for attempt in voids} == {"gaze-break"}
+    assert decided.choice in ("first", "second")
+    stored = [line.split(",") for line in lines[1:]]
+    for attempt in journal.attempts:
+        with (study.sessions / "demo" / "P01" / attempt.gaze_file.file).open() as file:
+            rows = list(csv.DictReader(file))
+        assert rows
+        first = round(float(rows[0]["raw_t"]) * rate_hz)
+        for number, row in enumerate(rows, start=first):  # every sample, in order
+            t_s, x_px, y_px = map(float, stored[number])
+            assert float(row["raw_t"]) == pytest.approx(t_s, abs=1e-9)
+            assert (float(row["x_px"]), float(row["y_px"])) == (x_px, y_px)
+
+
+def test_a_recording_of_another_screen_is_refused(screen, make_study, tmp_path):
+    study = make_study({"mode": '"monitor"'})
+    tape = tmp_path / "eye.asc"
+    tape.write_text(
+        "MSG\t1 DISPLAY_COORDS 0 0 1023 767\nSTART\t1 LEFT SAMPLES\n1\t10.0\t10.0\t900.0\n"
+        "2\t10.0\t10.0\t900.0\nEND\t3 SAMPLES\n",
+        encoding="ascii",
+    )
+
+    done = screen.run(*screen.session("run", study, "--simulate", "--gaze", f"replay:{tape}"))
+
+    assert done.returncode == 2
+    assert "must be recorded on a screen of 640x480 pixels" in done.stderr
+    assert "got 1024x768" in done.stderr
+    assert not (study.sessions / "demo").exists()
