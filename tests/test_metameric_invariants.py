@@ -443,7 +443,7 @@ def test_depth_alone_fills_the_motorcycle_as_well_as_the_prototype(method, splat
     quality = evaluate(method("push-pull-depth").fill(frame, seed=0), truth, interior)
 
     assert quality.psnr_db >= 17.1
-    assert quality.ssim >= 0.615  # the prototype, depth threshold 0.03, had 0.63
+    assert quality.ssim >= 0.63
 
 
 def test_metameric_fills_the_motorcycle_with_the_right_detail(method, splatted_motorcycle, full):

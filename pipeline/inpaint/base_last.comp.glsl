@@ -2,6 +2,8 @@
 // Last push of the base: the colour of every hole pixel, in place.
 // Twin: guided_base() and push() in reference.py. Change both or neither.
 
+#constant ANY_DEPTH_BEHIND
+
 #include "pixels.glsl"
 #include "guided.glsl"
 
@@ -21,7 +23,7 @@ void complete(ivec2 pixel, ivec2 near, ivec2 far) {
     int c = far.y * work_size.x + near.x;
     int d = far.y * work_size.x + far.x;
     vec4 guides = vec4(coarse_guide[a], coarse_guide[b], coarse_guide[c], coarse_guide[d]);
-    vec4 share = push_shares(guide, guides).share;
+    vec4 share = push_shares(guide, guides, ANY_DEPTH_BEHIND).share;
     vec3 colour = mixed(share, coarse[a], coarse[b], coarse[c], coarse[d]).rgb;
     // A convex combination, but for rounding.
     imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));

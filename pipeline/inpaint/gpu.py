@@ -12,6 +12,7 @@ import moderngl
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_size, check_texture
+from pipeline.inpaint.reference import ANY_DEPTH_BEHIND, NEARBY_RESOLUTIONS
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import Key, WorkLists
 
@@ -108,6 +109,8 @@ class ChainPass:
         self._lists = lists
         self._guide = guide
         self._is_base = is_base
+        self._depth_threshold = depth_threshold
+        self._nearby = NEARBY_RESOLUTIONS if is_base else 0
         constants = {"PLANES": planes, "MOST_CHAINS": MAX_LEVELS, "TILE": CELL}
         self._pull = compile_compute(ctx, "inpaint/pull.comp.glsl", IS_BASE=is_base, **constants)
         self._push = compile_compute(ctx, "inpaint/push.comp.glsl", **constants)
@@ -116,6 +119,8 @@ class ChainPass:
             "inpaint/tail.comp.glsl",
             GROUP=TAIL_GROUP,
             CHAIN_TEXELS=resolutions.tail_texels,
+            NEARBY=max(0, self._nearby - resolutions.top),
+            ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND,
             **constants,
         )
         for shader in (self._pull, self._push, self._tail):
@@ -196,6 +201,7 @@ class ChainPass:
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
         shader["fine_columns"] = self._lists.columns(r)
         shader["fine_first"] = self._firsts(r, chains)
+        shader["behind"] = ANY_DEPTH_BEHIND if r < self._nearby else self._depth_threshold
         for kind, first, end in self._pushed(r):
             shader["first_chain"] = first
             shader["end_chain"] = end
@@ -289,7 +295,9 @@ class GuidedBasePass:
         set_array(self._first, "first_and_columns", self.lists.cell_grids)
         self._first["holes_list"] = self.lists.appendable(("holes", 1))
         self._first["incomplete_list"] = self.lists.appendable(("base", 1))
-        self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl")
+        self._last = compile_compute(
+            ctx, "inpaint/base_last.comp.glsl", ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND
+        )
         for shader in (self._first, self._last):
             shader["depth_threshold"] = depth_threshold
 

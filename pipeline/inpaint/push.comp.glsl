@@ -16,6 +16,7 @@ layout(std430, binding = 6) readonly buffer FineGuide { float fine_guide[]; };
 layout(std430, binding = 7) readonly buffer CoarseGuide { float coarse_guide[]; };
 
 uniform float gamma;
+uniform float behind;                  // see guided_shares
 uniform ivec2 coarse_size;
 uniform uint fine_columns;             // tiles per row
 uniform uint fine_first[MOST_CHAINS];  // where a chain's active tiles start
@@ -31,7 +32,7 @@ void work(ivec2 pixel) {
     int d = far.y * coarse_size.x + far.x;
     int place = pixel.y * work_size.x + pixel.x;
     Shares below = push_shares(fine_guide[place], vec4(coarse_guide[a], coarse_guide[b],
-                                                     coarse_guide[c], coarse_guide[d]));
+                                                     coarse_guide[c], coarse_guide[d]), behind);
     for (int chain = first_chain; chain < end_chain; ++chain) {
         int to = (chain * work_size.x * work_size.y + place) * PLANES;
         float validity =

@@ -23,6 +23,10 @@ from pipeline.features.reference import grow, parents
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
+# Colour pushed into these finest resolutions takes whatever is not nearer: the block that it
+# comes from spans 2 << resolution pixels at most, so what lies behind is the hole's neighbour.
+NEARBY_RESOLUTIONS = 2
+ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +61,17 @@ def pull(fine: Level, threshold: float) -> Level:
     return Level(mean, confidence, deepest)
 
 
-def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
+def push(
+    fine: Level, coarse: Level, gamma: float, threshold: float, behind: float | None = None
+) -> Level:
     """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
 
     Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
     all (classic push-pull), 1 blends by confidence. Push is guided by depth as pull is:
-    a pixel that finds nothing of its own depth below keeps what it has.
+    a pixel that finds nothing of its own depth below keeps what it has. `behind` is as for
+    `guided_mean`.
     """
-    below, similar = interpolate(coarse, fine.guide, threshold)
+    below, similar = interpolate(coarse, fine.guide, threshold, behind)
     known = fine.validity > 0
     confidence = np.where(known, np.where(similar, np.abs(fine.validity) ** gamma, 1.0), 0.0)
     values = confidence[..., None] * fine.values + (1 - confidence[..., None]) * below
@@ -72,14 +79,14 @@ def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
 
 
 def interpolate(
-    coarse: Level, guide: NDArray[np.float64], threshold: float
+    coarse: Level, guide: NDArray[np.float64], threshold: float, behind: float | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
     rows, columns = (
         parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
     )
     shares = np.full((*guide.shape, 2, 2), [[9.0, 3.0], [3.0, 1.0]])
-    return guided_mean(coarse, rows, columns, shares, guide, threshold)
+    return guided_mean(coarse, rows, columns, shares, guide, threshold, behind)
 
 
 def guided_mean(
@@ -89,6 +96,7 @@ def guided_mean(
     shares: NDArray[np.float64],
     guide: NDArray[np.float64],
     threshold: float,
+    behind: float | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Average four neighbours of a coarse level, those of the pixel's own depth only.
 
@@ -101,6 +109,10 @@ def guided_mean(
         Indices of the neighbours.
     shares : (H, W, 2, 2)
         Bilinear weights, by row and column; any scale.
+    threshold : float
+        How much nearer than the pixel a neighbour of its own depth may be.
+    behind : float, optional
+        How much farther; the threshold by default.
 
     Returns
     -------
@@ -111,7 +123,8 @@ def guided_mean(
     places = [(i, j) for i in range(2) for j in range(2)]
     step = np.stack([guide - coarse.guide[rows[i]][:, columns[j]] for i, j in places], axis=-1)
     share = np.stack([shares[..., i, j] for i, j in places], axis=-1)
-    same = share * (np.abs(step) <= threshold)
+    reach = threshold if behind is None else behind
+    same = share * ((step <= threshold) & (-step <= reach))
     similar = same.sum(axis=-1) > 0
     weight = np.where(similar[..., None], same, share * (step <= threshold))
     total = weight.sum(axis=-1, keepdims=True)
@@ -123,13 +136,17 @@ def guided_mean(
     return np.asarray(values), similar
 
 
-def pull_push(level: Level, gamma: float, threshold: float) -> list[Level]:
-    """Pull to 1x1, at least once, and push back; the completed levels, finest first."""
+def pull_push(level: Level, gamma: float, threshold: float, nearby: int = 0) -> list[Level]:
+    """Pull to 1x1, at least once, and push back; the completed levels, finest first.
+
+    The `nearby` finest levels take from whatever is not nearer; see `NEARBY_RESOLUTIONS`.
+    """
     levels = [level, pull(level, threshold)]
     while levels[-1].validity.shape != (1, 1):
         levels.append(pull(levels[-1], threshold))
     for index in reversed(range(len(levels) - 1)):
-        levels[index] = push(levels[index], levels[index + 1], gamma, threshold)
+        behind = ANY_DEPTH_BEHIND if index < nearby else threshold
+        levels[index] = push(levels[index], levels[index + 1], gamma, threshold, behind)
     return levels
 
 
@@ -176,7 +193,8 @@ def guided_base(
     near = near_a_hole(hole, source, SOURCE_RINGS, source)
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
-    return pull_push(Level(values, known, np.where(near, guide, 0.0)), gamma, threshold)
+    level = Level(values, known, np.where(near, guide, 0.0))
+    return pull_push(level, gamma, threshold, NEARBY_RESOLUTIONS)
 
 
 def band_statistics(

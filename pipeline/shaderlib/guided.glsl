@@ -32,28 +32,30 @@ Pull pull_shares(vec4 validity, vec4 guide, float deepest) {
     return Pull(total > 0.0 ? weight / total : vec4(0.0), confidence);
 }
 
-// Which of four neighbours a pixel takes, and how much: those of its own depth; where none
-// is, those not nearer. Twin: guided_mean() in inpaint/reference.py.
+// Which of four neighbours a pixel takes, and how much: those of its own depth, at most
+// `behind` farther; where none is, those not nearer. Twin: guided_mean() in
+// inpaint/reference.py.
 struct Shares {
     vec4 share;    // sums to 1, or 0 if all are nearer
     bool similar;  // whether one of the pixel's own depth was found
 };
 
-Shares guided_shares(vec4 bilinear, float guide, vec4 guides) {
+Shares guided_shares(vec4 bilinear, float guide, vec4 guides, float behind) {
     vec4 difference = guide - guides;
-    vec4 share = bilinear * vec4(lessThanEqual(abs(difference), vec4(depth_threshold)));
+    vec4 not_nearer = bilinear * vec4(lessThanEqual(difference, vec4(depth_threshold)));
+    vec4 share = not_nearer * vec4(lessThanEqual(-difference, vec4(behind)));
     float total = dot(share, vec4(1.0));
     bool similar = total > 0.0;
     if (!similar) {
-        share = bilinear * vec4(lessThanEqual(difference, vec4(depth_threshold)));
+        share = not_nearer;
         total = dot(share, vec4(1.0));
     }
     return Shares(total > 0.0 ? share / total : vec4(0.0), similar);
 }
 
 // Of a pixel's own parent and the next ones in x, in y and in both.
-Shares push_shares(float guide, vec4 guides) {
-    return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides);
+Shares push_shares(float guide, vec4 guides, float behind) {
+    return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides, behind);
 }
 
 // How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,

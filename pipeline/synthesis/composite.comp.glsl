@@ -129,7 +129,8 @@ Texel amplitudes_at(ivec2 place, ivec3 size) {
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     if (!p.hole) return;
-    share = guided_shares(share, p.guide, vec4(a.guide, b.guide, c.guide, d.guide)).share;
+    vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
+    share = guided_shares(share, p.guide, guides, depth_threshold).share;
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
 #if BACKGROUND
     if (p.origin.x >= 0.0) {

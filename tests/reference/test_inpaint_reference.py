@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pipeline.inpaint.reference import (
+    ANY_DEPTH_BEHIND,
     ONLY_NEARER,
     Level,
     band_statistics,
@@ -125,13 +126,14 @@ def test_what_is_certain_is_kept_at_every_gamma(gamma):
 
 
 COARSE = [[16.0, 160.0], [1600.0, 16000.0]]
+COARSE_MEAN = 9 + 30 + 300 + 1000  # of 9, 3, 3 and 1 sixteenths
 
 
 def test_interpolation_weighs_by_nine_three_three_one():
     """By hand, pixel (1, 1) of 4x4: its parent (0, 0) has 9/16, (0, 1), (1, 0) 3, (1, 1) 1."""
     below, similar = interpolate(level(COARSE, np.ones((2, 2))), np.full((4, 4), 0.5), THRESHOLD)
 
-    assert below[1, 1, 0] == 9 + 30 + 300 + 1000
+    assert below[1, 1, 0] == COARSE_MEAN
     assert below[0, 0, 0] == 16  # at a corner the parent stands in for all
     assert below[2, 3, 0] == 0.75 * 16000 + 0.25 * 160
     assert similar.all()
@@ -156,6 +158,39 @@ def test_interpolation_takes_farther_neighbours_where_there_are_no_others():
 
     np.testing.assert_allclose(below[1, 1, 0], (9 * 16 + 3 * 1600) / 12)
     assert not similar[1, 1]
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"), [(0.9, COARSE_MEAN), (0.3, (9 * 16 + 3 * 1600) / 12)]
+)
+def test_interpolation_may_reach_farther_but_never_nearer(other, expected):
+    """By hand: 0.9 is farther than 0.5 and takes part, 0.3 is nearer and does not."""
+    coarse = level(COARSE, np.ones((2, 2)), [[0.5, other], [0.5, other]])
+    guide = np.full((4, 4), 0.5)
+
+    below, similar = interpolate(coarse, guide, THRESHOLD, ANY_DEPTH_BEHIND)
+
+    np.testing.assert_allclose(below[1, 1, 0], expected)
+    assert similar[1, 1]
+
+
+def test_what_lies_far_behind_reaches_three_pixels_into_a_hole():
+    """A dark shelf above a bright floor with a wide hole that both know to be floor.
+
+    By hand: the hole's first row at half size, two pixels high, mixes in the shelf's block
+    above it; at full size the third row of pixels still takes a quarter from that row. From
+    coarser resolutions only floor comes.
+    """
+    hole = np.zeros((64, 64), bool)
+    hole[16:, 20:44] = True
+    floor = np.arange(64)[:, None] >= 16
+    colour = np.broadcast_to(np.where(floor, 0.8, 0.1)[..., None], (64, 64, 3))
+    guide = np.where(floor, 0.3, 0.7) * np.ones((64, 64))
+
+    filled = guided_base(colour, hole, guide, levels=1, gamma=0.25, threshold=THRESHOLD)[0].values
+
+    np.testing.assert_allclose(filled[19:], 0.8, atol=1e-12)
+    assert (filled[18, 20:44] < 0.8 - 0.01).all()
 
 
 def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
