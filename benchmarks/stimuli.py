@@ -1,8 +1,13 @@
-"""How fast clips are made: `python -m benchmarks stimuli`.
+"""How fast clips are made: `script/bench stimuli --write`.
 
 One scene, one size: frames per second of the pipeline alone (warp and fill), of PNG encoding
-alone, and of a whole build; the build's wall time over the larger of the two; two processes
-against one, each with one rendering thread; peak memory for n and for 2n frames.
+alone, and of a whole build; the build's wall time over the larger of the two (wanted: at most
+1.3); two processes against one, each with one rendering thread (wanted: at least 1.7); peak
+memory for n and for 2n frames (wanted: the same).
+
+Whatever is compared is measured in turns, a round after the other, and the median of the
+rounds' ratios is reported with the least and the greatest: other work on the machine then
+meets both alike. Two processes need two idle cores.
 """
 
 from __future__ import annotations
@@ -11,7 +16,7 @@ import argparse
 import json
 import os
 import platform
-import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -20,23 +25,39 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-REPEATS = 3
+WANTED_OVERHEAD, WANTED_SCALING, WANTED_GROWTH = 1.3, 1.7, 1.05
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
 
 
 @dataclass(frozen=True)
+class Ratio:
+    """The median of the rounds, and their least and greatest."""
+
+    median: float
+    least: float
+    greatest: float
+
+    @classmethod
+    def of(cls, rounds: Sequence[float]) -> Ratio:
+        return cls(statistics.median(rounds), min(rounds), max(rounds))
+
+    def __str__(self) -> str:
+        return f"{self.median:.2f} ({self.least:.2f} to {self.greatest:.2f})"
+
+
+@dataclass(frozen=True)
 class Speed:
-    """One method's frames per second."""
+    """One method's frames per second, medians of the rounds.
+
+    `overhead` is a build's wall time over the larger of pipeline and encoding time: 1 is
+    perfect overlap.
+    """
 
     method: str
     pipeline_fps: float
     encode_fps: float
     build_fps: float
-
-    @property
-    def overhead(self) -> float:
-        """Wall time over the larger of pipeline and encoding time; 1 is perfect overlap."""
-        return min(self.pipeline_fps, self.encode_fps) / self.build_fps
+    overhead: Ratio
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -46,16 +67,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--methods", nargs="+", default=["reference", "push-pull", "metameric"])
+    parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
     parser.add_argument("--memory-of", type=int, help=argparse.SUPPRESS)
-    parser.add_argument("--share-of", type=int, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--share", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
     if options.memory_of:
-        _one_clip(options, options.methods[-1], options.memory_of)
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+        print(_one_clip(options, options.methods[-1], options.memory_of))
         return 0
-    if options.share_of:
-        _share(options, *options.share_of)
+    if options.share:
+        _share(options)
         return 0
     speeds = [_speed(options, method) for method in options.methods]
     renderer = _renderer()
@@ -64,14 +85,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     for speed in speeds:
         print(
             f"{speed.method:<12} {speed.pipeline_fps:>5.1f} fps {speed.encode_fps:>5.1f} fps"
-            f" {speed.build_fps:>5.1f} fps  {speed.overhead:.2f}"
+            f" {speed.build_fps:>5.1f} fps  {speed.overhead}"
+            f"  {_verdict(speed.overhead.median <= WANTED_OVERHEAD, f'<= {WANTED_OVERHEAD}')}"
         )
-    # The best of several: other work on the machine takes cores from two before it does from one.
-    one, two = (min(_wall(options, count) for _ in range(REPEATS)) for count in (1, 2))
-    print(f"two processes, one rendering thread each: {2 * one / two:.2f} x one process")
+    scaling = _scaling(options)
+    print(
+        f"two processes, one rendering thread each: {scaling} x one process"
+        f"  {_verdict(scaling.median >= WANTED_SCALING, f'>= {WANTED_SCALING}')}"
+    )
     memory = [_memory(options, frames) for frames in (options.frames, 2 * options.frames)]
-    print(f"peak memory: {memory[0]:.0f} MiB for {options.frames} frames, {memory[1]:.0f} MiB for"
-          f" {2 * options.frames}")  # fmt: skip
+    print(
+        f"peak memory: {memory[0]:.0f} MiB for {options.frames} frames, {memory[1]:.0f} MiB for"
+        f" {2 * options.frames}"
+        f"  {_verdict(memory[1] <= WANTED_GROWTH * memory[0], f'at most {WANTED_GROWTH} x')}"
+    )
     if options.write:
         from protocols.revision import code_revision
 
@@ -83,12 +110,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             "scene": options.scene,
             "width_px": options.width,
             "frames": options.frames,
-            "speeds": [asdict(speed) | {"overhead": speed.overhead} for speed in speeds],
-            "two_processes_over_one": 2 * one / two,
+            "rounds": options.rounds,
+            "load_average": os.getloadavg()[0],
+            "speeds": [asdict(speed) for speed in speeds],
+            "two_processes_over_one": asdict(scaling),
             "peak_mib": {str(options.frames): memory[0], str(2 * options.frames): memory[1]},
         }
         RESULTS.write_text(json.dumps(content, indent=1) + "\n")
     return 0
+
+
+def _verdict(holds: bool, wanted: str) -> str:
+    return f"[{'holds' if holds else 'MISSED'}: {wanted}]"
 
 
 def _speed(options: argparse.Namespace, method: str) -> Speed:
@@ -99,81 +132,95 @@ def _speed(options: argparse.Namespace, method: str) -> Speed:
 
     bench, scenery, orders, clip, survey = _ready(options, method, options.frames)
     wanted = list(range(options.frames))
+    seconds: list[tuple[float, float, float]] = []
     try:
-        warm = list(_frames(bench.ctx, scenery, orders, clip, survey, wanted[:2]))
-        started = time.perf_counter()
-        colours = [
-            colour for _, colour in _frames(bench.ctx, scenery, orders, clip, survey, wanted)
-        ]
-        pipeline_s = time.perf_counter() - started
-        started = time.perf_counter()
-        with ThreadPoolExecutor(ENCODERS) as pool:
-            list(pool.map(lambda colour: encode_frame(colour, 8), colours))
-        encode_s = time.perf_counter() - started
-        with tempfile.TemporaryDirectory() as folder:
+        list(_frames(bench.ctx, scenery, orders, clip, survey, wanted[:2]))  # warm
+        for _ in range(options.rounds):
             started = time.perf_counter()
-            make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
-            build_s = time.perf_counter() - started
-        del warm
+            colours = [
+                colour for _, colour in _frames(bench.ctx, scenery, orders, clip, survey, wanted)
+            ]
+            piped = time.perf_counter()
+            with ThreadPoolExecutor(ENCODERS) as pool:
+                list(pool.map(lambda colour: encode_frame(colour, 8), colours))
+            encoded = time.perf_counter()
+            with tempfile.TemporaryDirectory() as folder:
+                make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
+                built = time.perf_counter()
+            seconds.append((piped - started, encoded - piped, built - encoded))
     finally:
         bench.release()
-    return Speed(
-        method, options.frames / pipeline_s, options.frames / encode_s, options.frames / build_s
-    )
+    fps = [options.frames / statistics.median(column) for column in zip(*seconds, strict=True)]
+    overhead = Ratio.of([build_s / max(pipe_s, png_s) for pipe_s, png_s, build_s in seconds])
+    return Speed(method, fps[0], fps[1], fps[2], overhead)
 
 
-def _one_clip(options: argparse.Namespace, method: str, frames: int) -> None:
+def _one_clip(options: argparse.Namespace, method: str, frames: int) -> float:
+    """Return the most memory, in MiB, that a clip of `frames` held, not counting its start."""
     from stimuli.clip import make_frames
 
     bench, scenery, orders, clip, survey = _ready(options, method, frames)
     with tempfile.TemporaryDirectory() as folder:
+        Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
         make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
+        status = Path("/proc/self/status").read_text()
     bench.release()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
-def _share(options: argparse.Namespace, index: int, processes: int) -> None:
-    """One of several processes: get ready, wait for the word, make a clip, say how long."""
+def _share(options: argparse.Namespace) -> None:
+    """One of two processes: get ready, and make a clip at every word, until there is none."""
     from stimuli.clip import make_frames
 
-    del index, processes
     bench, scenery, orders, clip, survey = _ready(options, options.methods[-1], options.frames)
     with tempfile.TemporaryDirectory() as folder:
         make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "warm")
         print("ready", flush=True)
-        sys.stdin.readline()
-        make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
-        print("done", flush=True)
+        for number, _ in enumerate(sys.stdin):
+            make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / str(number))
+            print("done", flush=True)
     bench.release()
 
 
-def _wall(options: argparse.Namespace, processes: int) -> float:
-    """Wall time until `processes` processes have made a clip each, without their start."""
+def _scaling(options: argparse.Namespace) -> Ratio:
+    """Two processes against one, in turns: each alone, then both at once."""
     environment = os.environ | {"LP_NUM_THREADS": "1"}
-    started = [
+    both = [
         subprocess.Popen(
-            [sys.executable, "-m", "benchmarks", "stimuli", *_again(options), "--share-of",
-             str(index), str(processes)],
+            [sys.executable, "-m", "benchmarks", "stimuli", *_again(options), "--share"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
         )
-        for index in range(processes)
+        for _ in range(2)
     ]  # fmt: skip
-    for process in started:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != "ready":
-            pass
+    for process in both:
+        _await(process, "ready")
+    rounds = []
+    for _ in range(options.rounds):
+        first, second, together = (_together(part) for part in (both[:1], both[1:], both))
+        rounds.append((first + second) / together)
+    for process in both:
+        process.communicate()
+    return Ratio.of(rounds)
+
+
+def _together(processes: Sequence[subprocess.Popen[str]]) -> float:
+    """Seconds until each of `processes` has made a clip, begun at once."""
     began = time.perf_counter()
-    for process in started:
+    for process in processes:
         assert process.stdin is not None
         process.stdin.write("go\n")
         process.stdin.flush()
-    for process in started:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != "done":
-            pass
-    wall_s = time.perf_counter() - began
-    for process in started:
-        process.communicate()
-    return wall_s
+    for process in processes:
+        _await(process, "done")
+    return time.perf_counter() - began
+
+
+def _await(process: subprocess.Popen[str], word: str) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.strip() == word:
+            return
+    raise RuntimeError(f"a process of the benchmark ended with status {process.wait()}")
 
 
 def _memory(options: argparse.Namespace, frames: int) -> float:

@@ -30,11 +30,14 @@ from stimuli.clip import Survey, read_survey
 from stimuli.derived import derive
 from stimuli.executors import LocalProcesses
 from stimuli.orders import Orders
+from stimuli.preview import PREVIEW_FOLDER, preview_path
 from stimuli.records import Records
-from stimuli.worker import RendererInfo, clip_job, describe_renderer, survey_job
+from stimuli.worker import RendererInfo, clip_job, describe_renderer, preview_job, survey_job
 
 __all__ = ["HOLES_FOLDER", "Outcome", "Report", "build", "survey_name"]
 
+WORDS = {"survey": "path of {1}", "clip": "{0}", "preview": "preview of {0}"}
+KINDS = tuple(WORDS)  # of jobs, in the order of their turn
 POLL_S = 0.25
 
 Report = Callable[[int, int, str], None]
@@ -126,7 +129,7 @@ class _Batch:
         return Outcome(manifest, missing, kept)
 
     def _make(self, missing: list[ClipName]) -> None:
-        """Survey, then make clips, a few jobs ahead of the workers, scenes together.
+        """Survey, make clips, then previews, a few jobs ahead of the workers, scenes together.
 
         A worker keeps the scene that it opened last, so what belongs to the first scene comes
         before what belongs to the second.
@@ -137,6 +140,7 @@ class _Batch:
         for name in missing:
             groups.setdefault(survey_name(name), []).append(name)
         ready = [("survey", names[0]) for names in groups.values()]
+        ready += [("preview", name) for name in self.records if self._lacks_preview(name)]
         try:
             while ready or self.running:
                 while ready and len(self.running) < self.parallel + 1:
@@ -145,14 +149,18 @@ class _Batch:
                 done, _ = wait(self.running, timeout=POLL_S, return_when=FIRST_COMPLETED)
                 for future in done:
                     kind, name = self.running.pop(future)
-                    result, renderer = future.result()
-                    self._check_renderer(renderer)
+                    result = future.result()
                     if kind == "survey":
-                        self._place_survey(name, result)
-                        self.surveys[survey_name(name)] = result
+                        survey, renderer = result
+                        self._check_renderer(renderer)
+                        self._place_survey(name, survey)
+                        self.surveys[survey_name(name)] = survey
                         ready += [("clip", member) for member in groups[survey_name(name)]]
-                    else:
-                        self._finish_clip(name, result)
+                    elif kind == "clip":
+                        hashes, renderer = result
+                        self._check_renderer(renderer)
+                        self._finish_clip(name, hashes)
+                        ready += [("preview", name)] if self._lacks_preview(name) else []
                 self._tell(len(ready))
         except BrokenProcessPool:
             raise _worker_died() from None
@@ -167,10 +175,14 @@ class _Batch:
             self.executor.stop()
         wait([future for future in self.running if not future.cancelled()])
 
-    def _order(self, job: tuple[str, ClipName]) -> tuple[int, bool, int]:
+    def _order(self, job: tuple[str, ClipName]) -> tuple[int, int, int]:
         kind, name = job
         scenes = [scene.name for scene in self.orders.protocol.scenes]
-        return scenes.index(name.scene), kind == "clip", self._rank[name]
+        return scenes.index(name.scene), KINDS.index(kind), self._rank[name]
+
+    def _lacks_preview(self, name: ClipName) -> bool:
+        wanted = self.orders.protocol.clips.preview
+        return wanted and not preview_path(self.out, self.records[name]).exists()
 
     def _submit(self, kind: str, name: ClipName) -> None:
         if kind == "survey":
@@ -179,6 +191,9 @@ class _Batch:
             unfinished = self.work / "surveys" / key
             folder = finished if read_survey(finished, key) is not None else unfinished
             future: Future[Any] = self.executor.submit(survey_job, self.orders, name, folder)
+        elif kind == "preview":
+            (self.out / PREVIEW_FOLDER).mkdir(exist_ok=True)
+            future = self.executor.submit(preview_job, self.out, self.records[name])
         else:
             survey = self.surveys[survey_name(name)]
             folder = self.work / "clips" / self.orders.clip_key(name)
@@ -211,8 +226,7 @@ class _Batch:
         for folder in self.active.values():
             if folder.exists():
                 done += sum(entry.suffix == ".png" for entry in folder.iterdir())
-        now = [f"{name}" if kind == "clip" else f"path of {survey_name(name)}"
-               for kind, name in self.running.values()]  # fmt: skip
+        now = [WORDS[kind].format(name, survey_name(name)) for kind, name in self.running.values()]
         shown = now[0] if now else "finishing"
         self.report(done, self._total, shown + (f" (+{len(now) + waiting - 1})" if now else ""))
 

@@ -1,4 +1,4 @@
-"""Previews and the contact sheet of a batch, made from its frames; they can be deleted."""
+"""What is made from a batch's frames and can be deleted: old previews go, the contact sheet."""
 
 from __future__ import annotations
 
@@ -9,24 +9,18 @@ from protocols.manifest import MANIFEST_NAME, Clip
 from protocols.schema import ClipName
 from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.orders import Orders
-from stimuli.preview import PREVIEW_FOLDER, preview_path, write_preview
+from stimuli.preview import PREVIEW_FOLDER, preview_path
 
 
 def derive(
     orders: Orders, out: Path, records: Mapping[ClipName, Clip], tell: Callable[[str], None]
 ) -> None:
-    """Make what is missing, and remove previews of clips that are no more."""
+    """Remove previews of clips that are no more, and write the contact sheet."""
     folder = out / PREVIEW_FOLDER
-    wanted = set()
-    if orders.protocol.clips.preview:
-        folder.mkdir(exist_ok=True)
-        for name in orders.clip_names:
-            path = preview_path(out, records[name])
-            wanted.add(path.name)
-            if not path.exists():
-                tell(f"preview of {name}")
-                write_preview(out, records[name], path)
     if folder.exists():
+        wanted = set()
+        if orders.protocol.clips.preview:
+            wanted = {preview_path(out, record).name for record in records.values()}
         for entry in folder.iterdir():
             if entry.name not in wanted:
                 entry.unlink()

@@ -33,7 +33,7 @@ def write_preview(out: Path, clip: Clip, path: Path) -> None:
     """
     scale = min(1.0, LARGEST_PX / max(clip.width_px, clip.height_px))
     size = tuple(max(2, round(scale * edge) // 2 * 2) for edge in (clip.width_px, clip.height_px))
-    temporary = path.with_name(f".{os.getpid()}.part.webm")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.webm")
     with _quiet_stderr():
         writer = cv2.VideoWriter(
             str(temporary), cv2.VideoWriter.fourcc(*"VP80"), clip.fps, (size[0], size[1])

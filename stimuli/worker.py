@@ -1,4 +1,5 @@
-"""What a worker process does: surveys and clips, one at a time, with one GL context.
+"""What a worker process does: surveys, clips and previews, one at a time, with one GL
+context.
 
 The same functions run in local processes and on a Dask cluster; folders lie on a disk that
 all of them see.
@@ -17,10 +18,12 @@ from pathlib import Path
 import moderngl
 
 from pipeline.gl.context import create_context, describe, release_context
+from protocols.manifest import Clip
 from protocols.schema import ClipName
 from stimuli.clip import Survey, make_frames, take_survey
 from stimuli.open_scene import open_scenery
 from stimuli.orders import Orders
+from stimuli.preview import preview_path, write_preview
 from stimuli.scenery import Scenery
 
 _PR_SET_PDEATHSIG = 1
@@ -134,3 +137,8 @@ def clip_job(
         return make_frames(bench.ctx, scenery, orders, clip, survey, folder)
 
     return _here().thread.submit(job).result(), describe_renderer()
+
+
+def preview_job(out: Path, clip: Clip) -> None:
+    """Write the preview of a finished clip."""
+    write_preview(out, clip, preview_path(out, clip))
