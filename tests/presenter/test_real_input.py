@@ -100,32 +100,29 @@ def test_a_session_by_real_keys_ignores_wrong_ones_asks_before_quitting_and_goes
     assert [e.reason for e in events_of(study, SessionEnd)] == ["quit"]
 
 
-@pytest.mark.full
 @pytest.mark.timeout(600)
 def test_a_killed_windowed_session_resumes_in_the_same_order_and_loses_nothing(
-    screen, make_study, wait
+    screen, make_study, wait, full
 ):
-    study = make_study()
-    kills = 5
+    study = make_study({"repeats": "4" if full else "1"})
+    kills = 5 if full else 1
     process = screen.start(*screen.session("run", study, "--simulate"))
     for kill in range(kills):
-        wanted = min(kill + 2, 5)
 
-        def reached(wanted=wanted):
+        def reached(wanted=kill + 1):
             return len(events_of(study, Attempt)) >= wanted
 
-        wait(reached, f"{wanted} attempts", process=process)
+        wait(reached, f"{kill + 1} attempts", process=process)
         time.sleep(0.35)  # inside the next trial
         process.send_signal(signal.SIGKILL)
         process.communicate(timeout=30)
         before = study.journal().events
         process = screen.start(*screen.session("resume", study, "--simulate"))
-        resumed = SessionResume, kill + 1
-        wait(
-            lambda: len(events_of(study, resumed[0])) == resumed[1],  # noqa: B023
-            "the resume",
-            process=process,
-        )
+
+        def resumed(wanted=kill + 1):
+            return len(events_of(study, SessionResume)) == wanted
+
+        wait(resumed, "the resume", process=process)
         assert study.journal().events[: len(before)] == before
     _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err

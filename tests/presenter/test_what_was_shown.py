@@ -28,13 +28,37 @@ def clip_rectangle(study) -> tuple[int, int, int, int]:
     return (640 - width) // 2, (480 - height) // 2, width, height
 
 
+# Paced so that the capture keeps up on a busy machine: after each flip the presenter waits until
+# the watcher has read it. A flip that never comes is waited for in vain, and noticed.
+PACED = """
+import mmap, struct, sys, time
+from study_app import presenter
+from study_app.cli import main
+
+with open(sys.argv.pop(), "r+b") as file:
+    read = mmap.mmap(file.fileno(), 8)
+presenters_flip = presenter.Presenter._flip
+def paced(self, draw):
+    shown = presenters_flip(self, draw)
+    until_s = time.monotonic() + 2.0
+    while struct.unpack("<q", read[:8])[0] < shown.number and time.monotonic() < until_s:
+        time.sleep(0.0005)
+    return shown
+presenter.Presenter._flip = paced
+"""
+
+
 @contextmanager
-def watched(screen, study) -> Iterator[list[Seen]]:
-    """Yield a list that holds, afterwards, every picture that another process saw."""
+def watched(screen, study, read: Path) -> Iterator[list[Seen]]:
+    """Yield a list that holds, afterwards, every picture that another process saw.
+
+    `read` is the file in which it says how far it has read.
+    """
     seen: list[Seen] = []
+    read.write_bytes(b"\xff" * 8)
     script = Path(__file__).with_name("screen_watcher.py")
     watcher = subprocess.Popen(
-        [sys.executable, script, screen.file, *map(str, clip_rectangle(study))],
+        [sys.executable, script, screen.file, *map(str, clip_rectangle(study)), read],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -74,14 +98,15 @@ def logged_frames(study, rows) -> dict[int, str | None]:
 
 @pytest.mark.timeout(900)
 def test_another_process_sees_every_logged_flip_in_order_with_the_right_frame(
-    screen, make_study, flips_of, full
+    screen, make_study, tmp_path, flips_of, full
 ):
     study = make_study({"repeats": "16" if full else "2"})
+    read = tmp_path / "read"
 
-    with watched(screen, study) as seen:
-        done = screen.run(*screen.session("run", study, "--simulate", "--strip", "--photodiode"))
+    with watched(screen, study, read) as seen:
+        arguments = screen.session("run", study, "--simulate", "--strip", "--photodiode")
+        screen.script(PACED + "main()", *arguments, read)
 
-    assert done.returncode == 0, done.stderr
     rows = flips_of(study)
     logged = logged_frames(study, rows)
     assert len(logged) >= (3000 if full else 300)
@@ -98,9 +123,7 @@ def test_another_process_sees_every_logged_flip_in_order_with_the_right_frame(
 
 
 SABOTAGE = """
-import sys
 from study_app import clips, draw, window
-from study_app.cli import main
 
 read_frame = clips.read_frame
 def swapped_and_mirrored(folder, clip, index):
@@ -110,7 +133,6 @@ def swapped_and_mirrored(folder, clip, index):
 clips.read_frame = swapped_and_mirrored
 
 missing = []
-flip = window.Window.flip
 frames = draw.Painter.clip_frame
 def clip_frame(self, clip, layer, place):
     missing.append(layer)
@@ -131,13 +153,15 @@ main()
 """
 
 
-def test_a_frame_that_is_swapped_mirrored_or_missing_is_named_exactly(screen, make_study, flips_of):
+def test_a_frame_that_is_swapped_mirrored_or_missing_is_named_exactly(
+    screen, make_study, tmp_path, flips_of
+):
     study = make_study(ONE_TRIAL)
+    read = tmp_path / "read"
 
-    with watched(screen, study) as seen:
-        screen.script(
-            SABOTAGE, *screen.session("run", study, "--simulate", "--strip", "--seed", "1")
-        )
+    with watched(screen, study, read) as seen:
+        arguments = screen.session("run", study, "--simulate", "--strip", "--seed", "1")
+        screen.script(PACED + SABOTAGE, *arguments, read)
 
     rows = flips_of(study)
     logged = logged_frames(study, rows)
