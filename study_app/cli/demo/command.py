@@ -1,0 +1,96 @@
+"""`metamerlab demo`: the whole chain on real input, with nothing to bring."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from protocols.errors import StudyError
+from study_app.cli.errors import user_errors
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder to fill; made if it is missing.")] = Path(
+        "out/demo"
+    ),
+    pictures_only: Annotated[
+        bool,
+        typer.Option(
+            "--pictures-only", help="Only warp and fill one photograph: seconds, no study."
+        ),
+    ] = False,
+    observers: Annotated[
+        int, typer.Option(min=2, help="Simulated observers, the one before the window included.")
+    ] = 12,
+    display: Annotated[
+        str | None,
+        typer.Option(
+            help="Show the window on this machine's screen, which this display file (or name)"
+            " describes. [default: a screen of its own without a monitor]",
+            show_default=False,
+        ),
+    ] = None,
+    no_window: Annotated[
+        bool, typer.Option("--no-window", help="Simulate every observer without a window.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Throw an earlier demonstration there away first.")
+    ] = False,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of noise and observers; same seed, same results.")
+    ] = 0,
+) -> None:
+    """See the whole chain at work: clips, sittings, report.
+
+    A pair of photographs and two made scenes are warped and their holes filled; simulated
+    observers compare the fills through the real session, one of them before a real window; the
+    answers are analysed. One page shows it all: OUT/index.html. Run again, it keeps what is
+    done; interrupted, it goes on.
+
+    Examples:
+
+        metamerlab demo --out out/demo
+
+        metamerlab demo --pictures-only --out out/pictures
+    """
+    with user_errors():
+        if pictures_only:
+            _pictures(out, seed)
+            return
+        if no_window and display is not None:
+            raise StudyError(
+                "--no-window and --display exclude each other: a display is where the window goes"
+            )
+        from study_app.cli.demo.layout import RECORD_NAME
+        from study_app.cli.demo.run import Options, run_demo
+
+        if fresh and out.exists():
+            if not (out / RECORD_NAME).is_file():
+                raise StudyError(
+                    f"--fresh: {out} must be the folder of a demonstration (it holds no"
+                    f" {RECORD_NAME}); nothing was deleted"
+                )
+            shutil.rmtree(out)
+        console = Console(highlight=False, soft_wrap=True)
+        console.print("The demonstration takes some minutes. Observers are simulated.")
+        options = Options(
+            out, observers=observers, window=not no_window, display=display, seed=seed
+        )
+        layout = run_demo(options, console)
+        console.print(f"[bold]Look at {layout.page}[/bold] (open it in a browser)")
+
+
+def _pictures(out: Path, seed: int) -> None:
+    from study_app.cli.demo.pictures import SHEET, fill_photographs
+
+    console = Console(highlight=False, soft_wrap=True)
+    with console.status("warping and filling the motorcycle pair ..."):
+        made = fill_photographs(out, seed)
+    height, width = made.size_px
+    console.print(f"renderer: {made.renderer}")
+    console.print(f"{width} x {height} px, holes {100 * made.hole_share:.1f} % of the frame")
+    console.print(f"look at {out / SHEET}")

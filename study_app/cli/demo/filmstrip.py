@@ -1,0 +1,161 @@
+"""Pictures of one trial, in the order in which they stood on the screen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from protocols.display import Display
+from protocols.journal import Attempt
+from protocols.manifest import Manifest
+from protocols.schema import StudyProtocol
+from stimuli.pictures import save_picture
+from study_app.cli.demo.sitting import Flip, clip_place
+from study_app.cli.demo.watcher import Image
+
+STRIP_NAME = "trial.json"
+SHOTS = {"fixate": 1, "first": 4, "gap": 1, "second": 4, "respond": 1}
+"""How many pictures of each phase."""
+Source = Literal["screen", "log"]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture of the strip."""
+
+    file: str
+    phase: str
+    t_s: float
+    """Since the trial's first flip."""
+    flip: int
+    frame: str
+    """SHA-256 of the clip frame's file; empty where none is shown."""
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A trial in pictures."""
+
+    source: Source
+    """`screen`: read from the screen's memory while it was shown. `log`: drawn again from the
+    frames that the log names."""
+    participant: str
+    trial: str
+    scene: str
+    size: str
+    first: str
+    second: str
+    chosen: str
+    rt_s: float
+    missed: int
+    """Refreshes missed in the whole attempt."""
+    shots: tuple[Shot, ...]
+
+
+def worth(attempt: Attempt, protocol: StudyProtocol) -> int:
+    """How much an attempt is worth showing: 0 not at all, 3 the primary comparison, large holes."""
+    if attempt.outcome != "completed" or attempt.practice or attempt.catch:
+        return 0
+    primary = protocol.analysis.primary
+    wanted = {primary.method, primary.against} if primary is not None else set()
+    is_primary = {attempt.first, attempt.second} == wanted
+    is_large = attempt.size == protocol.sizes[-1].name
+    return 1 + is_primary + (is_primary and is_large)
+
+
+def chosen_flips(flips: list[Flip], available: Mapping[int, Image] | None) -> list[Flip]:
+    """Choose evenly within each phase, among the flips of which there is a picture."""
+    chosen = []
+    for phase, count in SHOTS.items():
+        of_phase = [
+            flip
+            for flip in flips
+            if flip.phase == phase
+            and (flip.number in available if available is not None else bool(flip.frame))
+        ]
+        if of_phase:
+            # In the middle of equal parts: the very first flip of a phase tells least.
+            places = (np.arange(count) + 0.5) / count * len(of_phase)
+            chosen += [of_phase[index] for index in sorted({int(place) for place in places})]
+    return chosen
+
+
+def write_strip(
+    folder: Path,
+    source: Source,
+    participant: str,
+    attempt: Attempt,
+    flips: list[Flip],
+    pictures: Mapping[int, Image],
+) -> None:
+    """Write the chosen pictures and, last, what they are."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / STRIP_NAME).unlink(missing_ok=True)
+    for old in folder.glob("*.png"):
+        old.unlink()
+    shots = []
+    for place, flip in enumerate(flips):
+        name = f"{place:02d}-{flip.phase}.png"
+        save_picture(folder / name, pictures[flip.number])
+        shots.append(
+            Shot(name, flip.phase, round(flip.t_s, 4), flip.number, flip.frame)
+        )  # fmt: skip
+    strip = Strip(
+        source=source,
+        participant=participant,
+        trial=attempt.trial,
+        scene=attempt.scene,
+        size=attempt.size,
+        first=attempt.first,
+        second=attempt.second,
+        chosen=attempt.chosen or "",
+        rt_s=attempt.rt_s or 0.0,
+        missed=attempt.dropped,
+        shots=tuple(shots),
+    )
+    part = folder / (STRIP_NAME + ".part")
+    part.write_text(json.dumps(asdict(strip), indent=1) + "\n", encoding="utf-8")
+    part.replace(folder / STRIP_NAME)
+
+
+def read_strip_file(folder: Path) -> Strip | None:
+    """Return the strip that was written there, or None."""
+    try:
+        raw = json.loads((folder / STRIP_NAME).read_text(encoding="utf-8"))
+        shots = tuple(Shot(**shot) for shot in raw.pop("shots"))
+        strip = Strip(shots=shots, **raw)
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return strip if all((folder / shot.file).is_file() for shot in shots) else None
+
+
+def redraw(
+    flips: list[Flip],
+    clips: Path,
+    manifest: Manifest,
+    protocol: StudyProtocol,
+    display: Display,
+) -> dict[int, Image]:
+    """Return what the screen must have shown at flips with a clip, from the frames on disk."""
+    paths = {
+        sha: clip.frame_path(index)
+        for clip in manifest.clips
+        for index, sha in enumerate(clip.frames_sha256)
+    }
+    place = clip_place(display, protocol)
+    grey = round(255 * protocol.display.background)
+    found = {}
+    for flip in flips:
+        screen = np.full((display.height_px, display.width_px, 3), grey, np.uint8)
+        with PillowImage.open(clips / paths[flip.frame]) as image:
+            screen[place.top : place.top + place.height, place.left : place.left + place.width] = (
+                np.asarray(image.convert("RGB"))
+            )
+        found[flip.number] = screen
+    return found

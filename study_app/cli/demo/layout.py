@@ -1,0 +1,116 @@
+"""Where everything of a demonstration lies, and what was done when."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocols.errors import StudyError
+
+RECORD_NAME = "demo.json"
+_OURS = ("index.html", "pictures", "clips", "sessions", "report", "trial", "screen.toml")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The folder that `metamerlab demo` fills."""
+
+    out: Path
+
+    @property
+    def page(self) -> Path:
+        """The page to look at."""
+        return self.out / "index.html"
+
+    @property
+    def pictures(self) -> Path:
+        """Fills of one pair of photographs."""
+        return self.out / "pictures"
+
+    @property
+    def clips(self) -> Path:
+        """The study's clips with their manifest."""
+        return self.out / "clips"
+
+    @property
+    def sessions(self) -> Path:
+        """Journals of all observers."""
+        return self.out / "sessions"
+
+    @property
+    def report(self) -> Path:
+        """What the analysis wrote."""
+        return self.out / "report"
+
+    @property
+    def trial(self) -> Path:
+        """Pictures of one trial as it stood on the screen."""
+        return self.out / "trial"
+
+    @property
+    def screen(self) -> Path:
+        """The display file of the screen without a monitor."""
+        return self.out / "screen.toml"
+
+    def prepare(self) -> None:
+        """Make the folder.
+
+        Raises
+        ------
+        StudyError
+            If it holds files with our names that no demonstration wrote.
+        """
+        self.out.mkdir(parents=True, exist_ok=True)
+        if (self.out / RECORD_NAME).exists():
+            return
+        for name in _OURS:
+            if (self.out / name).exists():
+                raise StudyError(
+                    f"{self.out}: must be empty or made by 'metamerlab demo' (it holds {name}"
+                    f" but no {RECORD_NAME}); choose another --out, or move it away"
+                )
+
+
+class Record:
+    """What was done and how long it took: ``demo.json``, so that a second run keeps it."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._path = layout.out / RECORD_NAME
+        try:
+            known = json.loads(self._path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            known = {}
+        self._steps: dict[str, dict[str, object]] = known if isinstance(known, dict) else {}
+        self._write()
+
+    def matches(self, step: str, key: str) -> bool:
+        """Whether the step was done before, from the same things."""
+        return self._steps.get(step, {}).get("key") == key
+
+    def seconds(self, step: str) -> float:
+        """How long the step took when it was done; 0 if it never was."""
+        return float(str(self._steps.get(step, {}).get("seconds", 0.0)))
+
+    def notes(self, step: str) -> Mapping[str, object]:
+        """What the step left to be told."""
+        found = self._steps.get(step, {}).get("notes", {})
+        return found if isinstance(found, dict) else {}
+
+    def done(
+        self, step: str, key: str, seconds: float, notes: Mapping[str, object] | None = None
+    ) -> None:
+        """Note that a step is done."""
+        self._steps[step] = {"key": key, "seconds": round(seconds, 2), "notes": dict(notes or {})}
+        self._write()
+
+    def forget(self, step: str) -> None:
+        """Note that a step has to be done again."""
+        if self._steps.pop(step, None) is not None:
+            self._write()
+
+    def _write(self) -> None:
+        part = self._path.with_suffix(".part")
+        part.write_text(json.dumps(self._steps, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        part.replace(self._path)

@@ -1,0 +1,306 @@
+"""The page of a demonstration: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from protocols.display import Display
+from protocols.manifest import Clip, Manifest
+from protocols.schema import StudyProtocol
+from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.pictures import of_holes
+from stimuli.png import decode
+from stimuli.preview import preview_path
+from study_app.cli.demo import filmstrip, pictures
+from study_app.cli.demo.layout import Layout, Record
+from study_app.operator_view import standing
+from study_app.sittings import find_sittings
+
+JPEG_QUALITY = 90
+SHOT_PX = 300
+DETAIL_SCALE = 2
+PHASES = {
+    "fixate": "fixation",
+    "first": "first clip",
+    "gap": "gap",
+    "second": "second clip",
+    "respond": "answer",
+}
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the page says beside the pictures."""
+
+    protocol: StudyProtocol
+    study: str
+    display: Display
+    own_display: str | None
+    """The user's display file, where the window stood on their own screen."""
+    observers: int
+    window: bool
+    photographs: pictures.Photographs
+    manifest: Manifest
+    headline: str
+    cores: int
+    version: str
+    run_s: float
+
+
+def write_page(layout: Layout, record: Record, facts: Facts) -> None:
+    """Write ``index.html``, whole or not at all."""
+    environment = Environment(
+        loader=PackageLoader("study_app.cli.demo", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    strip = filmstrip.read_strip_file(layout.trial)
+    assert strip is not None
+    labels = _labels(facts.protocol)
+    sittings = find_sittings(layout.sessions, facts.protocol.study.name)
+    text = environment.get_template("page.html").render(
+        facts=facts,
+        labels=labels,
+        steps=_steps(record, facts),
+        photographs=_photographs(layout, facts.photographs),
+        clip_rows=_clip_rows(layout, facts),
+        strip=strip,
+        shots=_shots(layout, strip, facts),
+        seen=record.notes("window"),
+        sittings=[_sitting_row(sitting) for sitting in sittings],
+        figures=_figures(layout),
+        frames=facts.protocol.clips.frames,
+        out=os.path.relpath(layout.out),
+        places=_places(layout),
+    )
+    part = layout.page.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(layout.page)
+
+
+def _labels(protocol: StudyProtocol) -> dict[str, str]:
+    entries = (*protocol.scenes, *protocol.sizes, *protocol.methods)
+    return {entry.name: entry.label or entry.name for entry in entries}
+
+
+def _steps(record: Record, facts: Facts) -> list[dict[str, Any]]:
+    protocol, clips = facts.protocol, facts.manifest.clips
+    frames = sum(len(clip.frames_sha256) for clip in clips)
+    virtual = facts.observers - facts.window
+    told = [
+        ("pictures", "Filled the holes of one photograph", "warp, push-pull, metameric"),
+        (
+            "clips",
+            "Built the study's clips",
+            f"{len(protocol.scenes)} scenes x {len(protocol.sizes)} sizes x"
+            f" {len(protocol.methods)} methods = {len(clips)} clips, {frames} frames",
+        ),
+        ("check", "Checked them", "every frame hashed again and compared with the manifest"),
+        (
+            "window",
+            "Ran one simulated observer before a real window",
+            "the real presenter, in real time",
+        ),
+        (
+            "virtual",
+            f"Ran {virtual} simulated observers on a virtual display",
+            "the same session code on a clock that need not wait",
+        ),
+        ("report", "Analysed", "statistics, figures, tables and one page"),
+    ]
+    rows = [
+        {"title": title, "text": text, "seconds": record.seconds(name)}
+        for name, title, text in told
+        if name != "window" or facts.window
+    ]
+    longest = max(float(str(row["seconds"])) for row in rows) or 1.0
+    return [{**row, "share": 100 * float(str(row["seconds"])) / longest} for row in rows]
+
+
+def _photographs(layout: Layout, made: pictures.Photographs) -> list[dict[str, Any]]:
+    told = (
+        (pictures.WARPED, "Warped to the other eye", "what the left camera did not see, marked"),
+        ("push-pull", "Push-pull", "smooth colour"),
+        ("push-pull-depth", "Push-pull, guided by depth", "colour of the background alone"),
+        ("metameric", "Metameric", "colour and texture of the background"),
+        (pictures.TRUTH, "The truth", "the photograph taken there"),
+    )
+    (top, left), (height, width) = made.detail, pictures.DETAIL_PX
+    rows = []
+    for name, title, text in told:
+        picture = _read(layout.pictures / f"{name}.png")
+        detail = picture[top : top + height, left : left + width]
+        large = np.repeat(np.repeat(detail, DETAIL_SCALE, 0), DETAIL_SCALE, 1)
+        rows.append(
+            {
+                "title": title,
+                "text": text,
+                "quality": made.quality.get(name, ""),
+                "file": f"pictures/{name}.png",
+                "whole": _jpeg(picture),
+                "detail": _png(large),
+            }
+        )
+    return rows
+
+
+def _clip_rows(layout: Layout, facts: Facts) -> list[dict[str, Any]]:
+    """One row per scene and size: holes, then every method, at the frame with most holes."""
+    methods = [method.name for method in facts.protocol.methods]
+    order = [name for name in methods if name != "reference"]
+    order += [name for name in methods if name == "reference"]
+    groups: dict[tuple[str, str], dict[str, Clip]] = {}
+    for clip in facts.manifest.clips:
+        groups.setdefault((clip.scene, clip.size), {})[clip.method] = clip
+    last_size = facts.protocol.sizes[-1].name
+    rows = []
+    for (scene, size), clips in groups.items():
+        some = next(iter(clips.values()))
+        folder = layout.clips / HOLES_FOLDER / survey_name(some.clip_name)
+        masks = [
+            decode(folder / f"{index:06d}.png") > 0 for index in range(len(some.frames_sha256))
+        ]
+        index = int(np.argmax([mask.mean() for mask in masks]))
+        frames = {
+            name: _read(layout.clips / clips[name].frame_path(index))
+            for name in order
+            if name in clips
+        }
+        warped = frames.get("push-pull", next(iter(frames.values())))
+        rows.append(
+            {
+                "scene": scene,
+                "size": size,
+                "hole_share": some.hole_share,
+                "frame": index,
+                "extent_m": float(str(some.parameters["extent_m"])),
+                "holes": _jpeg(of_holes(warped.astype(np.float64) / 255, masks[index])),
+                "frames": [
+                    {
+                        "method": name,
+                        "still": _jpeg(frame),
+                        "video": _video(layout, clips[name]) if size == last_size else "",
+                    }
+                    for name, frame in frames.items()
+                ],
+            }
+        )
+    return rows
+
+
+def _video(layout: Layout, clip: Clip) -> str:
+    path = preview_path(layout.clips, clip)
+    if not path.is_file():
+        return ""
+    return "data:video/webm;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _shots(layout: Layout, strip: filmstrip.Strip, facts: Facts) -> list[dict[str, Any]]:
+    """Pictures of the strip: the middle of the screen, so that the clip can be seen."""
+    width, height = facts.display.centred_size_px(
+        facts.protocol.clips.width_deg, facts.protocol.clips.height_deg
+    )
+    rows = []
+    for shot in strip.shots:
+        picture = _read(layout.trial / shot.file)
+        # A little of the grey around the clip.
+        rows_px = min(picture.shape[0], round(1.25 * height))
+        columns_px = min(picture.shape[1], round(1.25 * width))
+        top, left = (picture.shape[0] - rows_px) // 2, (picture.shape[1] - columns_px) // 2
+        cut = picture[top : top + rows_px, left : left + columns_px]
+        if shot.phase == "respond":
+            cut = picture
+        rows.append(
+            {
+                "phase": PHASES[shot.phase],
+                "t_s": shot.t_s,
+                "flip": shot.flip,
+                "frame": shot.frame[:8],
+                "picture": _jpeg(_at_width(cut, SHOT_PX)),
+                "file": f"trial/{shot.file}",
+            }
+        )
+    return rows
+
+
+def _sitting_row(sitting: Any) -> dict[str, Any]:
+    start = sitting.journal.start
+    now = standing(sitting.journal.events)
+    return {
+        "code": sitting.participant,
+        "where": "virtual display" if start.timing_evidence == "virtual" else "real window",
+        "evidence": start.timing_evidence,
+        "decisions": sitting.main_done,
+        "planned": start.trials,
+        "attempts": now.attempts,
+        "voids": ", ".join(f"{count} {reason}" for reason, count in now.voids),
+        "missed": now.dropped,
+        "shown": now.shown,
+        "simulated": start.simulated,
+        "state": sitting.state,
+    }
+
+
+def _figures(layout: Layout) -> list[dict[str, str]]:
+    told = (
+        ("preference", "How often each method was chosen over another, with 95 % limits."),
+        ("scale", "All methods on one scale of just-objectionable differences (JOD)."),
+    )
+    found = []
+    for name, caption in told:
+        path = layout.report / "figures" / f"{name}-2-column.svg"
+        if path.is_file():
+            data = base64.b64encode(path.read_bytes()).decode()
+            found.append({"caption": caption, "data": f"data:image/svg+xml;base64,{data}"})
+    return found
+
+
+def _places(layout: Layout) -> list[tuple[str, str]]:
+    told = (
+        ("report/report.html", "the report: every test, figure and caution"),
+        ("report/results.json", "every number of it"),
+        ("report/tables/", "one row per attempt and per decision, with a data dictionary"),
+        ("clips/contact-sheet.html", "all clips, any two side by side with a slider"),
+        ("clips/manifest.json", "hash, seed and parameters of every frame"),
+        ("sessions/", "the journals of all observers: the only truth, all else is derived"),
+        ("trial/", "the pictures of the filmstrip, as they stood on the screen"),
+        ("pictures/before-and-after.png", "the photograph and its fills on one sheet"),
+        ("screen.toml", "the screen that the window was shown on, as a display file"),
+    )
+    return [(name, what) for name, what in told if (layout.out / name).exists()]
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    with PillowImage.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def _at_width(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    if picture.shape[1] <= width:
+        return picture
+    height = round(picture.shape[0] * width / picture.shape[1])
+    image = PillowImage.fromarray(picture)
+    return np.asarray(image.resize((width, height), PillowImage.Resampling.LANCZOS))
+
+
+def _jpeg(picture: NDArray[np.uint8]) -> str:
+    buffer = io.BytesIO()
+    PillowImage.fromarray(picture).save(
+        buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True
+    )
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def _png(picture: NDArray[np.uint8]) -> str:
+    buffer = io.BytesIO()
+    PillowImage.fromarray(picture).save(buffer, "PNG", optimize=True)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
