@@ -193,7 +193,9 @@ def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, 
             time.sleep(0.01)
         time.sleep(rng.uniform(0, 0.1))
         process.send_signal(signal.SIGKILL)
-        if process.wait() != 0:
+        status = process.wait()
+        assert status in (0, -signal.SIGKILL)
+        if status != 0:
             killed += 1
             assert not (out / "manifest.json").exists() or check_batch(out).in_order
         else:  # it was faster: begin anew
@@ -366,32 +368,3 @@ def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_st
     assert re.search(r"disk\s+[\d.]+ GiB", result.stdout)
     assert re.search(r"time\s+about \d+ ", result.stdout)
     assert not (tmp_path / "clips").exists()
-
-
-def test_the_contact_sheet_draws_itself_in_a_browser(batch, tmp_path):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("needs Chromium")
-    page = batch / "contact-sheet.html"
-    assert not re.search(r"(src|href)=[\"']?(https?:)?//", page.read_text())
-    result = subprocess.run(
-        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=5000",
-         f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert 'data-ready="yes"' in result.stdout
-    assert "frame 0 (0.00 s)" in result.stdout
-
-
-def test_previews_play_every_frame(batch):
-    import cv2
-
-    clips = read_manifest(batch).clips
-    previews = sorted((batch / "previews").glob("*.webm"))
-    assert len(previews) == len(clips)
-    video = cv2.VideoCapture(str(previews[0]))
-    frames = 0
-    while video.read()[0]:
-        frames += 1
-    video.release()
-    assert frames == 4
