@@ -168,10 +168,10 @@ def flow_between(
     -------
     flow_px : ndarray of float32, shape (H, W, 2)
         Target minus source position, x then y; (0, 0) for points that the target has
-        behind it.
+        behind it, or so far aside that float32 cannot say where.
     target_depth_m : ndarray of float32, shape (H, W)
-        Depth of the same points along the target's axis; 0 for points behind it, which
-        nothing may draw.
+        Depth of the same points along the target's axis; 0 for those points, which nothing
+        may draw.
 
     Raises
     ------
@@ -194,12 +194,11 @@ def flow_between(
     inverse = 1.0 / depth_m.astype(np.float64)
     scaled = turned + shift_m * inverse[..., None]
     end, depth_ratio = target._image(scaled)
-    behind = ~(depth_ratio > 0)
-    flow = np.where(behind[..., None], 0.0, end - start)
-    with np.errstate(invalid="ignore"):
-        target_depth = np.where(behind, 0.0, depth_ratio) * depth_m.astype(np.float64)
-    target_depth = np.where(behind, 0.0, target_depth)
-    return flow.astype(np.float32), target_depth.astype(np.float32)
+    with np.errstate(invalid="ignore", over="ignore"):
+        flow = (end - start).astype(np.float32)
+        target_depth = (depth_ratio * depth_m.astype(np.float64)).astype(np.float32)
+    seen = (depth_ratio > 0) & np.isfinite(flow).all(axis=-1)
+    return np.where(seen[..., None], flow, 0), np.where(seen, target_depth, 0)
 
 
 def reprojection(source: Camera, target: Camera) -> NDArray[np.float64]:
@@ -211,7 +210,8 @@ def reprojection(source: Camera, target: Camera) -> NDArray[np.float64]:
     -------
     ndarray of float64, shape (4, 4)
         Takes (x, y, 1, 1 / depth_m) of the target to homogeneous (x, y, w, .) of the
-        source; a depth of inf is 0 in the last place.
+        source; a depth of inf is 0 in the last place. w is above 0 in front of the source
+        alone: elsewhere x / w and y / w are no place in its image.
     """
     source_from_target = np.linalg.inv(source.world_from_camera) @ target.world_from_camera
     matrix = np.eye(4)

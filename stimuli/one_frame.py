@@ -10,10 +10,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
 from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate
+from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
 from stimuli import pictures
@@ -67,8 +67,7 @@ def warp_and_fill(
     InputError
         If the input breaks a rule, everything is a hole, or a method cannot be made.
     """
-    if seed < 0:
-        raise InputError(f"seed must be at least 0 (got {seed})")
+    seed = check_seed(seed)
     warped = warp_frame(
         ctx,
         frame.source,

@@ -24,7 +24,7 @@ class Method(Protocol):
         warped : WarpedFrame
             At least one pixel must be known.
         seed : int
-            Of the noise, at least 0; methods without noise ignore it.
+            Of the noise, from 0 to 2**63 - 1; methods without noise ignore it.
 
         Returns
         -------

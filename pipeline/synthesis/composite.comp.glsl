@@ -8,6 +8,7 @@
 #constant CHANNELS  // of noise: 1 or 3
 #constant NOISE_TILE
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
+#constant ANCHOR_REACH_PX
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -44,14 +45,15 @@ vec4 bilinear(vec2 fraction) {
 
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
+    vec2 place = here;
 #if ANCHOR == 1
-    return here - imageLoad(flow_px, pixel).rg;
+    place = here - imageLoad(flow_px, pixel).rg;
 #elif ANCHOR == 2
     vec4 point = source_from_target * vec4(here, 1.0, 1.0 / depth);
-    return point.xy / point.z;
-#else
-    return here;
+    if (!(point.z > 0.0)) return here;  // behind the source camera
+    place = point.xy / point.z;
 #endif
+    return all(lessThan(abs(place), vec2(ANCHOR_REACH_PX))) ? place : here;
 }
 
 ivec2 noise_texel(ivec2 place) {

@@ -8,7 +8,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.features.gpu import LowBandPass, band_constants
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
@@ -19,7 +18,12 @@ from pipeline.synthesis import background
 from pipeline.synthesis.noise import LAGS, noise_bands
 from pipeline.synthesis.noise import TILE as NOISE_TILE
 from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_VARIANCE
-from pipeline.synthesis.settings import MetamericSettings
+from pipeline.synthesis.settings import (
+    ANCHOR_REACH_PX,
+    MetamericSettings,
+    check_seed,
+    check_source_from_target,
+)
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
@@ -101,6 +105,7 @@ class MetamericPass:
             CHANNELS=self._channels,
             NOISE_TILE=NOISE_TILE,
             ANCHOR=_ANCHORS[settings.anchor],
+            ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
@@ -149,7 +154,14 @@ class MetamericPass:
         return self._seek.origin_px
 
     def set_seed(self, seed: int) -> None:
-        """Make the noise of `seed`, unless it is the one at hand."""
+        """Make the noise of `seed`, unless it is the one at hand.
+
+        Raises
+        ------
+        InputError
+            If `seed` is not a whole number from 0 to 2**63 - 1.
+        """
+        seed = check_seed(seed)
         if seed == self._seed:
             return
         noise = noise_bands(seed, self.settings.levels, self._channels)
@@ -188,10 +200,9 @@ class MetamericPass:
         check_texture(depth_m, "depth_m", self.size, "r32f")
         check_texture(flow_px, "flow_px", self.size, "rg32f")
         if self.settings.anchor == "camera":
-            if source_from_target is None:
-                raise InputError('anchor "camera" needs source_from_target (got None)')
+            matrix = check_source_from_target(source_from_target)
             self._composite["source_from_target"] = tuple(
-                source_from_target.T.astype(np.float32).ravel().tolist()
+                matrix.T.astype(np.float32).ravel().tolist()
             )
         self.set_seed(seed)
         self.base(image, depth_m, z_near_m)

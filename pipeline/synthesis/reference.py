@@ -28,7 +28,12 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.noise import LAGS, TILE, NoiseBands, noise_bands
-from pipeline.synthesis.settings import MetamericSettings
+from pipeline.synthesis.settings import (
+    ANCHOR_REACH_PX,
+    MetamericSettings,
+    check_seed,
+    check_source_from_target,
+)
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
@@ -58,18 +63,20 @@ def metameric_fill(
     Parameters
     ----------
     seed : int
-        Of the noise.
+        Of the noise, from 0 to 2**63 - 1.
     z_near_m : float
         The clip's nearest depth, greater than 0.
     source_from_target : ndarray, shape (4, 4), optional
         For ``anchor="camera"``: takes (x, y, 1, 1 / depth_m) of the target to
-        homogeneous (x, y) of the source; see `camera.reprojection`.
+        homogeneous (x, y, w) of the source, w > 0 in front of it; see `camera.reprojection`.
 
     Raises
     ------
     InputError
-        If every pixel is a hole.
+        If every pixel is a hole, the seed is none, or the matrix is missing, not 4x4 or not
+        finite.
     """
+    seed = check_seed(seed)
     check_some_known(warped.hole)
     guide = guide_from_depth(warped.depth_m, z_near_m)
     base_levels = guided_base(
@@ -286,9 +293,13 @@ def _anchors(
     if settings.anchor == "screen":
         return here
     if settings.anchor == "flow":
-        return here - warped.flow_px
-    if source_from_target is None:
-        raise ValueError('anchor "camera" needs source_from_target')
-    inverse = 1.0 / warped.depth_m.astype(np.float64)
-    point = np.stack([x, y, np.ones_like(x), inverse], axis=-1) @ source_from_target.T
-    return point[..., :2] / point[..., 2:3]
+        place = here - warped.flow_px.astype(np.float64)
+        seen = np.ones(warped.size, np.bool_)
+    else:
+        inverse = 1.0 / warped.depth_m.astype(np.float64)
+        point = np.stack([x, y, np.ones_like(x), inverse], axis=-1)
+        point = point @ check_source_from_target(source_from_target).T
+        seen = point[..., 2] > 0
+        place = point[..., :2] / np.where(seen, point[..., 2], 1.0)[..., None]
+    seen &= (np.abs(place) < ANCHOR_REACH_PX).all(axis=-1)
+    return np.where(seen[..., None], place, here)

@@ -1,7 +1,11 @@
 """What can be set about a metameric fill: one place, shared by both twins."""
 
+import operator
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from typing import Literal, SupportsIndex, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
@@ -9,6 +13,45 @@ from pipeline.features.reference import check_levels
 Channels = Literal["correlated", "independent"]
 Anchor = Literal["flow", "camera", "screen"]
 Texture = Literal["noise", "background"]
+
+# Noise is looked up at most this far outside: float32 tells 1/128 px apart there.
+ANCHOR_REACH_PX = 65536.0
+SEEDS = 1 << 63  # whole numbers below this are seeds, as in a study
+
+
+def check_seed(seed: SupportsIndex) -> int:
+    """Return `seed` as an int.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number from 0 to 2**63 - 1.
+    """
+    try:
+        value = operator.index(seed)
+    except TypeError:
+        value = -1
+    if isinstance(seed, bool) or not 0 <= value < SEEDS:
+        raise InputError(f"seed must be a whole number from 0 to 2**63 - 1 (got {seed!r})")
+    return value
+
+
+def check_source_from_target(matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the matrix that ``anchor="camera"`` needs; see `camera.reprojection`.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not 4x4 or not finite.
+    """
+    if matrix is None:
+        raise InputError('anchor "camera" needs source_from_target (got None)')
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise InputError(
+            f"source_from_target must be a finite 4x4 matrix (got shape {matrix.shape}"
+            f"{'' if np.isfinite(matrix).all() else ' with NaN or infinite values'})"
+        )
+    return matrix
 
 
 @dataclass(frozen=True)
@@ -31,7 +74,9 @@ class MetamericSettings:
         Chroma noise that follows the luma noise as the background's does, or of its own.
     anchor : {"flow", "camera", "screen"}
         What the noise sticks to: the background by its inpainted motion, the background
-        by its depth and two cameras, or the screen (the paper's screen-door effect).
+        by its depth and two cameras, or the screen (the paper's screen-door effect). Where
+        the source camera cannot have seen the place (behind it, or more than
+        `ANCHOR_REACH_PX` aside), the noise sticks to the screen.
     skip_depth_edges : bool
         Leave coefficients that straddle a depth edge out of the statistics.
     texture : {"noise", "background"}

@@ -228,6 +228,31 @@ def test_a_target_that_looks_away_sees_neither_scene_nor_sky():
     np.testing.assert_array_equal(flow_px, 0)
 
 
+def test_points_at_the_target_s_own_plane_have_no_depth_and_no_flow():
+    """A step of 2 m forward: what was 2 m away is now beside the camera, at any angle."""
+    depth_m = np.full((80, 100), 2.0, np.float32)
+
+    flow_px, target_depth_m = flow_between(camera(), camera().moved([0, 0, 2.0]), depth_m)
+
+    np.testing.assert_array_equal(target_depth_m, 0)
+    np.testing.assert_array_equal(flow_px, 0)
+
+
+@pytest.mark.parametrize("nearest_m", [1e-44, 1e-37, 1e-20, 1.0])
+def test_flow_is_finite_however_near_a_point_is(nearest_m):
+    """A step of half a metre aside: what was at the lens goes farther than float32 can say."""
+    depth_m = np.full((80, 100), nearest_m, np.float32)
+    depth_m[:, :50] = np.inf
+
+    flow_px, target_depth_m = flow_between(camera(), camera().moved([0.5, 0, 0]), depth_m)
+
+    assert np.isfinite(flow_px).all()
+    np.testing.assert_array_equal(target_depth_m[:, :50], np.inf)
+    gone = target_depth_m == 0
+    np.testing.assert_array_equal(flow_px[gone], 0)
+    assert gone[:, 50:].all() == (nearest_m < 1e-35)
+
+
 def test_cameras_far_from_the_origin_lose_nothing():
     """A map in metres, 500 km from its origin: the step of 0.5 m still moves by 50 px."""
     far = UPRIGHT.copy()

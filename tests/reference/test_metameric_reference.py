@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level
-from pipeline.synthesis.reference import noise_amplitudes, sample
-from pipeline.synthesis.settings import MetamericSettings
+from pipeline.synthesis.reference import metameric_fill, noise_amplitudes, sample
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
 def statistics(mean, second):
@@ -68,3 +70,77 @@ def test_amplitudes_are_interpolated_between_texel_centres():
 def test_settings_out_of_range_are_refused_by_name(name, value):
     with pytest.raises(InputError, match=rf"^{name} must .*\(got "):
         MetamericSettings(**{name: value})
+
+
+@pytest.mark.parametrize("seed", [0, 2**63 - 1, np.int64(7), np.uint8(7)])
+def test_a_whole_number_is_a_seed(seed):
+    assert check_seed(seed) == int(seed)
+    assert type(check_seed(seed)) is int
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 2**200, 1.0, 1.5, float("nan"), True, None, "1"])
+def test_what_is_no_seed_is_refused(seed):
+    with pytest.raises(InputError, match=r"^seed must be a whole number from 0 .*\(got "):
+        metameric_fill(hole_frame(), MetamericSettings(levels=1), seed=seed, z_near_m=1.0)
+
+
+def hole_frame(flow_px=(0.0, 0.0), depth_m=2.0):
+    """Give 16x24 pixels of noise with a hole in the middle."""
+    hole = np.zeros((16, 24), bool)
+    hole[5:11, 8:16] = True
+    return WarpedFrame(
+        np.random.default_rng(0).random((16, 24, 3), np.float32),
+        np.full((16, 24), depth_m, np.float32),
+        hole,
+        np.broadcast_to(np.float32(flow_px), (16, 24, 2)).copy(),
+    )
+
+
+def by_camera(matrix, frame=None):
+    settings = MetamericSettings(levels=1, anchor="camera")
+    return metameric_fill(
+        frame or hole_frame(), settings, seed=1, z_near_m=1.0, source_from_target=matrix
+    )
+
+
+def on_screen(frame=None):
+    settings = MetamericSettings(levels=1, anchor="screen")
+    return metameric_fill(frame or hole_frame(), settings, seed=1, z_near_m=1.0)
+
+
+def test_noise_sticks_to_the_screen_where_the_source_camera_saw_nothing():
+    """The source looks the other way, or is so far aside that no place can be told."""
+    source = Camera.with_field_of_view(24, 16, 60)
+    back = source.world_from_camera.copy()
+    back[:3, :3] = back[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
+    behind = reprojection(source, Camera.with_field_of_view(24, 16, 60, back))
+    at_its_plane = np.diag([1.0, 1.0, 0.0, 1.0])
+    aside = np.eye(4)
+    aside[0, 2] = ANCHOR_REACH_PX
+
+    for matrix in (behind, at_its_plane, aside):
+        fill = by_camera(matrix)
+
+        np.testing.assert_array_equal(fill.anchor_px, on_screen().anchor_px)
+        np.testing.assert_array_equal(fill.colour, on_screen().colour)
+
+
+def test_noise_sticks_to_the_screen_where_the_motion_is_out_of_all_bounds():
+    frame = hole_frame(flow_px=(1e30, 0.0))
+
+    fill = metameric_fill(frame, MetamericSettings(levels=1), seed=1, z_near_m=1.0)
+
+    np.testing.assert_array_equal(fill.colour, on_screen().colour)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (None, "needs source_from_target"),
+        (np.eye(3), r"finite 4x4 matrix \(got shape \(3, 3\)"),
+        (np.full((4, 4), np.nan), "with NaN"),
+    ],
+)
+def test_a_camera_anchor_needs_a_finite_matrix(matrix, message):
+    with pytest.raises(InputError, match=message):
+        by_camera(matrix)
