@@ -9,7 +9,7 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
 from pipeline.errors import InputError
-from pipeline.features.reference import analyse
+from pipeline.features.reference import analyse, grow
 from pipeline.frame import WarpedFrame
 from pipeline.gl.texture import create_texture, format_of, read_back, texture_from, upload
 from pipeline.inpaint.reference import Level, guide_from_depth
@@ -197,23 +197,29 @@ def needed(hole, k):
     return wanted
 
 
-def close_enough(run, filled, fill):
-    """Assert that every hole pixel is within the bound, but for a thousandth at most.
+def decided_by_threshold(run, fill):
+    """Tell where moving the threshold by less than what a step of the guide is off matters.
 
-    Each of those must be a threshold decision: moving the threshold by less than what the
-    guide is off must move the reference there too.
+    The reference is exact to 2^-52, so a pixel that no such decision reaches keeps its bits.
+    """
+    margin = 12 * ROUNDOFF  # two guides, 6 each
+    threshold = run.settings.depth_threshold
+    others = [
+        run.reference(depth_threshold=threshold + shift).colour for shift in (-margin, margin)
+    ]
+    return np.any([(other != fill.colour).any(axis=-1) for other in others], axis=0)
+
+
+def close_enough(run, filled, fill, share=1e-3):
+    """Assert that every hole pixel is within the bound, but for a share of the frame.
+
+    Each of those must be a threshold decision: see `decided_by_threshold`.
     """
     hole = run.frame.hole
-    off = hole & (np.abs(filled[..., :3] - fill.colour) > WHOLE_ATOL).any(axis=-1)
+    off = hole & ~(np.abs(filled[..., :3] - fill.colour) <= WHOLE_ATOL).all(axis=-1)
     if off.any():
-        assert off.sum() <= 1e-3 * hole.size
-        margin = 12 * ROUNDOFF  # two guides, 6 each
-        threshold = run.settings.depth_threshold
-        others = [
-            run.reference(depth_threshold=threshold + shift).colour for shift in (-margin, margin)
-        ]
-        decided = np.any([(other != fill.colour).any(axis=-1) for other in others], axis=0)
-        assert decided[off].all()
+        assert off.sum() <= share * hole.size
+        assert decided_by_threshold(run, fill)[off].all()
     assert filled[~hole][:, :3].tobytes() == run.frame.colour[~hole].tobytes()
     np.testing.assert_array_equal(filled[..., 3], ~hole)
 
@@ -347,6 +353,67 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
     tolerance = noise_tolerance(run, amplitudes, guide, fill.anchor_px)
     assert (np.abs(stages.filled - colour) <= tolerance)[hole].all()
     assert np.median(tolerance[hole]) < 2.0**-11  # a bound that bounds something
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_step_of_depth_as_high_as_the_threshold_is_a_decision(prepare, seed):
+    """Some known pixels beside the hole lie one threshold in front of it, give or take an ulp.
+
+    Which of them take part is for rounding to say, and no two machines need agree. One more
+    coefficient in the moments moves a whole hole, so here any number may be decided so.
+    """
+    rng = np.random.default_rng(seed)
+    frame = disc_scene(rng, (120, 160))
+    depth_m = frame.depth_m.copy()
+    beside = np.zeros(frame.size, bool)
+    beside[58:60, :] = True
+    near = grow(frame.hole, 2) & ~frame.hole & (depth_m == 5) & beside
+    tie = np.float32(1 / (1 / 5 + MetamericSettings().depth_threshold))  # guides 0.8 and 0.76
+    ulps = rng.integers(-2, 3, near.sum())
+    depth_m[near] = tie + ulps.astype(np.float32) * np.spacing(tie)
+    run = prepare(dataclasses.replace(frame, depth_m=depth_m))
+    fill = run.reference()
+
+    assert near.any()
+    assert decided_by_threshold(run, fill)[frame.hole].any()
+    close_enough(run, run(), fill, share=1.0)
+
+
+def test_the_comparison_lets_no_other_pixel_through(prepare, rng):
+    """One hole pixel off by twice the bound, or not a number, where nothing was decided."""
+    run = prepare(disc_scene(rng, (48, 64)))
+    fill = run.reference()
+    row, column = np.argwhere(run.frame.hole)[0]
+    for wrong in (fill.colour[row, column, 1] + 2 * WHOLE_ATOL, np.nan):
+        filled = run()
+        filled[row, column, 1] = wrong
+        with pytest.raises(AssertionError):
+            close_enough(run, filled, fill)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_noise_sticks_to_the_screen_where_there_is_no_place_to_look(prepare, rng, turned):
+    """Behind the source camera, and where the motion is out of all bounds."""
+    frame = disc_scene(rng, (40, 56))
+    if turned:
+        source = Camera.with_field_of_view(56, 40, 50)
+        back = source.world_from_camera @ np.diag([-1.0, 1.0, -1.0, 1.0])
+        run = prepare(frame, anchor="camera")
+        run.matrix = reprojection(source, dataclasses.replace(source, world_from_camera=back))
+    else:
+        run = prepare(dataclasses.replace(frame, flow_px=np.full_like(frame.flow_px, -3e38)))
+    fill, screen = run.reference(), run.reference(anchor="screen")
+
+    np.testing.assert_array_equal(fill.colour, screen.colour)
+    close_enough(run, run(), fill)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 3.0, True])
+def test_what_is_no_seed_is_refused(prepare, rng, seed):
+    run = prepare(disc_scene(rng, (20, 30)))
+
+    with pytest.raises(InputError, match=r"^seed must be a whole number"):
+        run(seed=seed)
 
 
 def test_a_background_at_infinity_is_filled(prepare, rng):
