@@ -70,7 +70,7 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
 
 
 def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -> str:
-    """Small frames below each other, as a JPEG in a data address."""
+    """Small frames below each other, as a WebP in a data address: a third less than JPEG."""
     tiles = []
     for index in shown:
         frame = decode(out / clip.frame_path(index))
@@ -78,8 +78,8 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
             frame = (frame >> 8).astype(np.uint8)
         tiles.append(cv2.resize(np.ascontiguousarray(frame), tile, interpolation=cv2.INTER_AREA))
     strip = np.concatenate(tiles)[..., ::-1]
-    _, data = cv2.imencode(".jpg", np.ascontiguousarray(strip), [cv2.IMWRITE_JPEG_QUALITY, 82])
-    return "data:image/jpeg;base64," + base64.b64encode(bytes(data)).decode()
+    _, data = cv2.imencode(".webp", np.ascontiguousarray(strip), [cv2.IMWRITE_WEBP_QUALITY, 70])
+    return "data:image/webp;base64," + base64.b64encode(bytes(data)).decode()
 
 
 def _labels(protocol: StudyProtocol) -> dict[tuple[str, str], str]:
