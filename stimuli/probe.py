@@ -17,6 +17,7 @@ from stimuli.clip import read_mask
 from stimuli.png import decode
 
 BLACK = 2 / 255  # mean above which a frame is not black
+FLICKERS = 2.0  # of the reference's change: a fill that changes more than this is pointed out
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Finding:
     flicker_ratio : float or None
         `flicker` over that of the reference in the same holes; None without a reference.
     repeated : list of int
-        Frames that equal the one before in every byte, although holes moved between them.
+        Frames that equal the one before in every pixel, although holes moved between them.
     black : list of int
         Frames that are black.
     """
@@ -41,6 +42,11 @@ class Finding:
     flicker_ratio: float | None
     repeated: list[int]
     black: list[int]
+
+    @property
+    def flickers(self) -> bool:
+        """Whether the holes change far more than the truth does."""
+        return self.flicker_ratio is not None and self.flicker_ratio > FLICKERS
 
 
 def probe_batch(
@@ -80,13 +86,14 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
     changes, true_changes, repeated, black = [], [], [], []
     last: tuple[NDArray[np.float32], NDArray[np.bool_] | None] | None = None
     last_true: NDArray[np.float32] | None = None
-    for index, sha in enumerate(clip.frames_sha256):
+    for index in range(len(clip.frames_sha256)):
         frame = _frame(out, clip, index)
         mask = read_mask(masks, index)
         usable = mask if mask.shape == frame.shape[:2] else None  # rescaled clips differ in size
         if float(frame.mean()) < BLACK:
             black.append(index)
-        if index > 0 and sha == clip.frames_sha256[index - 1]:
+        # The pixels, not the manifest's hashes: those say what was built.
+        if last is not None and np.array_equal(frame, last[0]):
             before = read_mask(masks, index - 1)
             if (before != mask).any():
                 repeated.append(index)

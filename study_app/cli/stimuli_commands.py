@@ -158,7 +158,9 @@ def probe(
             table.add_row(
                 found.name,
                 "-" if found.flicker is None else f"{255 * found.flicker:.2f}/255",
-                "-" if found.flicker_ratio is None else f"{found.flicker_ratio:.2f}",
+                "-"
+                if found.flicker_ratio is None
+                else f"{found.flicker_ratio:.2f}" + (" flickers" if found.flickers else ""),
                 _frames(found.repeated),
                 _frames(found.black),
             )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import random
 import re
@@ -25,7 +24,6 @@ from protocols.manifest import check_manifest, read_manifest
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
-from stimuli.probe import probe_batch
 
 COMMAND = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
 
@@ -153,27 +151,6 @@ def test_check_names_what_is_missing_changed_and_extra(copy):
     assert verdict.changed[0] == "box__small__telea/000002.png"
     assert verdict.changed[1].startswith("holes/box__small")
     assert verdict.extra == ["box__small__telea/notes.txt"]
-
-
-def test_probe_finds_repeated_and_black_frames(copy):
-    from protocols.hashing import sha256_file
-
-    folder = copy / "box__small__telea"
-    shutil.copy(folder / "000001.png", folder / "000002.png")
-    import cv2
-
-    cv2.imwrite(str(folder / "000003.png"), np.zeros_like(decode(folder / "000001.png")))
-    path = copy / "manifest.json"
-    manifest = json.loads(path.read_text())
-    for clip in manifest["clips"]:
-        if clip["method"] == "telea" and clip["scene"] == "box":
-            clip["frames_sha256"] = [sha256_file(folder / f"{index:06d}.png") for index in range(4)]
-    path.write_text(json.dumps(manifest))
-    found, clean = probe_batch(copy, ["box__small__telea", "box__small__push-pull"])
-    assert (found.repeated, found.black) == ([2], [3])
-    assert (clean.repeated, clean.black) == ([], [])
-    assert clean.flicker is not None
-    assert clean.flicker_ratio is not None
 
 
 def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
