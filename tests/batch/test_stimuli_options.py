@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -93,12 +95,11 @@ def batch_frames(tmp_path):
     return folder
 
 
-def test_a_real_gltf_scene_builds_to_a_wanted_share(
-    study, read_orders, inline, tmp_path, shared_data
-):
-    """A scene as an artist made it, its radius solved for 4 % of holes."""
+def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_path, shared_data):
+    """By the command: a scene as an artist made it, and photographs, solved for 4 % of holes."""
     name = "torcs_ruudskogen"
     folder = shared_data / "scenes" / name
+    pair = shared_data / "stereo" / "middlebury2014_motorcycle"
     camera = json.loads((folder / "camera.json").read_text())
     ahead = (np.array(camera["eye"]) + np.array(camera["forward"])).tolist()
     view = (
@@ -109,11 +110,37 @@ def test_a_real_gltf_scene_builds_to_a_wanted_share(
         ('file = "box.obj"', f'file = "{name}.glb"'),
         ("view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }", view),
         ("extent_m = 0.16", "hole_share = 0.04"),
+        ('left = "motorcycle"', 'left = "motorcycle_left.png"'),
+        ('right = "motorcycle"', 'right = "motorcycle_right.png"'),
+        ('disparity = "motorcycle"', 'disparity = "disparity.npy"'),
         ('camera = { kind = "stereo" }', 'camera = { kind = "stereo", baselines = 4.0 }'),
     )
     shutil.copy(folder / f"{name}.glb", path.parent)
+    for side in ("left", "right"):
+        shutil.copy(pair / f"motorcycle_{side}.png", path.parent)
+    np.save(path.parent / "disparity.npy", np.load(pair / "motorcycle_disp.npz")["arr_0"])
     out = tmp_path / "clips"
-    build(read_orders(path), out, inline)
-    for clip in read_manifest(out).clips:
+    command = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
+    result = subprocess.run(
+        [*command, "build", str(path), "--out", str(out), "--workers", "1"],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    clips = read_manifest(out).clips
+    assert {(clip.scene, clip.method) for clip in clips} == {
+        (scene, method)
+        for scene in ("box", "motorcycle")
+        for method in ("reference", "push-pull", "telea")
+    }
+    for clip in clips:
         assert clip.hole_share == pytest.approx(0.04, rel=0.15)
+        frame = decode(out / clip.frame_path(3))
+        assert frame.std() > 20  # a picture, not a plain
     assert check_batch(out).in_order
+    # The other photograph is the truth in the holes alone.
+    hole = decode(out / "holes/motorcycle__small/000003.png") > 0
+    truth, fill = (
+        decode(out / f"motorcycle__small__{m}/000003.png") for m in ("reference", "telea")
+    )
+    assert np.array_equal(truth[~hole], fill[~hole])
+    assert (truth[hole] != fill[hole]).any()
