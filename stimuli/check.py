@@ -9,7 +9,7 @@ from pathlib import Path
 
 from protocols.hashing import sha256_bytes, sha256_file
 from protocols.manifest import MANIFEST_NAME, Manifest, read_manifest
-from stimuli.batch_folder import HOLES_FOLDER, survey_name
+from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import SURVEY_NAME
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import preview_path
@@ -60,6 +60,8 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
         present |= {f"{HOLES_FOLDER}/{name}/{index:06d}.png" for index in range(frames)}
         present.add(f"{HOLES_FOLDER}/{name}/{SURVEY_NAME}")
     found = {str(path.relative_to(out)) for path in out.rglob("*") if not path.is_dir()}
+    # What a build left that was killed after its manifest: the next one clears it away.
+    found = {name for name in found if not name.startswith(f"{BUILD_FOLDER}/")}
     verdict.missing = sorted((hashed.keys() | present) - found)
     verdict.extra = sorted(found - hashed.keys() - present)
     names = sorted(hashed.keys() & found)

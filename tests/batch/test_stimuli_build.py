@@ -139,6 +139,15 @@ def test_a_damaged_frame_is_made_again(copy, orders, inline):
     assert contents(copy) == before
 
 
+def test_a_build_killed_after_its_manifest_is_whole_and_cleared_up(copy, orders, inline):
+    left = copy / ".build" / "records"
+    left.mkdir(parents=True)
+    (left / "box__small__telea.json").write_text("{}")
+    assert check_batch(copy).in_order
+    assert build(orders, copy, inline).built == []
+    assert not (copy / ".build").exists()
+
+
 def test_check_names_what_is_missing_changed_and_extra(copy):
     (copy / "box__small__telea/000001.png").unlink()
     frame = copy / "box__small__telea/000002.png"
