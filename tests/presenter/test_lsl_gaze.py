@@ -25,6 +25,17 @@ ENFORCED = {
     "timeout_s": "5.0",
     "max_attempts": "9",
 }
+# Trials begin once somebody listens to the markers, however long a busy machine takes to find them.
+HEARD = """
+from study_app import run
+from study_app.cli import main
+class Heard(run.LslMarkers):
+    def __init__(self, participant):
+        super().__init__(participant)
+        assert self._outlet.wait_for_consumers(60)
+run.LslMarkers = Heard
+main()
+"""
 PLAN = ("away", "blink", "loss", "death")
 
 
@@ -61,6 +72,7 @@ def test_decisions_fall_within_one_frame_and_one_sample_of_the_rule(
         done = screen.run(
             *screen.session("run", study, "--simulate", "--gaze", f"lsl:{name}", "--markers"),
             "--skip-validation",
+            code=HEARD,
         )
         outlet.wait(timeout=30)
     finally:
@@ -149,7 +161,9 @@ def test_phases_are_marked_at_the_stamps_of_their_flips(screen, make_study):
 
     listener = threading.Thread(target=listen)
     listener.start()
-    done = screen.run(*screen.session("run", study, "--simulate", "--markers", code="P77"))
+    done = screen.run(
+        *screen.session("run", study, "--simulate", "--markers", code="P77"), code=HEARD
+    )
     stop.set()
     listener.join(timeout=10)
 

@@ -156,7 +156,8 @@ main()
 def test_a_frame_that_is_swapped_mirrored_or_missing_is_named_exactly(
     screen, make_study, tmp_path, flips_of
 ):
-    study = make_study(ONE_TRIAL)
+    # Each frame stands for six refreshes: one that is missed leaves none of them out.
+    study = make_study(ONE_TRIAL | {"fps": "10.0", "duration_s": "0.6"})
     read = tmp_path / "read"
 
     with watched(screen, study, read) as seen:
