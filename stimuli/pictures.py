@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.image_file import write_pixels
+from pipeline.inpaint.reference import nearest_depth_m
 
 Picture: TypeAlias = NDArray[np.uint8]
 
@@ -49,7 +50,7 @@ def of_depth(depth_m: NDArray[np.floating], near_m: float | None = None) -> Pict
 
     `near_m` is white; by default the nearest depth. Two depths are comparable with the same.
     """
-    near_m = float(depth_m.min()) if near_m is None else near_m
+    near_m = nearest_depth_m(depth_m) if near_m is None else near_m
     return _grey(np.clip(near_m / depth_m, 0, 1))
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import BANDS, analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import means_and_variances
+from pipeline.inpaint.reference import means_and_variances, nearest_depth_m
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import look_up, metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
@@ -77,7 +77,7 @@ def write_steps(
 
 
 def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[Step]:
-    near_m = float(min(frame.source.depth_m.min(), warped.depth_m.min()))
+    near_m = min(nearest_depth_m(depth) for depth in (frame.source.depth_m, warped.depth_m))
     longest_px = float(np.linalg.norm(frame.flow_px, axis=-1).max())
     yield "source", "source", pictures.of_colour(frame.source.colour)
     yield (
@@ -111,7 +111,7 @@ def metameric_steps(
     """The steps inside a metameric fill with these parameters of the method."""
     known = {name: parameters[name] for name in MetamericSettings.names() if name in parameters}
     settings = MetamericSettings(**known)
-    z_near_m = float(parameters.get("z_near_m") or warped.depth_m.min())
+    z_near_m = float(parameters.get("z_near_m") or nearest_depth_m(warped.depth_m))
     fill = metameric_fill(warped, settings, seed=seed, z_near_m=z_near_m)
     cross = settings.channels == "correlated"
     yield "base", "base: depth-guided colour", pictures.of_colour(fill.base)

@@ -360,11 +360,57 @@ def test_a_frame_that_leaves_the_view_whole_is_refused(tmp_path):
 
 
 @pytest.mark.usefixtures("gl_context")
-def test_a_seed_is_at_least_0(exr, tmp_path):
-    code, _, said = run(exr, tmp_path / "out.png", "-m", "telea", "--seed", -1)
+@pytest.mark.parametrize("seed", [-1, 1.5, "one"])
+def test_a_seed_is_a_whole_number_from_0(exr, tmp_path, seed):
+    code, _, said = run(exr, tmp_path / "out.png", "-m", "telea", "--seed", seed)
 
     assert code == 2
     assert "--seed" in said
+
+
+@pytest.mark.usefixtures("gl_context")
+@pytest.mark.parametrize("name", ["telea", "metameric"])
+def test_a_seed_too_long_is_refused(exr, tmp_path, name):
+    said = refusal(exr, tmp_path / "out.png", "-m", name, "--seed", 2**63)
+
+    assert "seed must be a whole number from 0 to 2**63 - 1" in said
+    assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.usefixtures("gl_context")
+@pytest.mark.parametrize(
+    "cut",
+    [np.s_[:1, :1], np.s_[12:13, :], np.s_[:, 24:25]],
+    ids=["pixel", "row", "column"],
+)
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth", "push-pull", *CPU_METHODS])
+def test_frames_of_one_pixel_and_one_line_are_filled(tmp_path, frame, name, cut):
+    """The row and the column have holes; the one pixel rests, for it cannot be all holes."""
+    small = WarpInput(
+        SourceFrame(frame.source.colour[cut].copy(), frame.source.depth_m[cut].copy()),
+        frame.flow_px[cut].copy(),
+    )
+    save_warp_input(tmp_path / "small.exr", small)
+
+    code, _, said = run(tmp_path / "small.exr", tmp_path / "out.png", "-m", name)
+
+    assert code == 0, said
+    assert load_colour(tmp_path / "out.png").shape == small.source.colour.shape
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_frame_all_at_infinity_is_filled_and_shown_in_steps(tmp_path, frame):
+    sky = WarpInput(
+        SourceFrame(frame.source.colour, np.full_like(frame.source.depth_m, np.inf)), frame.flow_px
+    )
+    save_warp_input(tmp_path / "sky.exr", sky)
+
+    code, _, said = run(
+        tmp_path / "sky.exr", tmp_path / "out.png", "-m", "metameric", "--steps", tmp_path / "steps"
+    )
+
+    assert code == 0, said
+    assert (load_colour(next((tmp_path / "steps").glob("*source-depth*.png"))) == 0).all()
 
 
 @pytest.mark.parametrize("choice", [Choice("telea"), Choice("telea", {"radius_px": 5})])

@@ -38,8 +38,14 @@ class Level:
     guide: NDArray[np.float64]  # (H, W)
 
 
+def nearest_depth_m(depth_m: NDArray[np.floating]) -> float:
+    """Return the nearest depth of a frame, for a guide of its own; 1 m if all is at infinity."""
+    nearest = float(depth_m.min())
+    return nearest if np.isfinite(nearest) else 1.0
+
+
 def guide_from_depth(depth_m: NDArray[np.floating], z_near_m: float) -> NDArray[np.float64]:
-    """Map depth to [0, 1): 0 at `z_near_m` (and nearer), 1 at infinity."""
+    """Map depth to [0, 1]: 0 at `z_near_m` (finite; and nearer), 1 at infinity."""
     return np.asarray(np.maximum(0.0, 1.0 - z_near_m / depth_m.astype(np.float64)))
 
 

@@ -11,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.methods.method import composite
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings, Texture
@@ -52,7 +53,7 @@ class _Guided(ABC, Generic[P]):
         )
         for texture, array in zip(self._textures, arrays, strict=True):
             upload(texture, array)
-        self._run(filler, self._z_near_m or float(warped.depth_m.min()), seed)
+        self._run(filler, self._z_near_m or nearest_depth_m(warped.depth_m), seed)
         return composite(warped, read_back(self._textures[0])[..., :3])
 
     def release(self) -> None:

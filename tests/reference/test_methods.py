@@ -1,11 +1,14 @@
 """Every fill method keeps the one contract; the registry tells mistakes apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pipeline.errors import GLUnavailableError, InputError
 from pipeline.frame import WarpedFrame
 from pipeline.image_file import write_pixels
+from pipeline.inpaint.reference import guide_from_depth, nearest_depth_m
 from pipeline.methods.method import composite
 from pipeline.methods.registry import (
     METHODS,
@@ -79,6 +82,24 @@ def test_every_method_keeps_a_constant_image_constant(gl_context, rng, name):
         method.release()
 
     np.testing.assert_allclose(filled, colour, atol=atol)
+
+
+@pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
+def test_a_frame_all_at_infinity_is_filled_as_one_at_any_depth(gl_context, rng, name):
+    """Nothing is nearest there, and the guide must be a number all the same."""
+    far = warped_frame(rng)
+    far, near = (replace(far, depth_m=np.full_like(far.depth_m, z_m)) for z_m in (np.inf, 5.0))
+    method = create_method(name, gl_context)
+    try:
+        fills = [method.fill(frame, seed=1) for frame in (far, near)]
+    finally:
+        method.release()
+
+    np.testing.assert_array_equal(*fills)
+    for frame in (far, near):
+        guide = guide_from_depth(frame.depth_m, nearest_depth_m(frame.depth_m))
+        assert np.isfinite(guide).all()
+        assert np.ptp(guide) == 0
 
 
 @pytest.mark.parametrize("name", NAMED)
