@@ -1,7 +1,8 @@
 """The table of docs/quality.md: every built-in scene, three motions, by every metric.
 
-`python -m benchmarks scores` builds the clips, scores them as `metamerlab stimuli score`
-does, and writes the tables into the document. Killed at any point, it goes on where it was.
+`script/bench scores` builds the clips and scores them as `metamerlab stimuli score` does, one
+batch per motion; with ``--docs docs/quality.md`` it writes the tables into that page. Killed at
+any point, it goes on where it was.
 """
 
 from __future__ import annotations
@@ -10,15 +11,26 @@ import argparse
 import json
 import sys
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.quality import write_into
 from protocols.load import load_display, shipped
 from protocols.schema import StudyProtocol
 from stimuli.build import build
 from stimuli.executors import cores, local_processes
 from stimuli.orders import Orders
 from stimuli.scenes.registry import scene_names
+from stimuli.score.batch import subjects_of_batch
+from stimuli.score.metrics import HOLES, choose_metrics
+from stimuli.score.report import duels_markdown, write_report
+from stimuli.score.run import Results, Settings, score
+from stimuli.score.speed import time_methods
+from stimuli.score.tables import Table, all_tables, duels
+from stimuli.score.viewing import standard_fhd
+from stimuli.score.write import CACHE_FOLDER, JSON_NAME
+from study_app.cli.progress import progress_bar
 
 MOTIONS: dict[str, dict[str, Any]] = {
     "lateral": {"kind": "line", "direction": (1.0, 0.0, 0.0)},
@@ -36,22 +48,28 @@ METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background
 SIZE = {"name": "medium", "hole_share": 0.05}
 FRAMES, FPS = 12, 30.0
 SCENE_SEED = 1
+HEADINGS = {
+    "lateral": "Lateral motion",
+    "vertical": "Vertical motion",
+    "6dof": "Six degrees of freedom",
+}
+RESULTS = Path(__file__).parent / "results" / "scores.json"
+BEGIN, END = "<!-- scores: begin -->", "<!-- scores: end -->"
 
 
-def protocol(scenes: list[str] | None = None, methods: tuple[str, ...] = METHODS) -> StudyProtocol:
-    """Return a study of the built-in scenes, each on every path of `MOTIONS`."""
+def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> StudyProtocol:
+    """Return a study of built-in scenes, each on the path of `MOTIONS` called `motion`."""
     raw: dict[str, Any] = tomllib.loads(shipped("studies")["demo"].read_text(encoding="utf-8"))
-    raw["study"] |= {"name": "quality-scenes", "title": "The built-in scenes on three paths"}
+    raw["study"] |= {"name": f"quality-{motion}", "title": f"The built-in scenes, {motion}"}
     raw["scenes"] = [
         {
             "name": f"{scene}-{motion}",
             "kind": "builtin",
             "builtin": scene,
             "seed": SCENE_SEED,
-            "camera": camera,
+            "camera": MOTIONS[motion],
         }
-        for scene in scenes or scene_names()
-        for motion, camera in MOTIONS.items()
+        for scene in scenes
     ]
     raw["sizes"] = [SIZE]
     raw["methods"] = [{"name": name} for name in methods]
@@ -66,16 +84,71 @@ def protocol(scenes: list[str] | None = None, methods: tuple[str, ...] = METHODS
     return StudyProtocol.model_validate_json(json.dumps(raw))
 
 
+def make(motion: str, scenes: Sequence[str], methods: Sequence[str], out: Path) -> Results:
+    """Build the clips of one motion and score them; what is there already stays."""
+    study = protocol(motion, scenes, methods)
+    orders = Orders(study, load_display(study.display.display), Path.cwd())
+    with progress_bar() as progress:
+        task = progress.add_task(f"{motion}: building", total=None)
+
+        def report(done: int, total: int, what: str) -> None:
+            progress.update(
+                task, completed=done, total=total or None, description=f"{motion}: {what}"
+            )
+
+        with local_processes(cores()) as pool:
+            build(orders, out / "clips", pool, parallel=cores(), report=report)
+        subjects = subjects_of_batch(out / "clips")
+        settings = Settings(choose_metrics(None), standard_fhd())
+        folder = out / "scores"
+        results = score(
+            subjects, settings, cache=folder / CACHE_FOLDER, workers=cores(), report=report
+        )
+        times_ms, renderer = time_methods(subjects.clips, subjects.items[0].pair, out)
+        write_report(results, folder, times_ms=times_ms, renderer=renderer)
+    return results
+
+
+def document(results: dict[str, Results]) -> str:
+    """Return the tables of all motions, the paper's first, and where metameric is not ahead."""
+    parts = []
+    for motion, found in results.items():
+        tables = all_tables(found)
+        parts.append(f"### {HEADINGS[motion]}\n")
+        parts += [f"{table.title}.\n\n{table.markdown()}\n" for table in tables if shown(table)]
+        parts.append("Against push-pull:\n\n" + duels_markdown(duels(tables)))
+    return "\n".join(parts)
+
+
+def shown(table: Table) -> bool:
+    """Whether a table goes into the document: all in holes, and two over the whole frame."""
+    return table.region == HOLES or table.metric.name in ("fvvdp", "statistics")
+
+
 def main(argv: list[str]) -> int:
+    """Build, score, and write the document's tables and the stored numbers where asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/scores"))
-    parser.add_argument("--scenes", nargs="+", choices=scene_names())
+    parser.add_argument("--scenes", nargs="+", choices=scene_names(), default=scene_names())
+    parser.add_argument("--motions", nargs="+", choices=list(MOTIONS), default=list(MOTIONS))
+    parser.add_argument("--methods", nargs="+", default=list(METHODS))
+    parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
+    parser.add_argument("--json", type=Path, help=f"where to store the numbers, e.g. {RESULTS}")
     arguments = parser.parse_args(argv)
-    study = protocol(arguments.scenes)
-    orders = Orders(study, load_display(study.display.display), Path.cwd())
-    clips = arguments.out / "clips"
-    with local_processes(cores()) as pool:
-        build(orders, clips, pool, parallel=cores(), report=lambda d, t, w: print(d, t, w))
+    results = {
+        motion: make(motion, arguments.scenes, arguments.methods, arguments.out / motion)
+        for motion in arguments.motions
+    }
+    text = document(results)
+    print(text)
+    if arguments.docs is not None:
+        write_into(arguments.docs, text, BEGIN, END)
+    if arguments.json is not None:
+        record = {
+            motion: json.loads((arguments.out / motion / "scores" / JSON_NAME).read_bytes())
+            for motion in results
+        }
+        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return 0
 
 

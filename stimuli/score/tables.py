@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stimuli.score.metrics import FRAME, HOLES, METRICS, Metric
+from stimuli.score.metrics import FRAME, HOLES, Metric
 from stimuli.score.run import Results
 
 OURS, RIVAL = "metameric", "push-pull"
@@ -202,4 +202,4 @@ def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[
             mean = _mean(values)
             cells.append("-" if mean is None else f"{mean:.{metric.digits}f}")
         rows.append((method, cells))
-    return tuple(METRICS[metric.name].label for metric in metrics), rows
+    return tuple(metric.name for metric in metrics), rows

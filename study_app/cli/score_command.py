@@ -143,7 +143,7 @@ def _score(
         folder = out
     if folder is not None:
         check_out(folder)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, markup=False)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
 
@@ -187,11 +187,11 @@ def _print_results(console: Console, results: Results) -> None:
     from stimuli.score.metrics import FRAME, HOLES
     from stimuli.score.tables import all_tables, duels, summary
 
-    for region, title in ((HOLES, "inside holes"), (FRAME, "over the whole frame")):
+    for region, title in ((HOLES, "in holes"), (FRAME, "whole frame")):
         heads, rows = summary(results, region)
         if not any(cell != "-" for _, cells in rows for cell in cells):
             continue
-        table = Table(f"{title}, means", box=None)
+        table = Table(f"mean, {title}", box=None)
         for head in heads:
             table.add_column(head, justify="right")
         for method, cells in rows:
@@ -220,7 +220,7 @@ def _print_metrics() -> None:
             str(metric.least_px),
             metric.licence,
         )
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     console.print(table)
     for entry in missing:
         console.print(f"missing: {', '.join(entry.metrics)}: {entry.reason}", soft_wrap=True)

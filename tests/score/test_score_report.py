@@ -1,0 +1,241 @@
+"""What a run leaves behind: tables, figures, one page; and that nothing is measured twice."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+
+import pytest
+
+from stimuli.score import run
+from stimuli.score.batch import subjects_of_batch
+from stimuli.score.metrics import METRICS, choose_metrics
+from stimuli.score.tables import all_tables, duels
+from stimuli.score.viewing import Gaze, open_viewing, standard_fhd
+from stimuli.score.write import CACHE_FOLDER
+
+OURS = ("psnr", "ssim", "hf-ratio", "flicker", "statistics")
+
+
+@pytest.fixture
+def scored(batch, tmp_path):
+    """Return results of our own metrics, with a cache."""
+    settings = run.Settings(choose_metrics(OURS), standard_fhd())
+    return run.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
+
+
+def test_the_command_writes_everything(run_score, batch, tmp_path):
+    out = tmp_path / "scores"
+    done = run_score(batch, "--out", out, "--metrics", ",".join(OURS))
+
+    assert done.exit_code == 0, done.output
+    assert "mean, in holes" in done.stdout
+    rows = list(csv.DictReader(io.StringIO((out / "scores.csv").read_text())))
+    # 2 scenes x 2 methods x (4 metrics x 2 regions + flicker in holes)
+    assert len(rows) == 2 * 2 * 9
+    assert {row["method"] for row in rows} == {"push-pull", "metameric"}
+    numbers = json.loads((out / "scores.json").read_text())
+    first = numbers["clips"][0]
+    cell = next(
+        row
+        for row in rows
+        if (row["scene"], row["method"]) == (first["scene"], first["method"])
+        and (row["metric"], row["region"]) == ("ssim", "holes")
+    )
+    assert float(cell["value"]) == pytest.approx(first["scores"]["ssim holes"], rel=1e-6)
+    assert numbers["versions"]["numpy"]
+    assert numbers["display"]["name"] == "standard_fhd"
+    frames = list(csv.DictReader(io.StringIO((out / "frames.csv").read_text())))
+    flicker = [row["frame"] for row in frames if row["metric"] == "flicker"]
+    assert sorted(set(flicker)) == ["1", "2", "3"]
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".png"}
+    page = (out / "scores.html").read_text()
+    assert "data:image/jpeg;base64," in page
+    assert page.count("<svg ") >= 5
+    assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page), "needs no other file"
+
+
+def test_tables_have_the_papers_layout(scored):
+    table = next(t for t in all_tables(scored) if (t.metric.name, t.region) == ("ssim", "holes"))
+
+    assert table.methods == ("metameric", "push-pull")  # ours first, as in the paper
+    assert [scene for scene, _ in table.rows] == ["lawn", "wall", "mean"]
+    ours = [values[0] for _, values in table.rows]
+    assert ours[2] == pytest.approx((ours[0] + ours[1]) / 2)
+    lines = table.markdown().splitlines()
+    assert lines[0] == "| | metameric | push-pull |"
+    assert lines[-1].count("**") == 2, "the best of a row is marked"
+
+
+def test_a_defeat_is_said(scored):
+    """Heavy noise loses to blur in SSIM and wins nowhere that matters here."""
+    found = {(d.table.metric.name, d.table.region): d for d in duels(all_tables(scored))}
+    duel = found["ssim", "holes"]
+
+    assert not duel.wins_on_average
+    assert duel.lost == ("lawn", "wall")
+    assert "NOT better than push-pull" in duel.sentence
+    assert "better in 0 of 2 scenes" in duel.sentence
+
+
+def test_a_second_run_measures_nothing(scored, batch, tmp_path, monkeypatch):
+    def fail(*_):
+        raise AssertionError("measured again")
+
+    monkeypatch.setattr(run, "measure_job", fail)
+    again = run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+
+    assert again.values == scored.values
+    assert again.maps.keys() == scored.maps.keys()
+
+
+def counted(monkeypatch):
+    calls = []
+    real = run.measure_job
+
+    def count(family, pair, *rest):
+        calls.append((family, pair.name))
+        return real(family, pair, *rest)
+
+    monkeypatch.setattr(run, "measure_job", count)
+    return calls
+
+
+def test_a_changed_clip_is_measured_again_alone(scored, batch, tmp_path, monkeypatch):
+    calls = counted(monkeypatch)
+    frame = batch / "wall__small__metameric" / "000001.png"
+    frame.write_bytes((batch / "wall__small__push-pull" / "000001.png").read_bytes())
+
+    run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+
+    assert sorted(calls) == [
+        ("pixels", "wall__small__metameric"), ("statistics", "wall__small__metameric")
+    ]  # fmt: skip
+
+
+def test_another_gaze_measures_only_what_depends_on_it(scored, batch, tmp_path, monkeypatch):
+    calls = counted(monkeypatch)
+    settings = run.Settings(scored.settings.metrics, standard_fhd(), Gaze(((1.0, 2.0),)))
+
+    run.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
+
+    assert {family for family, _ in calls} == {"statistics"}
+
+
+def test_an_interrupted_run_goes_on(batch, tmp_path, monkeypatch):
+    settings = run.Settings(choose_metrics(OURS), standard_fhd())
+    cache = tmp_path / "cache"
+    real, done = run.measure_job, []
+
+    def stop_at_third(*arguments):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(arguments[:2])
+        return real(*arguments)
+
+    monkeypatch.setattr(run, "measure_job", stop_at_third)
+    with pytest.raises(KeyboardInterrupt):
+        run.score(subjects_of_batch(batch), settings, cache=cache)
+    monkeypatch.setattr(run, "measure_job", real)
+    calls = counted(monkeypatch)
+
+    run.score(subjects_of_batch(batch), settings, cache=cache)
+
+    assert len(calls) == 8 - 3
+
+
+def test_a_damaged_measurement_is_made_again(scored, batch, tmp_path, monkeypatch):
+    kept = sorted((tmp_path / "scores" / CACHE_FOLDER).glob("*.json"))
+    kept[0].write_text("{")
+    calls = counted(monkeypatch)
+
+    again = run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+
+    assert len(calls) == 1
+    assert again.values == scored.values
+
+
+def test_several_processes_give_the_same_numbers(scored, batch):
+    found = run.score(subjects_of_batch(batch), scored.settings, workers=2)
+
+    assert found.values == scored.values
+
+
+def test_without_the_extra_the_rest_is_computed(run_score, batch, tmp_path, monkeypatch):
+    from stimuli.score import available
+
+    monkeypatch.setattr(
+        available, "find_spec", lambda name: None if name in ("torch", "flip_evaluator") else 1
+    )
+    done = run_score(batch, "--out", tmp_path / "scores")
+
+    assert done.exit_code == 0, done.output
+    told = " ".join(done.stdout.split())
+    assert "left out: flip: not installed here: flip-evaluator; install them with" in told
+    assert "metamerlab[metrics]" in told
+    assert "fvvdp, fvvdp-1.0" in told
+    page = (tmp_path / "scores/scores.html").read_text()
+    assert "not installed here: torch" in page
+    assert (tmp_path / "scores/scores.csv").read_text().count("statistics") == 8
+    asked = run_score(batch, "--out", tmp_path / "more", "--metrics", "fvvdp")
+    assert asked.exit_code == 2
+    assert "no metric that was asked for can be computed" in asked.stderr
+
+
+def test_the_list_names_every_metric_and_its_licence(run_score):
+    done = run_score("--list")
+
+    assert done.exit_code == 0
+    for name in METRICS:
+        assert name in done.stdout
+    assert "CC BY-NC" in " ".join(done.stdout.split())
+
+
+def test_two_pictures_and_a_mask(run_score, batch):
+    names = ["wall__small__metameric", "wall__small__reference", "holes/wall__small"]
+    test, truth, mask = (batch / name / "000000.png" for name in names)
+    done = run_score(test, truth, "--mask", mask, "--metrics", "psnr,flicker")
+
+    assert done.exit_code == 0, done.output
+    assert "mean, in holes" in done.stdout
+    assert "flicker: left out" in " ".join(done.stdout.split())
+
+
+def test_rescaled_masks_cover_every_pixel_that_is_partly_a_hole(tmp_path, clips, frames_writer):
+    from stimuli.score.pair import read_hole_mask
+
+    frames_writer(tmp_path / "holes", clips.holes)
+    half = read_hole_mask(tmp_path / "holes/000001.png", (24, 32))
+
+    wanted = clips.holes[1].reshape(24, 2, 32, 2).any(axis=(1, 3))
+    assert (half == wanted).all()
+
+
+def test_a_display_of_ours_brings_its_own_angle_and_light(tmp_path):
+    text = """name = "lab"
+width_px = 1920
+height_px = 1080
+width_mm = 597.7
+height_mm = 336.2
+distance_mm = 700.0
+refresh_hz = 60.0
+peak_cd_m2 = 250.0
+black_cd_m2 = 0.5
+gamma = 2.2
+"""
+    (tmp_path / "lab.toml").write_text(text)
+    viewing = open_viewing(str(tmp_path / "lab.toml"))
+
+    assert viewing.px_per_deg == pytest.approx(39.246, abs=0.001)  # by hand: 0.3113 mm at 700 mm
+    assert (viewing.peak_cd_m2, viewing.contrast, viewing.ambient_lux) == (250.0, 500.0, 0.0)
+    assert standard_fhd().px_per_deg == pytest.approx(37.8425, abs=1e-4)
+
+
+def test_a_report_of_one_pair_needs_no_batch(run_score, batch, tmp_path):
+    done = run_score(batch / "wall__small__metameric", batch / "wall__small__reference",
+                     "--out", tmp_path / "two", "--metrics", "psnr,ssim")  # fmt: skip
+
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "two/scores.html").exists()
