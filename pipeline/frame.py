@@ -127,7 +127,8 @@ def check_some_known(hole: NDArray[np.bool_]) -> None:
     """Require at least one pixel outside the holes: from nothing, nothing can be filled."""
     if hole.all():
         raise InputError(
-            f"hole must leave at least one known pixel (all {hole.size} pixels are holes)"
+            f"hole must leave at least one known pixel (all {hole.size} pixels are holes);"
+            " after a warp, check that the flow does not take everything out of view"
         )
 
 
