@@ -1,45 +1,363 @@
-"""`metamerlab demo` writes what it says, and tells where it lies."""
+"""`metamerlab demo`: the whole chain on a study of a few small clips, and its page."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 from typer.testing import CliRunner
 
+from protocols.errors import StudyError
+from protocols.hashing import sha256_file
+from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import read_manifest
 from study_app.cli import app
+from study_app.cli.demo.pictures import most_holes
+from study_app.cli.demo.run import Options, run_demo
+from study_app.cli.demo.screen import PROGRAMS
+from study_app.cli.demo.sitting import Flip, clip_place
+from study_app.cli.demo.watcher import Place, Watcher
+from study_app.sittings import find_sittings
+from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
+
+SMALLER = {
+    "width_deg": "2.0",
+    "height_deg": "1.5",
+    "duration_s": "0.2",
+    "fixation_s": "0.1",
+    "gap_s": "0.1",
+    "iti_s": "0.1",
+    # A busy machine misses refreshes; what follows is tested on a virtual clock.
+    "dropped_frames_max": "10000",
+    "completed_min_share": "0.0",
+}
+
+
+def write_small_study(folder: Path) -> Path:
+    """One made scene and the photographs, one size, clips of six frames: 6 decisions."""
+    text = shipped("studies")["showcase"].read_text(encoding="utf-8")
+    text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
+    text, scenes = re.subn(
+        r'\n\[\[scenes\]\]\nname = "garden".*?(?=\n\[\[)', "\n", text, flags=re.S
+    )
+    text, sizes = re.subn(r'\n\[\[sizes\]\]\nname = "small".*?(?=\n\[\[)', "\n", text, flags=re.S)
+    text, shares = re.subn(r"^hole_share = .*$", "extent_m = 0.16", text, flags=re.M)
+    assert (scenes, sizes, shares) == (1, 1, 1)
+    for key, value in SMALLER.items():
+        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
+        assert count == 1, key
+    path = folder / "small.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def missing_window() -> str:
+    """Why no window can be opened here, or nothing."""
+    missing = [name for name in PROGRAMS if shutil.which(name) is None]
+    return f"no {', '.join(missing)} here" if missing else ""
+
+
+def quiet_console() -> Console:
+    return Console(file=Path(os.devnull).open("w"))
+
+
+@pytest.fixture(scope="module")
+def options(tmp_path_factory) -> Options:
+    pytest.importorskip("skimage")
+    folder = tmp_path_factory.mktemp("demo")
+    return Options(folder / "out", write_small_study(folder), observers=3, figures=False)
+
+
+@pytest.fixture(scope="module")
+def made(options, shared_gl_context) -> Options:  # noqa: ARG001
+    """Run the demonstration once; without a window where none can be opened."""
+    reason = missing_window()
+    if reason and os.environ.get("REQUIRE_GL") == "1":
+        pytest.fail(f"REQUIRE_GL=1, and there is {reason}")
+    options = replace(options, window=not reason)
+    run_demo(options, quiet_console())
+    return options
+
+
+@pytest.fixture(scope="module")
+def page(made) -> str:
+    return (made.out / "index.html").read_text(encoding="utf-8")
+
+
+def needs_window(made: Options) -> None:
+    if not made.window:
+        pytest.skip(missing_window())
+
+
+def test_the_page_says_on_every_screen_that_the_observers_are_simulated(page):
+    assert "<title>SIMULATED:" in page
+    assert re.search(r'class="stamp">[^<]*ALL OBSERVERS ARE SIMULATED', page)
+    assert "Simulated data: this says what the program was told to prefer" in page
+    assert not re.search(r"<td class=\"l\">real</td>", page)
+
+
+def test_the_page_needs_no_other_file_and_no_network(page):
+    loaded = re.findall(r'(?:src|poster|data)="([^"]{0,40})', page)
+
+    assert len(loaded) > 20
+    assert [entry for entry in loaded if not entry.startswith("data:")] == []
+    assert "http" not in re.sub(r'base64,[^"]*|http-equiv', "", page)
+    assert "default-src 'none'" in page
+
+
+def test_every_link_of_the_page_leads_to_a_file_that_is_there(made, page):
+    links = re.findall(r'href="([^"#]+)"', page)
+
+    assert {"report/report.html", "clips/contact-sheet.html", "sessions/"} <= set(links)
+    assert [link for link in links if not (made.out / link).exists()] == []
+
+
+def test_the_page_shows_fills_clips_trial_and_report(made, page):
+    for title in ("Warped to the other eye", "Push-pull", "Metameric", "The truth"):
+        assert page.count(f"<b>{title}</b>") >= 2  # whole, and the part with most holes
+    assert page.count("data:video/webm") == 2 * 3  # scenes x methods
+    headline = json.loads((made.out / "demo.json").read_text())["report"]["notes"]["headline"]
+    assert "Metameric was" in headline
+    assert headline.replace("'", "&#39;") in page
+    for step in ("Built the study&#39;s clips", "Checked them", "Analysed", "In all"):
+        assert step in page
+
+
+def test_all_observers_took_part_in_the_study_that_was_built(made):
+    sittings = find_sittings(made.out / "sessions", "showcase")
+    manifest = read_manifest(made.out / "clips")
+    starts = [sitting.journal.start for sitting in sittings]
+
+    assert len(sittings) == made.observers
+    assert {sitting.state for sitting in sittings} == {"completed"}
+    assert all(start.simulated for start in starts)
+    assert {start.manifest_sha256 for start in starts} == {manifest.sha256}
+    assert sorted(start.slot for start in starts) == list(range(made.observers))
+
+
+def test_one_observer_sat_before_a_real_window(made, page):
+    needs_window(made)
+    (sitting,) = (one for one in find_sittings(made.out / "sessions") if one.participant == "W001")
+
+    assert sitting.journal.start.timing_evidence == "software timer"
+    assert "W001" in page
+    seen = json.loads((made.out / "demo.json").read_text())["window"]["notes"]
+    assert seen["wrong"] == []
+    assert seen["seen"] > 0
+    assert f"saw {seen['seen']} of the {seen['flips']} flips" in page
+    assert "none differs" in page
+
+
+def test_the_filmstrip_shows_the_frames_that_its_captions_name(made):
+    """Each picture was read from the screen; the clip in it is the frame with that hash."""
+    needs_window(made)
+    strip = json.loads((made.out / "trial/trial.json").read_text())
+    assert strip["source"] == "screen"
+    manifest = read_manifest(made.out / "clips")
+    paths = {
+        sha: made.out / "clips" / clip.frame_path(index)
+        for clip in manifest.clips
+        for index, sha in enumerate(clip.frames_sha256)
+    }
+    place = clip_place(load_display(str(made.out / "screen.toml")), load_protocol(made.study))
+    rows = slice(place.top, place.top + place.height)
+    columns = slice(place.left, place.left + place.width)
+    for shot in strip["shots"]:
+        shown = pixels_of(made.out / "trial" / shot["file"])[rows, columns]
+        if shot["frame"]:
+            assert np.array_equal(shown, pixels_of(paths[shot["frame"]])), shot
+        else:
+            assert shot["phase"] in {"fixate", "gap", "respond"}
+    assert {shot["phase"] for shot in strip["shots"]} == {
+        "fixate", "first", "gap", "second", "respond",
+    }  # fmt: skip
+
+
+def pixels_of(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def test_run_again_it_keeps_what_is_done(made):
+    def state() -> dict[str, str]:
+        kept = ("sessions", "clips", "pictures", "report", "trial")
+        files = [path for name in kept for path in sorted((made.out / name).rglob("*"))]
+        return {str(path): sha256_file(path) for path in files if path.is_file()}
+
+    before, times = state(), (made.out / "demo.json").read_text()
+    run_demo(made, quiet_console())
+
+    assert state() == before
+    told = {name: step["seconds"] for name, step in json.loads(times).items() if name != "check"}
+    again = json.loads((made.out / "demo.json").read_text())
+    assert {name: again[name]["seconds"] for name in told} == told
+
+
+def test_without_a_window_all_sit_before_a_virtual_display(made, tmp_path):
+    copy = replace(made, out=tmp_path / "out", window=False)
+    shutil.copytree(made.out, copy.out, ignore=shutil.ignore_patterns("sessions", "trial"))
+
+    run_demo(copy, quiet_console())
+
+    page = (copy.out / "index.html").read_text(encoding="utf-8")
+    sittings = find_sittings(copy.out / "sessions")
+    assert {one.journal.start.timing_evidence for one in sittings} == {"virtual"}
+    assert len(sittings) == copy.observers
+    assert "drawn again from the frames that the log names, since no window" in page
+    assert "real window" not in page
+
+
+def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(made, tmp_path):
+    copy = replace(made, out=tmp_path / "out", window=False, seed=1)
+    shutil.copytree(made.out, copy.out, ignore=shutil.ignore_patterns("trial"))
+    journal = next((copy.out / "sessions").rglob("S001/journal.jsonl"))
+    simulated = journal.read_bytes()
+    journal.write_bytes(simulated.replace(b'"simulated":true', b'"simulated":false'))
+
+    with pytest.raises(StudyError, match=r"must hold simulated sittings alone .*S001"):
+        run_demo(copy, quiet_console())
+    assert journal.exists()
+
+    journal.write_bytes(simulated)
+    run_demo(copy, quiet_console())
+    assert journal.read_bytes() != simulated  # another seed, other answers
+
+
+def test_where_xvfb_is_missing_the_message_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+
+    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
+
+    assert result.exit_code == 2
+    for cure in ("Xvfb", "apt-get install xvfb openbox", "--display", "--no-window"):
+        assert cure in result.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("window", [True, False])
+def test_a_folder_of_other_things_is_left_alone(tmp_path, window):
+    if window and missing_window():
+        pytest.skip(missing_window())
+    (tmp_path / "report").mkdir()
+    arguments = ["demo", "--out", str(tmp_path), *(() if window else ("--no-window",))]
+
+    result = CliRunner().invoke(app, arguments)
+    fresh = CliRunner().invoke(app, [*arguments, "--fresh"])
+
+    assert result.exit_code == fresh.exit_code == 2
+    assert "must be empty or made by 'metamerlab demo' (it holds report" in result.output
+    assert "nothing was deleted" in fresh.output
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_a_watcher_reports_whole_pictures_once_and_torn_ones_never():
+    screen = np.full((64, 400, 4), 128, np.uint8)
+    with Watcher(screen, Place(10, 20, 8, 6)) as watcher:
+        for number in (7, 8):
+            screen[20:26, 10:18, :3] = number
+            draw_strips(screen, number, number)
+            wait_until(lambda number=number: number in {one.number for one in watcher.seen})
+        draw_strips(screen, 10, 9)  # torn
+        wait_until(lambda: False, timeout_s=0.05)
+        draw_strips(screen, 11, 11)
+        wait_until(lambda: 11 in {one.number for one in watcher.seen})
+        pictures = watcher.take([7, 8, 9])
+
+    assert [one.number for one in watcher.seen] == [7, 8, 11]
+    assert sorted(pictures) == [7, 8]
+    assert (pictures[8][20:26, 10:18] == 8).all()
+    assert (pictures[8][0] == 128).all()  # without the strip
+    assert watcher.take([7, 8]) == {}
+
+
+def draw_strips(screen: np.ndarray, upper: int, lower: int) -> None:
+    for rows, number in ((slice(0, BLOCK_PX), upper), (slice(-BLOCK_PX, None), lower)):
+        bits = [*GUARD, *(int(bit) for bit in f"{code_of(number):032b}")]
+        assert len(bits) == BLOCKS
+        screen[rows, : BLOCKS * BLOCK_PX] = np.repeat(bits, BLOCK_PX)[None, :, None] * 255
+
+
+def wait_until(condition, timeout_s: float = 20.0) -> None:
+    import time
+
+    until_s = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < until_s:
+        time.sleep(0.005)
+
+
+def test_the_detail_is_where_most_is_hidden():
+    hole = np.zeros((60, 100), bool)
+    hole[:, :5] = True  # what enters at the border is no disocclusion
+    hole[30:40, 50:70] = True
+
+    top, left = most_holes(hole, (10, 20))
+
+    assert (top, left) == (30, 50)
+
+
+def test_shots_are_spread_over_each_phase_and_taken_from_what_was_seen():
+    from study_app.cli.demo.filmstrip import chosen_flips
+
+    flips = [Flip(n, n / 60, 1, "first", "f") for n in range(40)]
+    flips += [Flip(n, n / 60, 1, "gap", "") for n in range(40, 50)]
+    seen = {n: np.zeros((1, 1, 3), np.uint8) for n in range(0, 50, 2)}
+
+    chosen = chosen_flips(flips, seen)
+
+    assert [flip.number for flip in chosen] == [4, 14, 24, 34, 44]
+    assert [flip.phase for flip in chosen_flips(flips, None)] == ["first"] * 4
 
 
 @pytest.fixture
-def demo(tmp_path):
+def pictures(tmp_path):
     pytest.importorskip("skimage")
-    return lambda *arguments: CliRunner().invoke(
-        app, ["demo", "--out", str(tmp_path / "out"), *arguments]
-    )
+    out = tmp_path / "out"
+    return lambda: CliRunner().invoke(app, ["demo", "--pictures-only", "--out", str(out)])
 
 
 @pytest.mark.usefixtures("shared_gl_context")
-def test_the_demo_fills_every_hole_and_says_where_the_picture_is(demo, tmp_path):
-    result = demo()
+def test_pictures_alone_fill_every_hole_and_say_where_they_are(pictures, tmp_path):
+    result = pictures()
 
     assert result.exit_code == 0, result.output
     assert "before-and-after.png" in result.output.replace("\n", "")
-    written = {path.name for path in (tmp_path / "out").iterdir()}
+    written = {path.stem for path in (tmp_path / "out").iterdir()}
     assert written == {
-        "before-and-after.png",
-        "push-pull.png",
-        "push-pull-depth.png",
-        "metameric.png",
-    }
-    pixels = {name: np.asarray(Image.open(tmp_path / "out" / name)) for name in written}
-    assert pixels["metameric.png"].shape == (500, 741, 3)
-    changed = (pixels["metameric.png"] != pixels["push-pull.png"]).any(axis=-1).mean()
+        "before-and-after", "warped", "truth", "push-pull", "push-pull-depth", "metameric",
+    }  # fmt: skip
+    filled = {name: pixels_of(tmp_path / "out" / f"{name}.png") for name in written}
+    assert filled["metameric"].shape == (500, 741, 3)
+    changed = (filled["metameric"] != filled["push-pull"]).any(axis=-1).mean()
     assert 0.05 < changed < 0.15  # the holes, and nothing else
 
 
-def test_the_demo_says_where_it_cannot_write(demo, tmp_path):
+def test_it_says_where_it_cannot_write(pictures, tmp_path):
     (tmp_path / "out").write_text("a file")
 
-    result = demo()
+    result = pictures()
 
     assert result.exit_code == 2
     assert "out" in result.output
     assert "Traceback" not in result.output
+
+
+@pytest.mark.full
+@pytest.mark.timeout(1800)
+def test_the_demonstration_itself_ends_in_a_whole_page(tmp_path):
+    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
+
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "out/index.html").read_text(encoding="utf-8")
+    links = re.findall(r'href="([^"#]+)"', page)
+    assert [link for link in links if not (tmp_path / "out" / link).exists()] == []
+    assert len(find_sittings(tmp_path / "out/sessions")) == 12
+    assert "none differs" in page
+    assert page.count("data:image/svg+xml") == 2
