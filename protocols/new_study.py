@@ -46,7 +46,6 @@ def study_files(name: str, title: str, display: Display) -> dict[str, str]:
     words = {
         "NAME": name,
         "TITLE": title,
-        "DISPLAY": display.name,
         "DESCRIPTION": display.description,
         "WIDTH_PX": display.width_px,
         "HEIGHT_PX": display.height_px,
