@@ -6,17 +6,19 @@ import moderngl
 import numpy as np
 import pytest
 
-from pipeline.camera import Camera, reprojection
+from pipeline.camera import Camera, flow_between, reprojection
 from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
 from pipeline.errors import InputError
 from pipeline.features.reference import analyse, grow
-from pipeline.frame import WarpedFrame
+from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.texture import create_texture, format_of, read_back, texture_from, upload
 from pipeline.inpaint.reference import Level, guide_from_depth
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import metameric_fill, noise_amplitudes, sample, shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.reference import warp
 
 Z_NEAR_M = 1.0
 ROUNDOFF = 2.0**-24  # of one float32 operation
@@ -197,12 +199,12 @@ def needed(hole, k):
     return wanted
 
 
-def decided_by_threshold(run, fill):
+def decided_by_threshold(run, fill, margin=12 * ROUNDOFF):
     """Tell where moving the threshold by less than what a step of the guide is off matters.
 
-    The reference is exact to 2^-52, so a pixel that no such decision reaches keeps its bits.
+    By default that is two guides, 6 roundings each. The reference is exact to 2^-52, so a pixel
+    that no such decision reaches keeps its bits.
     """
-    margin = 12 * ROUNDOFF  # two guides, 6 each
     threshold = run.settings.depth_threshold
     others = [
         run.reference(depth_threshold=threshold + shift).colour for shift in (-margin, margin)
@@ -580,7 +582,6 @@ def test_a_camera_anchor_without_cameras_is_refused(prepare, rng):
 
 def test_the_motorcycle_matches_reference(prepare, gl_context):
     """The real pair, a crop around the front wheel, as the warp leaves it."""
-    from pipeline.warp.gpu import warp_frame
     from stimuli.scenes.stereo import built_in_pair
 
     frame = built_in_pair("motorcycle").warp_input()
@@ -596,6 +597,34 @@ def test_the_motorcycle_matches_reference(prepare, gl_context):
     run = prepare(warped)
 
     close_enough(run, run(), run.reference())
+
+
+@pytest.mark.parametrize("offset_m", [(0.15, 0.0, 0.0), (-0.08, 0.05, 0.1)])
+def test_from_source_to_fill_the_gpu_matches_reference(prepare, gl_context, rng, offset_m):
+    """Warp and fill by the one, warp and fill by the other: a ball before a slanted floor."""
+    source = Camera.with_field_of_view(150, 110, 55)
+    x, y = np.moveaxis(source.pixel_centres(), -1, 0)
+    ball = np.hypot(x - 70, y - 50) < 24
+    depth_m = np.where(ball, 2.0, 120 / (y + 25)).astype(np.float32)
+    colour = np.where(
+        ball[..., None], [0.9, 0.1, 0.1], 0.5 + 0.1 * rng.standard_normal((110, 150, 3))
+    )
+    frame = SourceFrame(colour.clip(0, 1).astype(np.float32), depth_m)
+    flow_px, target_depth_m = flow_between(source, source.moved(offset_m), depth_m)
+    found = warp_frame(gl_context, frame, flow_px, target_depth_m=target_depth_m)
+    exact = warp(frame, flow_px, target_depth_m=target_depth_m)
+    assert 0.02 < exact.hole.mean() < 0.3
+    np.testing.assert_array_equal(found.hole, exact.hole)
+    run = prepare(exact)
+    fill = run.reference()
+
+    filled = run(found)[..., :3]
+
+    off = ~(np.abs(filled - fill.colour) <= WHOLE_ATOL).all(axis=-1)
+    assert off.sum() <= 1e-3 * off.size
+    # Interpolated, the inverse depth is off by 31 roundings of the nearest's (test_warp_gpu.py).
+    margin = 2 * (6 + 31 * Z_NEAR_M / target_depth_m.min()) * ROUNDOFF
+    assert decided_by_threshold(run, fill, margin)[off].all()
 
 
 def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng):
