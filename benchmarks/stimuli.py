@@ -1,4 +1,4 @@
-"""How fast clips are made: `script/bench stimuli --write`.
+"""How fast clips are made: `script/bench stimuli --write --docs docs/stimuli.md`.
 
 One scene, one size: frames per second of the pipeline alone (warp and fill), of PNG encoding
 alone, and of a whole build; the build's wall time over the larger of the two (wanted: at most
@@ -15,49 +15,19 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
-WANTED_OVERHEAD, WANTED_SCALING, WANTED_GROWTH = 1.3, 1.7, 1.05
+from benchmarks.quality import write_into
+from benchmarks.stimuli_report import Findings, Ratio, Speed
+
+BEGIN, END = "<!-- stimuli table: begin -->", "<!-- stimuli table: end -->"
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """The median of the rounds, and their least and greatest."""
-
-    median: float
-    least: float
-    greatest: float
-
-    @classmethod
-    def of(cls, rounds: Sequence[float]) -> Ratio:
-        return cls(statistics.median(rounds), min(rounds), max(rounds))
-
-    def __str__(self) -> str:
-        return f"{self.median:.2f} ({self.least:.2f} to {self.greatest:.2f})"
-
-
-@dataclass(frozen=True)
-class Speed:
-    """One method's frames per second, medians of the rounds.
-
-    `overhead` is a build's wall time over the larger of pipeline and encoding time: 1 is
-    perfect overlap.
-    """
-
-    method: str
-    pipeline_fps: float
-    encode_fps: float
-    build_fps: float
-    overhead: Ratio
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=["reference", "push-pull", "metameric"])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
+    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
     parser.add_argument("--memory-of", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--share", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
@@ -78,50 +49,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.share:
         _share(options)
         return 0
-    speeds = [_speed(options, method) for method in options.methods]
-    renderer = _renderer()
-    print(f"{renderer}; {options.scene}, {options.width} x {options.width * 3 // 4} px")
-    print(f"{'method':<12} {'pipeline':>9} {'PNG':>9} {'build':>9}  build / larger of both")
-    for speed in speeds:
-        print(
-            f"{speed.method:<12} {speed.pipeline_fps:>5.1f} fps {speed.encode_fps:>5.1f} fps"
-            f" {speed.build_fps:>5.1f} fps  {speed.overhead}"
-            f"  {_verdict(speed.overhead.median <= WANTED_OVERHEAD, f'<= {WANTED_OVERHEAD}')}"
-        )
-    scaling = _scaling(options)
-    print(
-        f"two processes, one rendering thread each: {scaling} x one process"
-        f"  {_verdict(scaling.median >= WANTED_SCALING, f'>= {WANTED_SCALING}')}"
+    found = Findings(
+        renderer=_renderer(),
+        scene=options.scene,
+        width_px=options.width,
+        frames=options.frames,
+        rounds=options.rounds,
+        speeds=[_speed(options, method) for method in options.methods],
+        two_processes_over_one=_scaling(options),
+        peak_mib={
+            frames: _memory(options, frames) for frames in (options.frames, 2 * options.frames)
+        },
     )
-    memory = [_memory(options, frames) for frames in (options.frames, 2 * options.frames)]
-    print(
-        f"peak memory: {memory[0]:.0f} MiB for {options.frames} frames, {memory[1]:.0f} MiB for"
-        f" {2 * options.frames}"
-        f"  {_verdict(memory[1] <= WANTED_GROWTH * memory[0], f'at most {WANTED_GROWTH} x')}"
-    )
+    print(found.text())
     if options.write:
-        from protocols.revision import code_revision
-
-        content = {
-            "renderer": renderer,
-            "cores": os.cpu_count(),
-            "platform": platform.platform(),
-            "revision": code_revision(),
-            "scene": options.scene,
-            "width_px": options.width,
-            "frames": options.frames,
-            "rounds": options.rounds,
-            "load_average": os.getloadavg()[0],
-            "speeds": [asdict(speed) for speed in speeds],
-            "two_processes_over_one": asdict(scaling),
-            "peak_mib": {str(options.frames): memory[0], str(2 * options.frames): memory[1]},
-        }
-        RESULTS.write_text(json.dumps(content, indent=1) + "\n")
+        RESULTS.write_text(json.dumps(found.content(), indent=1) + "\n", encoding="utf-8")
+    if options.docs is not None:
+        write_into(options.docs, found.markdown(), BEGIN, END)
     return 0
-
-
-def _verdict(holds: bool, wanted: str) -> str:
-    return f"[{'holds' if holds else 'MISSED'}: {wanted}]"
 
 
 def _speed(options: argparse.Namespace, method: str) -> Speed:
