@@ -162,6 +162,7 @@ def test_check_names_what_is_missing_changed_and_extra(copy):
     assert verdict.extra == ["box__small__telea/notes.txt"]
 
 
+@pytest.mark.timeout(3600)  # --full on a busy machine
 def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
     """kill -9 after random amounts of work, then the same command until it ends."""
     out = tmp_path / "clips"
@@ -181,6 +182,7 @@ def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, 
         process.send_signal(signal.SIGKILL)
         status = process.wait()
         assert status in (0, -signal.SIGKILL)
+        print("finished" if status == 0 else f"killed with {entries(out)} of {whole} entries")
         if status != 0:
             killed += 1
             assert not (out / "manifest.json").exists() or check_batch(out).in_order
