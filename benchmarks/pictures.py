@@ -1,4 +1,7 @@
-"""The pictures of README and docs, from our own scenes: `script/bench pictures`."""
+"""The pictures of README and docs, from our own scenes: `script/bench pictures`.
+
+One sheet of the fills for the README, and one of the steps of the method for docs/method.md.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
 from protocols.stimuli_schema import CirclePath
@@ -17,11 +21,22 @@ from stimuli.paths import make_path
 from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene
+from stimuli.steps import metameric_steps
+from study_app.cli.demo.pictures import most_holes
 
 FILLS = (
     ("push-pull", "push-pull", {}),
     ("metameric", "metameric", {}),
     ("metameric, texture from the background", "metameric", {"texture": "background"}),
+)
+
+SEED = 1
+DETAIL_PX = (120, 160)
+STEPS = (  # of `stimuli.steps`, and what stands under them
+    ("base", "2 base: colour of what lies at the hole's depth"),
+    ("level0-bands", "3 finest bands: high, along x, along y"),
+    ("level0-deviation", "4 their deviations, carried into the hole"),
+    ("noise", "5 noise, shaped by them"),
 )
 
 
@@ -33,6 +48,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--extent", type=float, default=0.25, help="radius of the path, m")
     parser.add_argument("--frame", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("docs/images/fills.png"))
+    parser.add_argument("--steps", type=Path, default=Path("docs/images/method-steps.png"))
     arguments = parser.parse_args(argv)
     ctx = create_context()
     world = build_scene(arguments.scene, 1, {})
@@ -47,16 +63,40 @@ def main(argv: list[str]) -> int:
     ]
     for label, name, parameters in FILLS:
         method = create_method(name, ctx, parameters)
-        tiles.append((label, pictures.of_colour(method.fill(warped, 1))))
+        tiles.append((label, pictures.of_colour(method.fill(warped, SEED))))
         method.release()
     tiles.append(("the true view", pictures.of_colour(footage.truth(arguments.frame))))
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     pictures.save_picture(arguments.out, pictures.sheet(tiles, columns=3))
-    print(f"holes {100 * np.mean(warped.hole):.1f} %; wrote {arguments.out}")
+    pictures.save_picture(arguments.steps, steps_sheet(warped, tiles))
+    print(f"holes {100 * np.mean(warped.hole):.1f} %; wrote {arguments.out}, {arguments.steps}")
     footage.release()
     scenery.release()
     release_context(ctx)
     return 0
+
+
+def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
+    """The steps of the method where most is hidden, between the warped frame and the truth."""
+    top, left = most_holes(warped.hole, DETAIL_PX)
+    rows, columns = slice(top, top + DETAIL_PX[0]), slice(left, left + DETAIL_PX[1])
+    detail = WarpedFrame(
+        warped.colour[rows, columns],
+        warped.depth_m[rows, columns],
+        warped.hole[rows, columns],
+        warped.flow_px[rows, columns],
+        warped.frame_index,
+    )
+    steps = {name: picture for name, _, picture in metameric_steps(detail, {}, SEED)}
+    holes, metameric, truth = (fills[place][1][rows, columns] for place in (0, 2, -1))
+    tiles = [
+        ("1 warped: holes", holes),
+        ("their depth: the background's", pictures.of_depth(detail.depth_m)),
+        *((label, pictures.fitted(steps[name], DETAIL_PX)) for name, label in STEPS),
+        ("metameric", metameric),
+        ("the true view", truth),
+    ]
+    return pictures.sheet(tiles, columns=4)
 
 
 if __name__ == "__main__":
