@@ -139,6 +139,29 @@ def test_interpolation_weighs_by_nine_three_three_one():
     assert similar.all()
 
 
+@pytest.mark.parametrize("other", [0.25, 0.75])
+def test_a_step_of_exactly_the_threshold_is_the_same_depth(other):
+    """Of numbers that floats hold exactly: 0.25 away at a threshold of 0.25."""
+    coarse = level(COARSE, np.ones((2, 2)), [[0.5, other], [0.5, other]])
+
+    below, similar = interpolate(coarse, np.full((4, 4), 0.5), 0.25)
+    pulled = pull(level([[0.2, 0.4]], [[1, 1]], [[0.5, other]]), 0.25)
+
+    assert below[1, 1, 0] == COARSE_MEAN
+    assert similar.all()
+    np.testing.assert_allclose(alone(pulled), (0.3, 1.0, max(0.5, other)), rtol=1e-15)
+    assert not straddles(np.array([[0.5, other]]), 0.25).any()
+
+
+def test_the_least_neighbour_counts_alone_where_only_it_is_of_the_pixel_s_depth():
+    coarse = level(COARSE, np.ones((2, 2)), [[0.9, 0.9], [0.9, 0.5]])
+
+    below, similar = interpolate(coarse, np.full((4, 4), 0.5), THRESHOLD)
+
+    assert below[1, 1, 0] == COARSE[1][1]
+    assert similar[1, 1]
+
+
 @pytest.mark.parametrize("other", [0.3, 0.45, 0.55, 0.9])
 def test_interpolation_leaves_out_neighbours_of_another_depth(other):
     """By hand: the right ones are nearer or farther, 9 and 3 of 12 remain."""
@@ -422,3 +445,14 @@ def test_statistics_are_half_the_level_s_size():
     found = statistics(bands, np.zeros((7, 10), bool), np.ones((7, 10), bool), np.zeros((7, 10)))
 
     assert found.values.shape == (4, 5, 18)
+
+
+def test_statistics_are_crossed_with_the_first_channel_if_told_so():
+    """By hand: luma 2 and two chromas 3 and 5 everywhere; 2 * 2, 2 * 3, 2 * 5."""
+    size = (4, 4)
+    bands = np.broadcast_to([2.0, 3.0, 5.0], (*size, 1, 3)).copy()
+    nothing, everything = np.zeros(size, bool), np.ones(size, bool)
+
+    found = statistics(bands, nothing, everything, np.full(size, 0.5), cross=True)
+
+    np.testing.assert_allclose(found.values[0, 0], [2, 3, 5, 4, 6, 10], rtol=1e-15)

@@ -272,3 +272,15 @@ def test_a_timeline_carries_every_time_and_rule_of_its_protocol():
 def test_a_time_that_is_no_whole_number_of_refreshes_names_the_command_that_says_more():
     with pytest.raises(StudyError, match=r"at 144 Hz; run 'metamerlab protocol check'$"):
         Timeline.of(load_protocol(Path("demo")), load_display("fhd24-144hz"))
+
+
+def test_only_an_enforced_fixation_has_no_planned_length():
+    """The gaze decides when it ends; in every other mode its time does."""
+    planned = {mode: replace(TIMELINE, gaze=mode).planned(Phase.FIXATE) for mode in GazeMode}
+
+    assert planned == {
+        GazeMode.ENFORCE: None,
+        GazeMode.WARN: 3,
+        GazeMode.MONITOR: 3,
+        GazeMode.NONE: 3,
+    }
