@@ -29,6 +29,8 @@ from study_app.sittings import find_sittings
 JPEG_QUALITY = 90
 SHOT_PX = 300
 DETAIL_SCALE = 2
+LATE_SHARE = 0.02
+"""Of all refreshes: a machine that misses more is too slow or too busy for a real sitting."""
 PHASES = {
     "fixate": "fixation",
     "first": "first clip",
@@ -67,6 +69,8 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
     assert strip is not None
     labels = _labels(facts.protocol)
     sittings = find_sittings(layout.sessions, facts.protocol.study.name)
+    rows = [_sitting_row(sitting) for sitting in sittings]
+    rows.sort(key=lambda row: row["where"] == "virtual display")
     text = environment.get_template("page.html").render(
         facts=facts,
         labels=labels,
@@ -76,7 +80,8 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         strip=strip,
         shots=_shots(layout, strip, facts),
         seen=record.notes("window"),
-        sittings=[_sitting_row(sitting) for sitting in sittings],
+        sittings=rows,
+        late=[row for row in rows if row["missed"] > LATE_SHARE * row["shown"]],
         figures=_figures(layout),
         frames=facts.protocol.clips.frames,
         out=os.path.relpath(layout.out),
@@ -213,12 +218,11 @@ def _shots(layout: Layout, strip: filmstrip.Strip, facts: Facts) -> list[dict[st
     for shot in strip.shots:
         picture = _read(layout.trial / shot.file)
         # A little of the grey around the clip.
-        rows_px = min(picture.shape[0], round(1.25 * height))
-        columns_px = min(picture.shape[1], round(1.25 * width))
+        around = 1.5 if shot.phase == "respond" else 1.25
+        rows_px = min(picture.shape[0], round(around * height))
+        columns_px = min(picture.shape[1], round(around * width))
         top, left = (picture.shape[0] - rows_px) // 2, (picture.shape[1] - columns_px) // 2
         cut = picture[top : top + rows_px, left : left + columns_px]
-        if shot.phase == "respond":
-            cut = picture
         rows.append(
             {
                 "phase": PHASES[shot.phase],

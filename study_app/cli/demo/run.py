@@ -175,6 +175,7 @@ class _Demo:
         return sha256_json(
             [
                 self.protocol.sha256, self.manifest.sha256, self.options.seed,
+                self.options.observers, self.options.window, self.options.display,
                 self.display.model_dump(mode="json"),
             ]
         )  # fmt: skip
@@ -182,7 +183,9 @@ class _Demo:
     def _drop_stale_sessions(self) -> None:
         """Sittings with other clips cannot be analysed with these: simulate them again."""
         layout, key = self.layout, self._sessions_key
-        if not self.record.matches("sessions", key) and layout.sessions.exists():
+        if self.record.matches("sessions", key):
+            return
+        if layout.sessions.exists():
             real = [
                 sitting.participant
                 for sitting in find_sittings(layout.sessions)
@@ -194,11 +197,11 @@ class _Demo:
                     f"{layout.sessions}: must hold simulated sittings alone (it holds recorded"
                     f" ones: {', '.join(real)}); move that folder away, or choose another --out"
                 )
-            self.console.print("the clips are new: the simulated sittings are made again")
+            self.console.print("clips or options changed: the simulated sittings are made again")
             shutil.rmtree(layout.sessions)
-            shutil.rmtree(layout.trial, ignore_errors=True)
-            for step in ("window", "virtual"):
-                self.record.forget(step)
+        shutil.rmtree(layout.trial, ignore_errors=True)
+        for step in ("window", "virtual"):
+            self.record.forget(step)
         self.record.done("sessions", key, 0.0)
 
     def _sitting_plan(self) -> SittingPlan:
