@@ -23,10 +23,12 @@ from study_app.keys import key_name
 from study_app.luminance import LEVELS, fit_gamma, store_luminance
 from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
+from study_app.pages import Pages
 from study_app.sittings import find_sittings, next_slot
+from study_app.stage import Page
 from study_app.strip import BLOCK_PX, BLOCKS, Seen, code_of, compare, crc8, read_strip
 from study_app.target import target_image
-from study_app.text_image import is_right_to_left, text_image, typeface_for, wrap
+from study_app.text_image import is_right_to_left, text_image, typeface_for, wrap, writable
 from study_app.validation import (
     nine_points_px,
     point_quality,
@@ -259,6 +261,43 @@ def test_other_scripts_are_drawn_and_run_their_own_way(text, right):
     if text.startswith("م"):  # joined letters are narrower than letters one by one
         apart = text_image(["\u200c".join(text)], face, 600)
         assert not np.array_equal(image, apart)
+
+
+def test_what_no_font_can_draw_is_shown_as_a_question_mark_and_no_other_character():
+    assert writable("Edges, \U000131a3 2", "What?|") == "Edges, ? 2"
+    assert writable("Edges, é 2", "What?|") == "Edges, é 2"
+
+
+def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
+    from study_app import pages as module
+
+    texts = load_protocol(Path("demo")).text.languages["en"]
+    page = Page("question", texts.questions[1].text, (), choices=texts.questions[1].choices)
+    made = Pages((640, 480), texts, 128)
+    with_circles = made.question(page, "", 1)
+
+    def no_circles(wanted, size_px):
+        if "○" in "".join(wanted):
+            raise StudyError("text: one font must hold every character")
+        return typeface_for(wanted, size_px)
+
+    monkeypatch.setattr(module, "typeface_for", no_circles)
+    chosen, open_ = made.question(page, "", 1), made.question(page, "", -1)
+    assert not np.array_equal(chosen, with_circles)
+    assert not np.array_equal(chosen, open_)
+
+
+def test_short_pages_stand_in_the_middle_and_long_questions_above_the_answers():
+    protocol = load_protocol(Path("demo"))
+    texts = protocol.text.languages["en"].model_copy(update={"question": "Which one? " * 30})
+    made = Pages((640, 480), texts, 128)
+    columns = np.nonzero(made.page("Thank you.")[..., 3].any(axis=0))[0]
+    assert columns.min() + columns.max() == pytest.approx(639, abs=4)
+
+    answer = made.fixed(protocol.response)["answer-left"]
+    empty = ~answer[..., 3].any(axis=1)
+    assert empty[round(0.47 * 480) + 1 : 240].all()  # between the question and the labels
+    assert answer[: round(0.47 * 480), :, 3].any()
 
 
 def test_keys_are_named_as_protocols_name_them():
