@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -20,13 +21,16 @@ from protocols.hashing import sha256_file
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
 from study_app.cli import app
+from study_app.cli.demo.observers import Options
 from study_app.cli.demo.pictures import most_holes
-from study_app.cli.demo.run import Options, run_demo
+from study_app.cli.demo.run import run_demo
 from study_app.cli.demo.screen import PROGRAMS
 from study_app.cli.demo.sitting import Flip, clip_place
 from study_app.cli.demo.watcher import Place, Watcher
 from study_app.sittings import find_sittings
 from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
+
+pytestmark = pytest.mark.timeout(900)  # builds clips, and sits before a window in real time
 
 SMALLER = {
     "width_deg": "2.0",
@@ -66,7 +70,7 @@ def missing_window() -> str:
 
 
 def quiet_console() -> Console:
-    return Console(file=Path(os.devnull).open("w"))
+    return Console(file=io.StringIO())
 
 
 @pytest.fixture(scope="module")

@@ -66,7 +66,8 @@ def demo(
                 "--no-window and --display exclude each other: a display is where the window goes"
             )
         from study_app.cli.demo.layout import RECORD_NAME
-        from study_app.cli.demo.run import Options, run_demo
+        from study_app.cli.demo.observers import Options
+        from study_app.cli.demo.run import run_demo
 
         if fresh and out.exists():
             if not (out / RECORD_NAME).is_file():

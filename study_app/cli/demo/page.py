@@ -56,7 +56,6 @@ class Facts:
     headline: str
     cores: int
     version: str
-    run_s: float
 
 
 def write_page(layout: Layout, record: Record, facts: Facts) -> None:
