@@ -93,6 +93,10 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         see(fixed["gaze-lost"], "gaze was lost")
         (void,) = study.journal().attempts
         assert (void.outcome, void.void_reason) == ("void", "gaze-break")
+        # The operator follows from another process.
+        follower = screen.run("session", "watch", study.sessions / "demo" / "P01", "--once")
+        assert "0 of 2" in follower.stdout
+        assert "gaze-break" in follower.stdout
 
         # Without gaze on the dot nothing begins; with it the attempt is decided.
         mouse = CENTRE
@@ -158,6 +162,10 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
     assert not events(study, Calibration)
     assert [e.reason for e in events(study, SessionEnd)] == ["completed"]
     assert "gaze-break" in out
+    # Left to follow on, the view ends with the session.
+    follower = screen.run("session", "watch", study.sessions / "demo" / "P01")
+    assert follower.returncode == 0
+    assert "2 of 2" in follower.stdout
 
 
 def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
