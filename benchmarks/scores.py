@@ -27,7 +27,7 @@ from stimuli.score.metrics import HOLES, choose_metrics
 from stimuli.score.report import duels_markdown, write_report
 from stimuli.score.run import Results, Settings, score
 from stimuli.score.speed import time_methods
-from stimuli.score.tables import Table, all_tables, duels
+from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels
 from stimuli.score.viewing import standard_fhd
 from stimuli.score.write import CACHE_FOLDER, JSON_NAME
 from study_app.cli.progress import progress_bar
@@ -116,7 +116,9 @@ def document(results: dict[str, Results]) -> str:
         tables = all_tables(found)
         parts.append(f"### {HEADINGS[motion]}\n")
         parts += [f"{table.title}.\n\n{table.markdown()}\n" for table in tables if shown(table)]
-        parts.append("Against push-pull:\n\n" + duels_markdown(duels(tables)))
+        for against in RIVALS:
+            met = tuple(duel for duel in duels(tables, OURS, against) if shown(duel.table))
+            parts.append(f"Metameric against {against}:\n\n{duels_markdown(met)}")
     return "\n".join(parts)
 
 

@@ -140,7 +140,7 @@ METRICS = {
             "fine detail over that of the reference: below 1 is blur, above is noise", OURS,
         ),
         Metric(
-            "flicker", "flicker in holes", "/255", "lower", 0.0, "pixels", 1, 2,
+            "flicker", "flicker", "/255", "lower", 0.0, "pixels", 1, 2,
             "mean absolute difference between the clip's and the reference's change from frame"
             " to frame, where both frames are holes", OURS, regions=(HOLES,), over_time=True,
         ),

@@ -21,14 +21,14 @@ def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG0
     for _, test, truth, hole in pair.walk():
         for region in pair.regions:
             mask = hole if region == HOLES else np.ones_like(hole)
-            for name, value in _of_frame(test, truth, mask).items():
-                per_frame.setdefault((name, region), []).append(value)
+            for name, found in _of_frame(test, truth, mask).items():
+                per_frame.setdefault((name, region), []).append(found)
         if last is not None and pair.masks:
             changes.append(_excess_change(last, (test, truth, hole)))
         squares += ((test - truth) ** 2).mean(axis=2) * hole
         last = test, truth, hole
     values: dict[tuple[str, str], float | None] = {
-        key: mean_of(found) for key, found in per_frame.items()
+        key: mean_of(numbers) for key, numbers in per_frame.items()
     }
     for region in pair.regions:
         values["psnr", region] = _whole_psnr(per_frame["psnr", region])
@@ -42,6 +42,7 @@ def _of_frame(test: Image, truth: Image, mask: Mask) -> dict[str, float | None]:
     if not mask.any():
         return {"psnr": None, "ssim": None, "hf-ratio": None}
     small = min(mask.shape) < SSIM_LEAST_PX
+    ratio: float | None
     try:
         ratio = high_frequency_ratio(test, truth, mask)
     except InputError:  # the reference is flat there

@@ -152,6 +152,7 @@ def colour_bar(top: float, label: str) -> Figure:
             np.linspace(0, 1, 256)[None], aspect="auto", cmap="inferno", extent=(0, top, 0, 1)
         )
         axes.set_yticks([])
+        axes.locator_params(axis="x", nbins=4)
         axes.set_xlabel(label)
     return figure
 

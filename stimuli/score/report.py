@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.metrics import HOLES, METRICS
 from stimuli.score.run import Results
-from stimuli.score.tables import Duel, Table, all_tables, duels
+from stimuli.score.tables import Duel, Table, all_duels, all_tables
 from stimuli.score.write import (
     CSV_NAME,
     FRAMES_NAME,
@@ -52,7 +53,7 @@ def write_report(
     say = report or (lambda _: None)
     times_ms = times_ms or {}
     tables = all_tables(results)
-    found = duels(tables)
+    found = all_duels(tables)
     say("drawing figures")
     drawn = _draw(results, tables, times_ms, out)
     say("writing tables")
@@ -97,7 +98,9 @@ def _draw(
             name = f"bars-{table.metric.name}-{table.region}" + (
                 f"-{table.size}" * bool(table.size)
             )
-            caption = f"{table.title}. Bars begin at the value of identical clips."
+            perfect = math.isfinite(table.metric.perfect)
+            begin = "the value of identical clips" if perfect else "0"
+            caption = f"{table.title}. Bars begin at {begin}."
             keep("bars", name.replace(".", "-"), caption, plots.bars(table))
     for metric in (METRICS[name] for name in _AGAINST_TIME):
         figure = plots.trade_off(results, metric, HOLES, times_ms)
@@ -127,7 +130,10 @@ def _page(
     return environment.get_template("scores.html").render(
         title=results.subjects.origin.get("study") or results.subjects.items[0].name,
         tables=tables,
-        duels=found,
+        verdicts=[
+            (against, [duel for duel in found if duel.against == against])
+            for against in dict.fromkeys(duel.against for duel in found)
+        ],
         drawn=drawn,
         maps=plots.error_maps(results)[1],
         map_metric=results.map_metric,

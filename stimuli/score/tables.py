@@ -8,6 +8,8 @@ from stimuli.score.metrics import FRAME, HOLES, Metric
 from stimuli.score.run import Results
 
 OURS, RIVAL = "metameric", "push-pull"
+RIVALS = (RIVAL, "push-pull-depth")
+"""What ours is compared with in words: the paper's rival, and what depth alone buys."""
 PAPERS = {
     ("lpips", HOLES): "Table 1",
     ("fvvdp-1.0", HOLES): "Table 2",
@@ -185,6 +187,11 @@ def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -
         )
         found.append(Duel(table, method, against, means, len(pairs), lost))
     return tuple(found)
+
+
+def all_duels(tables: tuple[Table, ...]) -> tuple[Duel, ...]:
+    """Compare ours with each of `RIVALS` that is there."""
+    return tuple(duel for against in RIVALS for duel in duels(tables, OURS, against))
 
 
 def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[str, list[str]]]]:

@@ -185,7 +185,7 @@ def _write(
 
 def _print_results(console: Console, results: Results) -> None:
     from stimuli.score.metrics import FRAME, HOLES
-    from stimuli.score.tables import all_tables, duels, summary
+    from stimuli.score.tables import all_duels, all_tables, summary
 
     for region, title in ((HOLES, "in holes"), (FRAME, "whole frame")):
         heads, rows = summary(results, region)
@@ -197,7 +197,7 @@ def _print_results(console: Console, results: Results) -> None:
         for method, cells in rows:
             table.add_row(method, *cells)
         console.print(table)
-    for duel in duels(all_tables(results)):
+    for duel in all_duels(all_tables(results)):
         if duel.table.region == HOLES:
             console.print(f"{duel.sentence}.")
     for note in results.notes:

@@ -1,0 +1,30 @@
+"""Clips that a build made are scored as they are: masks, references, times."""
+
+from __future__ import annotations
+
+import json
+
+from typer.testing import CliRunner
+
+from stimuli.build import build
+from study_app.cli.stimuli_commands import app
+
+
+def test_a_build_is_scored_by_the_command(gl_context, orders, inline, tmp_path):  # noqa: ARG001
+    build(orders, tmp_path / "clips", inline)
+    out = tmp_path / "scores"
+    wanted = ["--metrics", "psnr,ssim,flicker,statistics", "--workers", "1"]
+
+    done = CliRunner().invoke(app, ["score", str(tmp_path / "clips"), "--out", str(out), *wanted])
+
+    assert done.exit_code == 0, done.output
+    numbers = json.loads((out / "scores.json").read_text())
+    assert {clip["scene"] for clip in numbers["clips"]} == {"box", "motorcycle"}
+    assert numbers["fill_ms"].keys() == {"push-pull", "telea"}
+    assert all(value > 0 for value in numbers["fill_ms"].values())
+    for clip in numbers["clips"]:
+        # The fill alone is worse than the frame that it is a part of.
+        assert clip["scores"]["psnr holes"] < clip["scores"]["psnr frame"]
+        assert 0 < clip["scores"]["statistics holes"] < 1
+    page = (out / "scores.html").read_text()
+    assert "Time against quality" in page
