@@ -70,6 +70,15 @@ def test_withdraw_asks_deletes_and_frees_the_code_for_nobody(screen, sample_sess
     assert "withdrew before" in again.stderr
 
 
+# Each target stands for a third of its time: the eye that looks is quick, and never tires.
+QUICK = """
+from study_app import validation
+from study_app.cli import main
+validation.SETTLE_S = validation.HOLD_S = 0.2
+main()
+"""
+
+
 def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(screen, make_study):
     values = {
         "pairings": '[["metameric", "push-pull"]]',
@@ -77,7 +86,7 @@ def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(scre
         "mode": '"monitor"',
     }
     study = make_study(values)
-    done = screen.run(*screen.session("run", study, "--simulate"))
+    done = screen.run(*screen.session("run", study, "--simulate"), code=QUICK)
     assert done.returncode == 0, done.stderr
     kinds = [event.kind for event in study.journal().events]
     assert kinds.index("calibration") < kinds.index("block-start")
@@ -86,7 +95,7 @@ def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(scre
     assert 0.02 < check.accuracy_deg < 1.0
 
     narrow = make_study(values | {"window_deg": "0.05"}, name="narrow")
-    done = screen.run(*screen.session("run", narrow, "--simulate"))
+    done = screen.run(*screen.session("run", narrow, "--simulate"), code=QUICK)
     assert done.returncode == 2
     assert "window_deg = 0.05 must be at least the mean error and twice the noise" in done.stderr
     last = narrow.journal().events[-1]
