@@ -29,6 +29,7 @@ from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
 from protocols.registries import check_methods, check_scenes
 from protocols.revision import code_revision, package_version
+from protocols.scene_files import missing_files
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 
@@ -84,6 +85,10 @@ def check(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
             f" protocol {study.sha256[:12]}."
         )
+        # No mistake of the protocol: where sittings run, built clips are enough.
+        if stimuli is None and protocol.suffix == ".toml":
+            for missing in missing_files(study, protocol.absolute().parent):
+                print(f"note: {missing}")
 
 
 @app.command()

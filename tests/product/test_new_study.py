@@ -182,3 +182,39 @@ def test_every_command_of_its_readme_exists(made):
                 command = command._slot.load() if hasattr(command, "_slot") else command
         options = {option for entry in command.params for option in getattr(entry, "opts", [])}
         assert {word for word in words if word.startswith("--")} <= options, words
+
+
+def test_scene_files_that_are_not_there_are_noted_by_check(metamerlab, made):
+    path = made / "study.toml"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace(
+            "# --- How much",
+            """[[scenes]]
+name = "place"
+kind = "mesh"
+file = "scenes/place.glb"
+camera = { kind = "circle" }
+
+[[scenes]]
+name = "pair"
+kind = "stereo"
+left = "motorcycle"
+right = "motorcycle"
+disparity = "motorcycle"
+focal_px = 1000.0
+baseline_m = 0.1
+camera = { kind = "stereo" }
+
+# --- How much""",
+        ),
+        encoding="utf-8",
+    )
+
+    done = metamerlab("protocol", "check", path)
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.stdout.split())
+    assert "note: scenes[2].file: the file is not there" in said
+    assert "scenes[3]" not in said
+
+    (made / "scenes" / "place.glb").write_bytes(b"")
+    assert "note" not in metamerlab("protocol", "check", path).stdout
