@@ -32,7 +32,8 @@ def new_study(
     """Make a folder to start a study from: protocol, display file, and where things belong.
 
     Every key is explained in the files; they pass 'metamerlab protocol check' as they are,
-    and clips are small, so that the first build is short. The folder's README.md says what to do next.
+    and clips are small, so that the first build is short. The folder's README.md says what to
+    do next.
 
     Example:
 
