@@ -6,6 +6,7 @@ import ctypes
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import moderngl
@@ -31,9 +32,22 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Name the marker of pytest-xdist, which a run without it must know as well."""
-    config.addinivalue_line("markers", "xdist_group(name): one worker runs these")
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give whole files to workers, and everything before the screen to one of them.
+
+    Sittings in real time would disturb each other. Marks for `--dist loadgroup` would say the
+    same, but pytest 9.2 ignores them (pytest-xdist issue 1386).
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class OneScreen(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::", 1)[0]
+            return "screen" if file.startswith("tests/presenter/") else file
+
+    config.option.loadscopereorder = False  # in the order of the tests: the screen comes early
+    return OneScreen(config, log)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

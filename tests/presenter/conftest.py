@@ -163,13 +163,6 @@ def write_study(
     return study
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker run what uses the screen, one test after the other: it is in real time."""
-    for item in items:
-        if "screen" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("screen"))
-
-
 @pytest.fixture
 def make_study(tmp_path: Path) -> Callable[..., Study]:
     """Give a function that writes a study with other values below the test's folder."""
