@@ -217,7 +217,7 @@ def _shots(layout: Layout, strip: filmstrip.Strip, facts: Facts) -> list[dict[st
     for shot in strip.shots:
         picture = _read(layout.trial / shot.file)
         # A little of the grey around the clip.
-        around = 1.5 if shot.phase == "respond" else 1.25
+        around = 1.75 if shot.phase == "respond" else 1.25
         rows_px = min(picture.shape[0], round(around * height))
         columns_px = min(picture.shape[1], round(around * width))
         top, left = (picture.shape[0] - rows_px) // 2, (picture.shape[1] - columns_px) // 2
