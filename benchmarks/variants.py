@@ -34,7 +34,7 @@ from pipeline.inpaint.reference import (
 from pipeline.methods.metameric import Metameric
 from pipeline.quality import Quality, evaluate
 from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import inpainted_amplitudes, noise_amplitudes, shaped_noise
+from pipeline.synthesis.reference import inpainted_statistics, noise_variances, shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
@@ -119,11 +119,11 @@ def lowpass_base_fill(
     )
     base = np.where(hole[..., None], base_levels[0].values, warped.colour)
     guides = [level.guide for level in base_levels]
-    statistics, _ = inpainted_amplitudes(base, hole, guides, settings)
+    statistics, _ = inpainted_statistics(base, hole, guides, settings)
     cross = settings.channels == "correlated"
     pyramid = analyse(ycbcr_from_rgb(base), levels)
     *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
-    bands, amplitudes = [], []
+    bands, lacking = [], []
     for level, found in enumerate(statistics):
         mean, _ = means_and_variances(found.values, cross=cross)
         flat = Level(mean.reshape(*mean.shape[:2], -1), found.validity, found.guide)
@@ -131,13 +131,13 @@ def lowpass_base_fill(
         smooth = interpolate(flat, guides[level], settings.depth_threshold)[0].reshape(shape)
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
-        amplitudes.append(replace(found, values=noise_amplitudes(found.values, own, cross=cross)))
+        lacking.append(replace(found, values=noise_variances(found.values, own, cross=cross)))
     # Averages of known background alone: a low-pass that no hole reaches into.
     clean = ycbcr_from_rgb(base_levels[levels].values)
     residual = np.where(residual_spoiled[..., None], clean, pyramid.residual)
     x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
     noise = shaped_noise(
-        amplitudes,
+        lacking,
         guide,
         np.stack([x, y], axis=-1) - warped.flow_px,
         noise_bands(seed, levels, 1 if cross else 3),

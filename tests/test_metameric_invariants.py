@@ -239,23 +239,27 @@ def whole_coefficients(levels):
     return [a & b for a, b in zip(inside, clean, strict=True)]
 
 
-def band_ratios(method, slope, seeds, **settings):
-    """Fill behind a disc; per level and band: deviation ratio and mean's offset in deviations."""
+def band_ratios(method, slopes):
+    """Fill behind a disc; per level and band: deviation ratio and mean's offset in deviations.
+
+    Over 64 seeds, of texture and of noise; each (slopes, levels, 3).
+    """
     levels = 4
     places = whole_coefficients(levels)
     front = disc(SIZE, 140, 96, 40)
-    one = method("metameric", z_near_m=Z_NEAR_M, **settings)
-    sums = np.zeros((2, 2, levels, 3))  # fill or truth; first or second moment
-    for seed in range(seeds):
-        texture = stationary(seed, slope)
-        colour = np.where(front[..., None], np.float32((0.8, 0.1, 0.1)), texture)
-        frame = frame_of(colour, UNCOVERED, np.where(front, 2.0, 5.0))
-        filled = one.fill(frame, seed=seed)
-        for which, image in enumerate((filled[..., 1:2], texture)):
-            for level, bands in enumerate(analyse(image.astype(np.float64), levels).bands):
-                values = bands[places[level]][..., 0]
-                sums[which, 0, level] += values.mean(axis=0) / seeds
-                sums[which, 1, level] += (values**2).mean(axis=0) / seeds
+    one = method("metameric", z_near_m=Z_NEAR_M)
+    sums = np.zeros((2, 2, len(slopes), levels, 3))  # fill or truth; first or second moment
+    for seed in range(64):
+        for which_slope, slope in enumerate(slopes):
+            texture = stationary(seed, slope)
+            colour = np.where(front[..., None], np.float32((0.8, 0.1, 0.1)), texture)
+            frame = frame_of(colour, UNCOVERED, np.where(front, 2.0, 5.0))
+            filled = one.fill(frame, seed=seed)
+            for which, image in enumerate((filled[..., 1:2], texture)):
+                for level, bands in enumerate(analyse(image.astype(np.float64), levels).bands):
+                    values = bands[places[level]][..., 0]
+                    sums[which, 0, which_slope, level] += values.mean(axis=0) / 64
+                    sums[which, 1, which_slope, level] += (values**2).mean(axis=0) / 64
     deviation = np.sqrt(sums[:, 1] - sums[:, 0] ** 2)
     return deviation[0] / deviation[1], np.abs(sums[0, 0] - sums[1, 0]) / deviation[1]
 
@@ -267,28 +271,15 @@ def test_the_hole_of_the_texture_tests_spans_four_coefficients_at_every_level():
         assert whole_coefficients(4)[level].sum() >= 4
 
 
-@pytest.mark.parametrize("base_gamma", [0.25, 1.0])
-def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, full, base_gamma):
-    """White noise: deviations within 10 %, means within 0.1 of a deviation.
+def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, full):
+    """Deviations within 10 %, means within 0.1 of a deviation, at every level.
 
-    Not so the coarsest level, where white noise has next to no energy of its own: streaks
-    of the base, from single pixels of the hole's rim, have more, and only noise can be
-    held back. A smoother base (gamma 1) has less of them.
+    White noise and amplitude 1 / f; with ``--full`` what lies between, too.
     """
-    ratio, offset = band_ratios(method, 0.0, 64 if full else 10, base_gamma=base_gamma)
+    ratio, offset = band_ratios(method, (0.0, 1.0, 0.5) if full else (0.0, 1.0))
 
-    assert np.abs(ratio[:3] - 1).max() < (0.1 if full else 0.13)  # few seeds spread more
-    assert np.abs(ratio[3] - 1).max() < 0.4
-    assert offset[:3].max() < 0.1
-
-
-@pytest.mark.full
-@pytest.mark.xfail(strict=True, reason="bands overlap: weighing them by deviation is not exact")
-def test_a_texture_of_natural_spectrum_keeps_its_band_statistics_in_the_hole(method):
-    """Amplitude 1 / f: coarse bands come out 15 to 40 % too weak, the finest too strong."""
-    ratio, _ = band_ratios(method, slope=1.0, seeds=64)
-
-    assert np.abs(ratio - 1).max() < 0.1
+    np.testing.assert_allclose(ratio, 1, atol=0.1)
+    assert offset.max() < 0.1
 
 
 # --- screen door ----------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), look_up() and sample() in reference.py. Change both or neither.
+// Twin: shaped_noise(), deviations(), look_up() and sample() in reference.py. Change both or neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
@@ -9,6 +9,7 @@
 #constant NOISE_TILE
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
+#constant SMALLEST_LACKING  // variance that is no more divided by its own root
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -20,9 +21,10 @@ layout(r32f, binding = 1) uniform readonly image2D depth_m;
 #if ANCHOR == 1
 layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
 #endif
-// Per texel high, along x, along y; w of the first: guide. Level k at resolution k + 1.
+// Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
+// Level k at resolution k + 1.
 // w of the second: gain of the background's detail, with BACKGROUND.
-layout(std430, binding = 4) readonly buffer Amplitudes { vec4 amplitudes[]; };
+layout(std430, binding = 4) readonly buffer Lacking { vec4 variances[]; };
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
 
@@ -115,18 +117,27 @@ vec3 noise_bands(Pixel p, int level, int channel) {
     return bands * inversesqrt(variance);
 }
 
-// Amplitudes of one texel.
+// Variances of one texel.
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
     float gain;  // of the background's detail
 };
 
-Texel amplitudes_at(ivec2 place, ivec3 size) {
+Texel variances_at(ivec2 place, ivec3 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     int at = 3 * (size.z + place.y * size.x + place.x);
-    vec4 high = amplitudes[at], along_x = amplitudes[at + 1];
-    return Texel(high.w, high.rgb, along_x.rgb, amplitudes[at + 2].rgb, along_x.w);
+    vec4 high = variances[at], along_x = variances[at + 1];
+    return Texel(high.w, high.rgb, along_x.rgb, variances[at + 2].rgb, along_x.w);
+}
+
+// Variances are interpolated before their root is taken. See deviations().
+vec3 deviation(vec3 variance) {
+#if CHANNELS == 1
+    return variance * inversesqrt(max(variance.x, SMALLEST_LACKING));
+#else
+    return sqrt(variance);
+#endif
 }
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
@@ -134,24 +145,26 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
     share = guided_shares(share, p.guide, guides, depth_threshold).share;
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
+    vec3 high = deviation(MIXED(high));
+    vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
     if (p.origin.x >= 0.0) {
         if (!has_detail(level)) return;
         vec3 next = coarser_at(level, p.origin);
-        p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), MIXED(high),
-                                 MIXED(along_x), MIXED(along_y));
+        p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), high,
+                                 along_x, along_y);
         p.finer = next;
         return;
     }
 #endif
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
-    p.noise += bands.x * MIXED(high) + bands.y * MIXED(along_x) + bands.z * MIXED(along_y);
+    p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
 #else
     vec3 blue = noise_bands(p, level, 1), red = noise_bands(p, level, 2);
-    p.noise += vec3(bands.x, blue.x, red.x) * MIXED(high)
-             + vec3(bands.y, blue.y, red.y) * MIXED(along_x)
-             + vec3(bands.z, blue.z, red.z) * MIXED(along_y);
+    p.noise += vec3(bands.x, blue.x, red.x) * high
+             + vec3(bands.y, blue.y, red.y) * along_x
+             + vec3(bands.z, blue.z, red.z) * along_y;
 #endif
 }
 
@@ -169,12 +182,12 @@ void work(ivec2 parent) {
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
         ivec3 size = level_size[0];
-        Texel t00 = amplitudes_at(parent - 1, size), t02 = amplitudes_at(parent + ivec2(1, -1), size);
-        Texel t01 = amplitudes_at(parent + ivec2(0, -1), size);
-        Texel t10 = amplitudes_at(parent + ivec2(-1, 0), size);
-        Texel t11 = amplitudes_at(parent, size), t12 = amplitudes_at(parent + ivec2(1, 0), size);
-        Texel t20 = amplitudes_at(parent + ivec2(-1, 1), size);
-        Texel t21 = amplitudes_at(parent + ivec2(0, 1), size), t22 = amplitudes_at(parent + 1, size);
+        Texel t00 = variances_at(parent - 1, size), t02 = variances_at(parent + ivec2(1, -1), size);
+        Texel t01 = variances_at(parent + ivec2(0, -1), size);
+        Texel t10 = variances_at(parent + ivec2(-1, 0), size);
+        Texel t11 = variances_at(parent, size), t12 = variances_at(parent + ivec2(1, 0), size);
+        Texel t20 = variances_at(parent + ivec2(-1, 1), size);
+        Texel t21 = variances_at(parent + ivec2(0, 1), size), t22 = variances_at(parent + 1, size);
         add_level(p00, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
         add_level(p01, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
         add_level(p10, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
@@ -187,8 +200,8 @@ void work(ivec2 parent) {
         vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
         ivec2 corner = ivec2(floor(first));
         vec2 near = first - floor(first), far = near + scale;
-        Texel a = amplitudes_at(corner, size), b = amplitudes_at(corner + ivec2(1, 0), size);
-        Texel c = amplitudes_at(corner + ivec2(0, 1), size), d = amplitudes_at(corner + 1, size);
+        Texel a = variances_at(corner, size), b = variances_at(corner + ivec2(1, 0), size);
+        Texel c = variances_at(corner + ivec2(0, 1), size), d = variances_at(corner + 1, size);
         add_level(p00, level, bilinear(near), a, b, c, d);
         add_level(p01, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
         add_level(p10, level, bilinear(vec2(near.x, far.y)), a, b, c, d);

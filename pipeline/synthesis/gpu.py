@@ -1,7 +1,7 @@
 """Metameric inpainting on the GPU. Twin: reference.py.
 
 Warp, then fill in place: lists of tiles near holes, the base colour, the pyramid's low
-bands, moments of every level pulled and pushed together, amplitudes, composite.
+bands, moments of every level pulled and pushed together, what is lacking, composite.
 """
 
 import moderngl
@@ -15,9 +15,10 @@ from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import WorkLists
 from pipeline.synthesis import background
-from pipeline.synthesis.noise import LAGS, noise_bands
+from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TILE as NOISE_TILE
-from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_VARIANCE
+from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING, SMALLEST_VARIANCE
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -91,9 +92,9 @@ class MetamericPass:
             shader["depth_threshold"] = settings.depth_threshold
         from_background = settings.texture == "background"
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
-        self._amplitudes = compile_compute(
+        self._lacking = compile_compute(
             ctx,
-            "synthesis/amplitudes.comp.glsl",
+            "synthesis/lacking.comp.glsl",
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
             GAIN=from_background,
             **bands,
@@ -106,6 +107,7 @@ class MetamericPass:
             NOISE_TILE=NOISE_TILE,
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
+            SMALLEST_LACKING=SMALLEST_LACKING,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
@@ -117,7 +119,7 @@ class MetamericPass:
         self._first_texel = [sum(texels[:k]) for k in range(levels)]
         sizes = [(*resolutions.sizes[k + 1], self._first_texel[k]) for k in range(levels)]
         set_array(self._composite, "level_size", np.array(sizes, np.int32))
-        self._amplitude_texels = ctx.buffer(reserve=48 * sum(texels))
+        self._lacking_texels = ctx.buffer(reserve=48 * sum(texels))
         self._noise = create_texture(
             ctx, (NOISE_TILE * levels * self._channels, NOISE_TILE), "rgba32f"
         )
@@ -132,7 +134,7 @@ class MetamericPass:
             + self.low_bands.dispatches
             + levels  # first pulls
             + self.moments.dispatches
-            + levels  # amplitudes
+            + levels  # what is lacking
             + (1 if self._seek else 0)
             + 1  # composite
         )
@@ -141,7 +143,7 @@ class MetamericPass:
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
         passes = (self.base, self.low_bands, self.moments)
-        own = self._amplitude_texels.size + texture_bytes(self._noise)
+        own = self._lacking_texels.size + texture_bytes(self._noise)
         if self._seek:
             own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
@@ -211,7 +213,7 @@ class MetamericPass:
             self._measure(k, level, depth_m, z_near_m)
         self.moments()
         for k, level in enumerate(levels):
-            self._amplify(k, level)
+            self._find_lacking(k, level)
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)
@@ -235,14 +237,14 @@ class MetamericPass:
         shader["incomplete_list"] = self.base.lists.appendable(("finest", k + 1))
         self.base.lists.run(shader, ("chain", k, k + 1))
 
-    def _amplify(self, k: int, level: moderngl.Texture) -> None:
+    def _find_lacking(self, k: int, level: moderngl.Texture) -> None:
         level.bind_to_image(0, read=True, write=False)
         self.moments.at(k + 1).bind_to_storage_buffer(4)
-        self._amplitude_texels.bind_to_storage_buffer(5)
+        self._lacking_texels.bind_to_storage_buffer(5)
         self.base.guide.at(k + 1).bind_to_storage_buffer(6)
-        self._amplitudes["chain"] = k
-        self._amplitudes["first_texel"] = self._first_texel[k]
-        self.base.lists.run(self._amplitudes, ("finest", k + 1))
+        self._lacking["chain"] = k
+        self._lacking["first_texel"] = self._first_texel[k]
+        self.base.lists.run(self._lacking, ("finest", k + 1))
 
     def _compose(
         self,
@@ -255,7 +257,7 @@ class MetamericPass:
         depth_m.bind_to_image(1, read=True, write=False)
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
-        self._amplitude_texels.bind_to_storage_buffer(4)
+        self._lacking_texels.bind_to_storage_buffer(4)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -264,9 +266,9 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.moments.release()
-        self._amplitude_texels.release()
+        self._lacking_texels.release()
         self._noise.release()
-        for shader in (*self._first, self._amplitudes, self._composite):
+        for shader in (*self._first, self._lacking, self._composite):
             shader.release()
         if self._seek:
             self._seek.release()

@@ -7,7 +7,8 @@ full size (Walton et al. 2021, 3.4). Both are done here, once per seed. What is 
 per frame is to weigh the bands, for deviations vary slowly against the kernels.
 
 All bands come from the same white noise, so that equal weights give white noise back:
-weighing is a graphic equaliser.
+weighing is a graphic equaliser. Bands overlap, so that each is mixed with its neighbours
+first (mixing.py), or textures other than white would not get what they were weighed for.
 """
 
 from dataclasses import dataclass
@@ -17,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import Kernels, analyse, band, double, fitted_kernels
+from pipeline.synthesis.mixing import fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
-LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBands:
-    """One seed's noise.
+    """One seed's noise, mixed: weigh it by deviations and sum.
 
     `tiles`: (levels, channels, TILE, TILE, 3 bands); `lag_correlation`:
-    (levels, 3 bands, 4 lags of `LAGS`), see `lag_correlation`.
+    (levels, 3 bands, 4 lags of `mixing.LAGS`), of neighbouring texels.
     """
 
     tiles: NDArray[np.float32]
@@ -38,43 +39,35 @@ class NoiseBands:
 def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     """Make the noise of one seed; the same on every platform. Its arrays are read-only.
 
-    Every band of a tile is scaled so that its coefficients have unit variance.
+    Band b is the sum of all unit bands c times ``matrix[c, b]``: so weights mixed by the
+    matrix, and unit bands weighed by them, are what is left to deviations and this tile.
     """
-    # Philox's raw bits are specified; a library's normal deviates might change.
-    uniform = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
-    white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    white = white.reshape(TILE, TILE, channels)
-    periodic = np.pad(white, ((TILE // 2,) * 2,) * 2 + ((0, 0),), mode="wrap")
-    kernels = fitted_kernels()
-    pyramid = analyse(periodic, levels, kernels)
-    tiles = np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
-    noise = NoiseBands(tiles.astype(np.float32), lag_correlation(tiles, white))
+    mixing = fitted_mixing(levels)
+    unit = unit_bands(seed, levels, channels)
+    rows = np.moveaxis(unit, -1, 1).reshape(3 * levels, -1)
+    # Band by band, in order: a matrix product's order of sums depends on the library.
+    mixed = np.zeros(rows.shape)
+    for row, weights in zip(rows, mixing.matrix, strict=True):
+        for index in np.flatnonzero(weights):
+            mixed[index] += weights[index] * row
+    tiles = np.moveaxis(mixed.reshape(levels, 3, channels, TILE, TILE), 1, -1)
+    noise = NoiseBands(np.ascontiguousarray(tiles, np.float32), mixing.lag_correlation)
     for array in (noise.tiles, noise.lag_correlation):
         array.flags.writeable = False
     return noise
 
 
-def lag_correlation(
-    tiles: NDArray[np.floating], white: NDArray[np.floating]
-) -> NDArray[np.float32]:
-    """Correlation of neighbouring texels, (levels, 3 bands, len(LAGS)), over whole tiles.
-
-    Half of it is a band's with itself, half its with `white`, (TILE, TILE, channels), which
-    all bands sum to. The first alone would hold each band's variance between texels, and let
-    that of their sum rise by 15 %, for bands overlap; the second alone lets it sink by 8 %.
-    """
-    exact = tiles.astype(np.float64)
-    whole = np.moveaxis(white, -1, 0)[None, ..., None]
-
-    def lagged(other: NDArray[np.floating]) -> NDArray[np.float64]:
-        def mean(rows: int, columns: int) -> NDArray[np.float64]:
-            shifted = np.roll(other, (-rows, -columns), axis=(2, 3))
-            return np.asarray((exact * shifted).mean(axis=(1, 2, 3)))
-
-        both_ways = [0.5 * (mean(rows, columns) + mean(-rows, -columns)) for rows, columns in LAGS]
-        return np.stack(both_ways, axis=-1) / mean(0, 0)[..., None]
-
-    return (0.5 * (lagged(exact) + lagged(whole))).astype(np.float32)
+def unit_bands(seed: int, levels: int, channels: int) -> NDArray[np.float64]:
+    """Make unmixed bands, (levels, channels, TILE, TILE, 3), coefficients of unit variance."""
+    # Philox's raw bits are specified; a library's normal deviates might change.
+    uniform = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
+    white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
+    white = white.reshape(TILE, TILE, channels)
+    # As far as the filters of the coarsest level reach, there and back.
+    periodic = np.pad(white, ((2 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    kernels = fitted_kernels()
+    pyramid = analyse(periodic, levels, kernels)
+    return np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
 
 
 def _level(
@@ -82,14 +75,13 @@ def _level(
 ) -> NDArray[np.float64]:
     """One level's bands at full size: (channels, TILE, TILE, 3)."""
     images = []
+    pad = (len(bands[0]) - TILE) // 2
     for index, kernel in enumerate(kernels.bands()):
         coefficients = bands[level][:, :, index]
-        margin = coefficients.shape[0] // 4
+        margin = pad >> level
         inner = coefficients[margin:-margin, margin:-margin]
         image = band(coefficients / np.sqrt((inner**2).mean(axis=(0, 1))), kernel[::-1, ::-1])
         for finer in reversed(range(level)):
-            size = (2 * TILE) >> finer
-            image = double(image, (size, size), kernels)
-        half = TILE // 2
-        images.append(image[half : half + TILE, half : half + TILE])
+            image = double(image, (len(bands[finer]),) * 2, kernels)
+        images.append(image[pad : pad + TILE, pad : pad + TILE])
     return np.stack(images, axis=-1).transpose(2, 0, 1, 3)

@@ -3,7 +3,7 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with amplitudes.comp.glsl, composite.comp.glsl and detail.glsl. Change both
+Twin: gpu.py with lacking.comp.glsl, composite.comp.glsl and detail.glsl. Change both
 or neither.
 """
 
@@ -27,7 +27,8 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
-from pipeline.synthesis.noise import LAGS, TILE, NoiseBands, noise_bands
+from pipeline.synthesis.mixing import LAGS
+from pipeline.synthesis.noise import TILE, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -36,6 +37,7 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
+SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
@@ -47,7 +49,7 @@ class Fill:
     base: NDArray[np.float64]  # (H, W, 3), before the noise
     anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
     statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
-    amplitudes: tuple[Level, ...]  # per level, at half its size: (H, W, 9), band by channel
+    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 9), see `noise_variances`
 
 
 def metameric_fill(
@@ -89,12 +91,12 @@ def metameric_fill(
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
-    statistics, amplitudes = inpainted_amplitudes(
+    statistics, lacking = inpainted_statistics(
         base, warped.hole, [level.guide for level in base_levels], settings
     )
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
-        amplitudes,
+        lacking,
         guide,
         anchor_px,
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
@@ -105,17 +107,18 @@ def metameric_fill(
         detail = shaped_detail(
             details(base, origin_px, settings.levels),
             statistics,
-            amplitudes,
+            lacking,
             guide,
             settings.depth_threshold,
+            cross=settings.channels == "correlated",
         )
         noise = np.where(found[..., None], detail, noise)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
-    return Fill(colour, base, anchor_px, tuple(statistics), tuple(amplitudes))
+    return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
 
 
-def inpainted_amplitudes(
+def inpainted_statistics(
     base: NDArray[np.float64],
     hole: NDArray[np.bool_],
     guides: list[NDArray[np.float64]],
@@ -127,7 +130,7 @@ def inpainted_amplitudes(
     # A low band across a depth edge mixes both sides, and its own guide no longer tells.
     mixed = range_below(guides[0]) > settings.depth_threshold
     spoiled = spoiled_levels(hole, settings.levels, mixed if settings.skip_depth_edges else None)
-    statistics, amplitudes = [], []
+    statistics, lacking = [], []
     for level in range(settings.levels):
         near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
         inpainted = band_statistics(
@@ -140,45 +143,56 @@ def inpainted_amplitudes(
             gamma=settings.gamma,
             threshold=settings.depth_threshold,
         )
-        lacking = noise_amplitudes(inpainted.values, pyramid.bands[level], cross=cross)
+        variances = noise_variances(inpainted.values, pyramid.bands[level], cross=cross)
         statistics.append(inpainted)
-        amplitudes.append(Level(lacking, inpainted.validity, inpainted.guide))
-    return statistics, amplitudes
+        lacking.append(Level(variances, inpainted.validity, inpainted.guide))
+    return statistics, lacking
 
 
-def noise_amplitudes(
+def noise_variances(
     values: NDArray[np.float64], base_bands: NDArray[np.float64], *, cross: bool
 ) -> NDArray[np.float64]:
-    """Deviation of the noise to add: what the statistics ask for and the base lacks.
+    """Variance of the noise to add: what the statistics ask for and the base lacks.
 
     The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
-    coefficients that one set of statistics covers:
-    ``sqrt(max(0, var - mean((base - mu)^2)))``.
+    coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``.
 
-    With `cross`, chroma takes the luma noise times the slope ``cov(Y, C) / var(Y)``.
+    With `cross`, chroma has its covariance with the luma noise: luma's variance times the
+    slope ``cov(Y, C) / var(Y)``.
 
     Returns
     -------
     ndarray of shape (H, W, 9)
-        Amplitude of band b in channel c at index 3 * b + c.
+        Of band b in channel c at index 3 * b + c.
     """
     mean, variance = means_and_variances(values, cross=cross)
     around = children(base_bands) - mean[:, :, None]
     present = (around**2).mean(axis=2)
     if cross:
-        luma = np.sqrt(np.maximum(0.0, variance[..., :1] - present[..., :1]))
+        luma = np.maximum(0.0, variance[..., :1] - present[..., :1])
         measurable = variance[..., :1] > SMALLEST_VARIANCE
         slope = np.divide(
             variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
         )
-        amplitude = luma * slope
+        lacking = luma * slope
     else:
-        amplitude = np.sqrt(np.maximum(0.0, variance - present))
-    return np.asarray(amplitude.reshape(*values.shape[:2], -1))
+        lacking = np.maximum(0.0, variance - present)
+    return np.asarray(lacking.reshape(*values.shape[:2], -1))
+
+
+def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
+    """Amplitude of the noise from its variance, (..., 3 channels).
+
+    Variances are interpolated before their root is taken: the deviation falls to nothing at
+    a hole's border, and the mean of deviations would lack up to half of the energy.
+    """
+    if not cross:
+        return np.sqrt(lacking)
+    return np.asarray(lacking / np.sqrt(np.maximum(lacking[..., :1], SMALLEST_LACKING)))
 
 
 def shaped_noise(
-    amplitudes: list[Level],
+    lacking: list[Level],
     guide: NDArray[np.float64],
     anchor_px: NDArray[np.float64],
     noise: NoiseBands,
@@ -186,19 +200,22 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr."""
     total = np.zeros((*guide.shape, 3))
-    for level, coarse in enumerate(amplitudes):
-        amplitude = sample(coarse, guide, level + 1, threshold).reshape(*guide.shape, 3, 3)
+    cross = noise.tiles.shape[1] == 1
+    for level, coarse in enumerate(lacking):
+        variance = sample(coarse, guide, level + 1, threshold).reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
-        total += (amplitude * texel).sum(axis=2)
+        total += (deviations(variance, cross=cross) * texel).sum(axis=2)
     return total
 
 
 def shaped_detail(
     detail: list[NDArray[np.float64]],
     statistics: list[Level],
-    amplitudes: list[Level],
+    lacking: list[Level],
     guide: NDArray[np.float64],
     threshold: float,
+    *,
+    cross: bool,
 ) -> NDArray[np.float64]:
     """Sum the background's own detail, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
@@ -207,25 +224,25 @@ def shaped_detail(
     """
     total = np.zeros((*guide.shape, 3))
     for level, found in enumerate(detail):
-        coarse = amplitudes[level]
+        coarse = lacking[level]
         gain = detail_gain(statistics[level].values, coarse.values)
         both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
         shape = sample(both, guide, level + 1, threshold)
-        bands = shape[..., :9].reshape(*guide.shape, 3, 3)
+        bands = deviations(shape[..., :9].reshape(*guide.shape, 3, 3), cross=cross)
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
         total += np.clip(shape[..., 9:] * found, -limit, limit)
     return total
 
 
 def detail_gain(
-    statistics: NDArray[np.float64], amplitudes: NDArray[np.float64]
+    statistics: NDArray[np.float64], lacking: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Share of the luma deviation, over all bands, that the base lacks: (H, W, 1)."""
     _, variance = means_and_variances(statistics, cross=True)
     wanted = variance[..., 0].sum(axis=2, keepdims=True)
-    lacking = (amplitudes[..., ::3] ** 2).sum(axis=2, keepdims=True)
+    luma = lacking[..., ::3].sum(axis=2, keepdims=True)
     measurable = wanted > SMALLEST_VARIANCE
-    ratio = np.divide(lacking, wanted, out=np.zeros_like(wanted), where=measurable)
+    ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)
     return np.asarray(np.sqrt(ratio))
 
 

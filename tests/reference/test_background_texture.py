@@ -140,7 +140,7 @@ def test_gain_is_the_share_that_the_base_lacks():
     values[..., 0] = 1.0  # luma mean
     values[..., 3] = 5.0  # luma mean square
     lacking = np.zeros((1, 1, 3, 3))
-    lacking[0, 0, :, 0] = (2, 0, 1)
+    lacking[0, 0, :, 0] = (4, 0, 1)  # variances
 
     gain = detail_gain(values.reshape(1, 1, -1), lacking.reshape(1, 1, -1))
 

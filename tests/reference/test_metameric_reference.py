@@ -7,7 +7,7 @@ from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level
-from pipeline.synthesis.reference import metameric_fill, noise_amplitudes, sample
+from pipeline.synthesis.reference import deviations, metameric_fill, noise_variances, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
@@ -17,30 +17,50 @@ def statistics(mean, second):
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
-    """By hand: variance 0.25 - 0.16 = 0.09; the base holds 0.05 of it: root of 0.04."""
+    """By hand: variance 0.25 - 0.16 = 0.09; the base holds 0.05 of it."""
     values = statistics([0.4, 0.0, 0.0], [0.25, 0.01, 0.0])
     around = 0.4 + np.sqrt(0.05) * np.array([1, -1, 1, -1])
     base = np.zeros((2, 2, 3, 3))
     base[..., 0] = around.reshape(2, 2, 1)
 
-    found = noise_amplitudes(values, base, cross=False)
+    found = noise_variances(values, base, cross=False)
 
-    np.testing.assert_allclose(found, np.tile([0.2, 0.1, 0.0], 3).reshape(1, 1, 9), atol=1e-12)
+    np.testing.assert_allclose(found, np.tile([0.04, 0.01, 0.0], 3).reshape(1, 1, 9), atol=1e-12)
 
 
 def test_a_base_with_more_than_is_wanted_gets_no_noise():
     base = np.tile([[1.0, -1.0]], (2, 1))[..., None, None] * np.ones((3, 3))
 
-    assert noise_amplitudes(statistics([0, 0, 0], [0.5] * 3), base, cross=False).max() == 0
+    assert noise_variances(statistics([0, 0, 0], [0.5] * 3), base, cross=False).max() == 0
 
 
 def test_chroma_follows_luma_by_its_slope():
     """By hand: var Y 0.04, cov(Y, Cb) -0.02, cov(Y, Cr) 0.01: slopes -0.5 and 0.25."""
     values = statistics([0, 0, 0], [0.04, -0.02, 0.01])
 
-    found = noise_amplitudes(values, np.zeros((2, 2, 3, 3)), cross=True)
+    found = noise_variances(values, np.zeros((2, 2, 3, 3)), cross=True)
 
-    np.testing.assert_allclose(found, np.tile([0.2, -0.1, 0.05], 3).reshape(1, 1, 9))
+    np.testing.assert_allclose(found, np.tile([0.04, -0.02, 0.01], 3).reshape(1, 1, 9))
+    amplitude = deviations(found.reshape(3, 3), cross=True)
+    np.testing.assert_allclose(amplitude, np.tile([0.2, -0.1, 0.05], (3, 1)))
+
+
+def test_independent_channels_have_deviations_of_their_own_and_nothing_lacks_nothing():
+    found = deviations(np.array([[0.04, 0.09, 0.0]]), cross=False)
+
+    np.testing.assert_allclose(found, [[0.2, 0.3, 0.0]])
+    np.testing.assert_array_equal(deviations(np.zeros((2, 3)), cross=True), 0)
+
+
+def test_variances_are_interpolated_and_not_deviations():
+    """By hand: halfway between a variance of 1 and one of 0 the deviation is root 1/2."""
+    lacking = Level(np.repeat([[[1.0], [0.0]]], 9, axis=2), np.ones((1, 2)), np.full((1, 2), 0.5))
+    lacking.values[..., [1, 2, 4, 5, 7, 8]] = 0.0
+
+    mixed = sample(lacking, np.full((1, 4), 0.5), 1, 0.04)[0].reshape(4, 3, 3)
+
+    found = deviations(mixed, cross=True)[..., 0]
+    np.testing.assert_allclose(found[1:3, 0] ** 2, [0.75, 0.25])
 
 
 def test_amplitudes_are_interpolated_between_texel_centres():

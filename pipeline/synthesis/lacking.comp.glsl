@@ -1,8 +1,8 @@
 #version 430
-// From one level's inpainted moments to the noise each pixel lacks: amplitudes of bands high,
-// along x, along y in Y', Cb, Cr. Visits what push completed: every texel that a hole pixel's
+// From one level's inpainted moments to the noise each pixel lacks: variances of bands high,
+// along x, along y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Visits what push completed: every texel that a hole pixel's
 // interpolation reaches has a coefficient that the hole spoils.
-// Twin: noise_amplitudes() and detail_gain() in reference.py. Change both or neither.
+// Twin: noise_variances() and detail_gain() in reference.py. Change both or neither.
 
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
 #constant CROSS              // 1: second moments are products with luma, else squares
@@ -14,21 +14,21 @@
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
 layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
-layout(std430, binding = 5) writeonly buffer Amplitudes { vec4 amplitudes[]; };  // w: guide, gain, -
+layout(std430, binding = 5) writeonly buffer Lacking { vec4 variances[]; };  // w: guide, gain, -
 layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
 
 uniform int chain;
-uniform int first_texel;  // of this level's amplitudes
+uniform int first_texel;  // of this level's variances
 
 vec3 squared(vec3 v) { return v * v; }
 
 vec3 lacking(vec3 mean, vec3 second, vec3 present) {
     vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
-    vec3 amplitude = sqrt(max(vec3(0.0), variance - present));
+    vec3 missing = max(vec3(0.0), variance - present);
 #if CROSS
-    amplitude = amplitude.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
+    missing = missing.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
 #endif
-    return amplitude;
+    return missing;
 }
 
 void work(ivec2 pixel) {
@@ -52,13 +52,13 @@ void work(ivec2 pixel) {
     vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, PRESENT(along_y, plane_2.rgb));
     float gain = 0.0;
 #if GAIN
-    vec3 luma = vec3(high.x, along_x.x, along_y.x);
+    float luma = high.x + along_x.x + along_y.x;
     vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
     float wanted = dot(vec3(plane_1.w, plane_3.x, plane_4.x) - means * means, vec3(1.0));
-    gain = wanted > SMALLEST_VARIANCE ? sqrt(dot(luma, luma) / wanted) : 0.0;
+    gain = wanted > SMALLEST_VARIANCE ? sqrt(luma / wanted) : 0.0;
 #endif
     int to = (first_texel + place) * 3;
-    amplitudes[to] = vec4(high, guide[place]);
-    amplitudes[to + 1] = vec4(along_x, gain);
-    amplitudes[to + 2] = vec4(along_y, 0.0);
+    variances[to] = vec4(high, guide[place]);
+    variances[to + 1] = vec4(along_x, gain);
+    variances[to + 2] = vec4(along_y, 0.0);
 }
