@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.quality import write_into
+from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.schema import StudyProtocol
 from stimuli.build import build
@@ -27,7 +28,7 @@ from stimuli.score.metrics import HOLES, choose_metrics
 from stimuli.score.report import duels_markdown, write_report
 from stimuli.score.run import Results, Settings, score
 from stimuli.score.speed import time_methods
-from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels
+from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels, method_order
 from stimuli.score.viewing import standard_fhd
 from stimuli.score.write import CACHE_FOLDER, JSON_NAME
 from study_app.cli.progress import progress_bar
@@ -44,10 +45,22 @@ MOTIONS: dict[str, dict[str, Any]] = {
         ),
     },
 }
+VARIANTS: dict[str, dict[str, Any]] = {  # --variants: what noise and depth are worth
+    "reference": {},
+    "metameric": {},
+    "push-pull": {},
+    "no-noise": {"method": "metameric", "parameters": {"noise": 0.0}},
+    "half-noise": {"method": "metameric", "parameters": {"noise": 0.5}},
+    "no-depth": {"method": "metameric", "parameters": {"depth_threshold": 1.0}},
+}
+VARIANT_METRICS = ("fvvdp-1.0", "fvvdp", "hf-ratio", "statistics")
 METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background-extension")
 SIZE = {"name": "medium", "hole_share": 0.05}
 FRAMES, FPS = 12, 30.0
 SCENE_SEED = 1
+LEFT_OUT = {  # columns from floor to ceiling uncover next to nothing when the camera rises
+    "vertical": ("colonnade",)
+}
 HEADINGS = {
     "lateral": "Lateral motion",
     "vertical": "Vertical motion",
@@ -55,6 +68,7 @@ HEADINGS = {
 }
 RESULTS = Path(__file__).parent / "results" / "scores.json"
 BEGIN, END = "<!-- scores: begin -->", "<!-- scores: end -->"
+VARIANTS_BEGIN, VARIANTS_END = "<!-- variants: begin -->", "<!-- variants: end -->"
 
 
 def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> StudyProtocol:
@@ -72,7 +86,7 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         for scene in scenes
     ]
     raw["sizes"] = [SIZE]
-    raw["methods"] = [{"name": name} for name in methods]
+    raw["methods"] = [{"name": name, **VARIANTS.get(name, {})} for name in methods]
     raw["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
@@ -84,7 +98,13 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
     return StudyProtocol.model_validate_json(json.dumps(raw))
 
 
-def make(motion: str, scenes: Sequence[str], methods: Sequence[str], out: Path) -> Results:
+def make(
+    motion: str,
+    scenes: Sequence[str],
+    methods: Sequence[str],
+    out: Path,
+    metrics: Sequence[str] | None = None,
+) -> Results:
     """Build the clips of one motion and score them; what is there already stays."""
     study = protocol(motion, scenes, methods)
     orders = Orders(study, load_display(study.display.display), Path.cwd())
@@ -99,7 +119,7 @@ def make(motion: str, scenes: Sequence[str], methods: Sequence[str], out: Path) 
         with local_processes(cores()) as pool:
             build(orders, out / "clips", pool, parallel=cores(), report=report)
         subjects = subjects_of_batch(out / "clips")
-        settings = Settings(choose_metrics(None), standard_fhd())
+        settings = Settings(choose_metrics(metrics), standard_fhd())
         folder = out / "scores"
         results = score(
             subjects, settings, cache=folder / CACHE_FOLDER, workers=cores(), report=report
@@ -116,10 +136,42 @@ def document(results: dict[str, Results]) -> str:
         tables = all_tables(found)
         parts.append(f"### {HEADINGS[motion]}\n")
         parts += [f"{table.title}.\n\n{table.markdown()}\n" for table in tables if shown(table)]
+        parts.append(f"Mean error of luma in holes, /255 (0 is right).\n\n{luma_error(found)}")
         for against in RIVALS:
             met = tuple(duel for duel in duels(tables, OURS, against) if shown(duel.table))
             parts.append(f"Metameric against {against}:\n\n{duels_markdown(met)}")
     return "\n".join(parts)
+
+
+def variants_text(results: dict[str, Results]) -> str:
+    """Return what noise and depth are worth: holes only, few metrics."""
+    parts = []
+    for found in results.values():
+        for table in all_tables(found):
+            if table.region == HOLES and table.metric.name in VARIANT_METRICS:
+                parts.append(f"{table.title}.\n\n{table.markdown()}\n")
+        parts.append(f"Mean error of luma in holes, /255 (0 is right).\n\n{luma_error(found)}")
+    return "\n".join(parts)
+
+
+def luma_error(results: Results) -> str:
+    """Return a table of the mean signed error of luma in holes: too bright is above 0."""
+    methods = method_order(results)
+    found: dict[str, dict[str, float]] = {}
+    for item in results.subjects.items:
+        errors = [
+            float(((test - truth)[hole] @ YCBCR_FROM_RGB[0]).mean())
+            for _, test, truth, hole in item.pair.walk()
+            if hole.any()
+        ]
+        found.setdefault(item.scene, {})[item.method] = 255 * sum(errors) / len(errors)
+    lines = [
+        "| | " + " | ".join(methods) + " |",
+        "| --- |" + " ---: |" * len(methods),
+    ]
+    for scene, row in found.items():
+        lines.append(f"| {scene} | " + " | ".join(f"{row[name]:+.1f}" for name in methods) + " |")
+    return "\n".join(lines) + "\n"
 
 
 def shown(table: Table) -> bool:
@@ -134,17 +186,28 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--scenes", nargs="+", choices=scene_names(), default=scene_names())
     parser.add_argument("--motions", nargs="+", choices=list(MOTIONS), default=list(MOTIONS))
     parser.add_argument("--methods", nargs="+", default=list(METHODS))
+    parser.add_argument(
+        "--variants", action="store_true", help="metameric without noise, or without depth"
+    )
     parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
     parser.add_argument("--json", type=Path, help=f"where to store the numbers, e.g. {RESULTS}")
     arguments = parser.parse_args(argv)
+    methods = list(VARIANTS) if arguments.variants else arguments.methods
     results = {
-        motion: make(motion, arguments.scenes, arguments.methods, arguments.out / motion)
+        motion: make(
+            motion,
+            [name for name in arguments.scenes if name not in LEFT_OUT.get(motion, ())],
+            methods,
+            arguments.out / motion,
+            VARIANT_METRICS if arguments.variants else None,
+        )
         for motion in arguments.motions
     }
-    text = document(results)
+    text = variants_text(results) if arguments.variants else document(results)
     print(text)
     if arguments.docs is not None:
-        write_into(arguments.docs, text, BEGIN, END)
+        marks = (VARIANTS_BEGIN, VARIANTS_END) if arguments.variants else (BEGIN, END)
+        write_into(arguments.docs, text, *marks)
     if arguments.json is not None:
         record = {
             motion: json.loads((arguments.out / motion / "scores" / JSON_NAME).read_bytes())
