@@ -147,9 +147,11 @@ def variants_text(results: dict[str, Results]) -> str:
     """Return what noise and depth are worth: holes only, few metrics."""
     parts = []
     for found in results.values():
-        for table in all_tables(found):
-            if table.region == HOLES and table.metric.name in VARIANT_METRICS:
-                parts.append(f"{table.title}.\n\n{table.markdown()}\n")
+        parts += [
+            f"{table.title}.\n\n{table.markdown()}\n"
+            for table in all_tables(found)
+            if table.region == HOLES
+        ]
         parts.append(f"Mean error of luma in holes, /255 (0 is right).\n\n{luma_error(found)}")
     return "\n".join(parts)
 
