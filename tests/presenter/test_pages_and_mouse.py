@@ -40,7 +40,7 @@ def study(make_study):
             "timeout_s": "30.0",
             "mode": '"enforce"',
             # The cursor is read once per flip: a busy machine leaves gaps.
-            "silence_s": "1.0",
+            "silence_s": "5.0",
             "loss_max_share": "1.0",
             "max_attempts": "9",
         },
