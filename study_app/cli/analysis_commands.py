@@ -31,6 +31,14 @@ from protocols.errors import StudyError
 from protocols.load import load_protocol
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register
+from study_app.cli.options import (
+    SESSIONS_PROTOCOL_HELP,
+    NewFolderOption,
+    ProtocolArgument,
+    ReplaceOption,
+    SessionsArgument,
+    SessionsProtocolOption,
+)
 from study_app.cli.progress import one_line
 
 app = typer.Typer(
@@ -52,10 +60,6 @@ app = typer.Typer(
     """,
 )
 
-_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
-_DESIGN_HELP = "Protocol to plan for (.toml), or the name of a shipped study."
-_REPLACE_HELP = "Put the new result in the place of an earlier one."
-
 
 @app.command()
 def report(
@@ -66,14 +70,14 @@ def report(
             " `analysis import` or `analysis tidy`."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder to fill; it appears when it is whole.")],
+    out: NewFolderOption,
     protocol: Annotated[
-        Path | None, typer.Option(help=_PROTOCOL_HELP + " Optional for a table only.")
+        Path | None, typer.Option(help=SESSIONS_PROTOCOL_HELP + " Optional for a table only.")
     ] = None,
     figures: Annotated[
         bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
     ] = True,
-    replace: Annotated[bool, typer.Option("--replace", help=_REPLACE_HELP)] = False,
+    replace: ReplaceOption = False,
 ) -> None:
     """Analyse a study and write a report: one HTML page, a JSON of every number, tables, figures.
 
@@ -114,10 +118,10 @@ def report(
 
 @app.command()
 def tidy(
-    sessions: Annotated[Path, typer.Argument(help="Folder of sessions, searched to any depth.")],
-    protocol: Annotated[Path, typer.Option(help=_PROTOCOL_HELP)],
-    out: Annotated[Path, typer.Option(help="Folder to fill; it appears when it is whole.")],
-    replace: Annotated[bool, typer.Option("--replace", help=_REPLACE_HELP)] = False,
+    sessions: SessionsArgument,
+    protocol: SessionsProtocolOption,
+    out: NewFolderOption,
+    replace: ReplaceOption = False,
 ) -> None:
     """Write journals as tidy CSV tables: one row per attempt, per decision, per sitting.
 
@@ -140,7 +144,7 @@ def tidy(
 
 @app.command()
 def power(
-    protocol: Annotated[Path, typer.Argument(help=_DESIGN_HELP)],
+    protocol: ProtocolArgument,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -161,7 +165,7 @@ def power(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the curve (SVG, PDF, PNG) and a JSON.")
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help=_REPLACE_HELP)] = False,
+    replace: ReplaceOption = False,
 ) -> None:
     """Say how many participants a protocol needs, by simulating its own design and test.
 
@@ -198,7 +202,7 @@ def power(
 @app.command("import")
 def import_(
     table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
-    out: Annotated[Path, typer.Option(help="Folder to fill; it appears when it is whole.")],
+    out: NewFolderOption,
     columns: Annotated[
         list[str] | None,
         typer.Option(
@@ -210,7 +214,7 @@ def import_(
             + ". Columns that have our names already need no --map.",
         ),
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help=_REPLACE_HELP)] = False,
+    replace: ReplaceOption = False,
 ) -> None:
     """Bring decisions of another tool into our tidy form, by naming its columns.
 

@@ -13,17 +13,13 @@ from protocols.errors import StudyError
 from protocols.load import load_display, load_protocol
 from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
+from study_app.cli.options import SessionsArgument, SessionsProtocolOption
 from study_app.cli.progress import one_line
 
 
 def export(
-    sessions: Annotated[Path, typer.Argument(help="Folder of sessions, searched to any depth.")],
-    protocol: Annotated[
-        Path,
-        typer.Option(
-            help="Protocol the sessions followed (.toml), or the name of a shipped study."
-        ),
-    ],
+    sessions: SessionsArgument,
+    protocol: SessionsProtocolOption,
     form: Annotated[
         str,
         typer.Option("--format", metavar="|".join(FORMATS), help="bids, psych-ds or pwcmp."),

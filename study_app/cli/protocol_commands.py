@@ -32,6 +32,7 @@ from protocols.revision import code_revision, package_version
 from protocols.scene_files import missing_files
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
+from study_app.cli.options import DisplayOption, ProtocolArgument
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -50,13 +51,6 @@ app = typer.Typer(
     """,
 )
 
-ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
-]
-DisplayOption = Annotated[
-    str | None,
-    typer.Option("--display", help="Another display than the protocol's: a name or a .toml file."),
-]
 StimuliOption = Annotated[
     Path | None, typer.Option("--stimuli", help="Folder of built clips, to check them as well.")
 ]

@@ -16,17 +16,16 @@ from protocols.errors import StudyError
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from study_app.cli.errors import user_errors
+from study_app.cli.options import SessionArgument, SessionsOption
 from study_app.operator_view import rows
 from study_app.run import utc_now
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant
 
-OutOption = Annotated[Path, typer.Option(help="Folder of sessions.")]
-
 
 def withdraw(
     participant: Annotated[str, typer.Argument(help="The participant's code.")],
-    out: OutOption = Path("sessions"),
+    out: SessionsOption = Path("sessions"),
     study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
@@ -43,7 +42,7 @@ def withdraw(
 
 
 def watch(
-    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
+    session: SessionArgument,
     once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
 ) -> None:
     """Follow a running session from another terminal: trials, dropped frames, gaze quality.

@@ -37,7 +37,7 @@ def score(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for tables, plots and the page. [default for DIR: scores]",
+            help=r"Folder for tables, plots and the page. \[default for DIR: scores]",
             show_default=False,
         ),
     ] = None,
@@ -45,7 +45,7 @@ def score(
         str | None,
         typer.Option(
             metavar="NAME,...",
-            help="Only these, such as psnr,fvvdp. [default: all that this machine can compute]",
+            help=r"Only these, such as psnr,fvvdp. \[default: all that this machine can compute]",
             show_default=False,
         ),
     ] = None,
@@ -74,7 +74,9 @@ def score(
     ] = 30.0,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes at work. [default: one per core]", show_default=False),
+        typer.Option(
+            min=1, help=r"Processes at work. \[default: one per core]", show_default=False
+        ),
     ] = None,
     list_metrics: Annotated[
         bool, typer.Option("--list", help="Say what can be measured here, and what is missing.")

@@ -18,6 +18,7 @@ from protocols.load import load_display, load_protocol
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
 from study_app.cli.errors import user_errors
+from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.sitting_commands import register
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observer import DEFAULT_UTILITIES, ObserverModel
@@ -42,13 +43,12 @@ app = typer.Typer(
         metamerlab session status sessions/demo/S001
     """,
 )
+register(app)
 
 
 @app.command()
 def simulate(
-    protocol: Annotated[
-        Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
-    ],
+    protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder of sessions; what is complete there is kept.")],
     participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
@@ -77,11 +77,9 @@ def simulate(
     ] = 0.0,
     gaze_hz: Annotated[float, typer.Option(min=1, help="Samples per second of the eye.")] = 250.0,
     steady_gaze: Annotated[
-        bool, typer.Option(help="An eye that never blinks or looks away.")
+        bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
     ] = False,
-    display: Annotated[
-        str | None, typer.Option(help="Another display: a name or a .toml file.")
-    ] = None,
+    display: DisplayOption = None,
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of built clips; left out: clips without pixels.")
     ] = None,
@@ -161,7 +159,7 @@ def list_(
 
 @app.command()
 def status(
-    session: Annotated[Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")],
+    session: SessionArgument,
 ) -> None:
     """Tell how one session stands: blocks, voids, dropped frames, gaze, damage.
 
@@ -180,9 +178,6 @@ def status(
         for name, value in _details(sitting):
             table.add_row(name, value)
         Console().print(table)
-
-
-register(app)
 
 
 def _sittings_above(session: Path) -> list[Sitting]:

@@ -13,7 +13,8 @@ from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
 from protocols.load import load_display, load_protocol, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
-from study_app.cli.record_commands import OutOption, print_rows, watch, withdraw
+from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
+from study_app.cli.record_commands import print_rows, watch, withdraw
 from study_app.conduct import Outcome
 from study_app.display_check import DisplayCheck, check_display, verdict, write_report
 from study_app.gaze.source import CalibrationResult
@@ -25,15 +26,9 @@ from study_app.run import Listener, SittingOptions, resume_sitting, run_sitting,
 from study_app.validation import PointQuality, smallest_window_deg
 from study_app.window import Window
 
-ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
-]
 StimuliOption = Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
 ParticipantOption = Annotated[
     str, typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name.")
-]
-DisplayOption = Annotated[
-    str | None, typer.Option(help="Another display than the protocol's: a name or a .toml file.")
 ]
 GazeOption = Annotated[
     str | None,
@@ -76,8 +71,11 @@ def run(
     protocol: ProtocolArgument,
     stimuli: StimuliOption,
     participant: ParticipantOption,
-    out: OutOption = Path("sessions"),
-    language: Annotated[str | None, typer.Option(help="Default: the protocol's.")] = None,
+    out: SessionsOption = Path("sessions"),
+    language: Annotated[
+        str | None,
+        typer.Option(help="Of the texts, such as en; left out: the protocol's default_language."),
+    ] = None,
     display: DisplayOption = None,
     gaze: GazeOption = None,
     strip: StripOption = False,
@@ -120,7 +118,7 @@ def resume(
     protocol: ProtocolArgument,
     stimuli: StimuliOption,
     participant: ParticipantOption,
-    out: OutOption = Path("sessions"),
+    out: SessionsOption = Path("sessions"),
     display: DisplayOption = None,
     gaze: GazeOption = None,
     strip: StripOption = False,
@@ -156,7 +154,7 @@ def resume(
 
 def check_display_(
     display: Annotated[str, typer.Argument(help="Display: a name or a .toml file.")],
-    out: OutOption = Path("sessions"),
+    out: SessionsOption = Path("sessions"),
     flips: Annotated[int, typer.Option(min=60, help="Flips to measure.")] = 1200,
     luminance: Annotated[
         bool,

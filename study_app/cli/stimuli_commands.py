@@ -12,6 +12,7 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_bar
 from study_app.cli.score_command import score
 
@@ -36,13 +37,9 @@ app = typer.Typer(
         metamerlab stimuli look place.glb --out views.png
     """,
 )
-app.command()(score)
 
 GIB = 2**30
 
-ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
-]
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of built clips.")]
 
 
@@ -50,13 +47,10 @@ FolderArgument = Annotated[Path, typer.Argument(help="Folder of built clips.")]
 def build(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder for the clips; made if it is missing.")],
-    display: Annotated[
-        str | None,
-        typer.Option(help="Another display than the protocol's: a name or a .toml file."),
-    ] = None,
+    display: DisplayOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes on this machine. [default: one per core]",
+        typer.Option(min=1, help=r"Processes on this machine. \[default: one per core]",
                      show_default=False),
     ] = None,
     scheduler: Annotated[
@@ -199,6 +193,9 @@ def look(
             release_context(ctx)
         print("\n".join(lines))
         print(f"wrote {out}")
+
+
+app.command()(score)
 
 
 def _frames(indices: list[int]) -> str:

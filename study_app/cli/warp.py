@@ -57,7 +57,7 @@ def warp(
             "--method",
             "-m",
             help="Fill method; the first one makes OUT. May be given more than once for"
-            f" --compare. [default: {DEFAULT_METHOD}]",
+            rf" --compare. \[default: {DEFAULT_METHOD}]",
             show_default=False,
         ),
     ] = None,

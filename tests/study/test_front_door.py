@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -56,6 +58,27 @@ def test_help_of_every_command_shows_an_example(name):
     assert shown.exit_code == 0, shown.output
     assert f"Usage: metamerlab {name}" in shown.stdout
     assert "xample" in shown.stdout, "the help of a command must show how it is used"
+
+
+def every_command() -> list[tuple[str, Any]]:
+    """Return every command that does something, with the words that call it."""
+    found = []
+    for slot in SLOTS:
+        command = slot.load()
+        inner = getattr(command, "commands", None) or {"": command}
+        found += [(f"{slot.name} {name}".strip(), each) for name, each in inner.items()]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "command"), every_command(), ids=[name for name, _ in every_command()]
+)
+def test_help_of_every_command_and_option_is_there_and_shown_whole(name, command):
+    assert f"metamerlab {name}" in command.help, "an example must call the command"
+    for parameter in command.params:
+        assert parameter.help, f"{name}: {parameter.name} has no help"
+        # Text in square brackets is markup: it vanishes unless its bracket is escaped.
+        assert not re.search(r"(?<!\\)\[", parameter.help), f"{name}: {parameter.name}"
 
 
 def test_version_names_version_and_git_revision():

@@ -30,7 +30,7 @@ def demo(
         str | None,
         typer.Option(
             help="Show the window on this machine's screen, which this display file (or name)"
-            " describes. [default: a screen of its own without a monitor]",
+            r" describes. \[default: a screen of its own without a monitor]",
             show_default=False,
         ),
     ] = None,

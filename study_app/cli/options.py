@@ -1,0 +1,29 @@
+"""Arguments and options that several commands take: one wording for one thing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SESSIONS_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
+
+ProtocolArgument = Annotated[
+    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+]
+DisplayOption = Annotated[
+    str | None, typer.Option(help="Another display than the protocol's: a name or a .toml file.")
+]
+SessionsArgument = Annotated[
+    Path, typer.Argument(help="Folder of sessions, searched to any depth.")
+]
+SessionsOption = Annotated[Path, typer.Option(help="Folder of sessions.")]
+SessionArgument = Annotated[
+    Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")
+]
+SessionsProtocolOption = Annotated[Path, typer.Option(help=SESSIONS_PROTOCOL_HELP)]
+NewFolderOption = Annotated[Path, typer.Option(help="Folder to fill; it appears when it is whole.")]
+ReplaceOption = Annotated[
+    bool, typer.Option("--replace", help="Put the new result in the place of an earlier one.")
+]
