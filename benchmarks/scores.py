@@ -58,8 +58,10 @@ METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background
 SIZE = {"name": "medium", "hole_share": 0.05}
 FRAMES, FPS = 12, 30.0
 SCENE_SEED = 1
-LEFT_OUT = {  # columns from floor to ceiling uncover next to nothing when the camera rises
-    "vertical": ("colonnade",)
+LEFT_OUT = {
+    # Columns from floor to ceiling uncover too little when the camera rises: no path has 5 %.
+    # The others are left out to keep the whole within a quarter of an hour of CPU time.
+    "vertical": ("colonnade", "tunnel", "thicket"),
 }
 HEADINGS = {
     "lateral": "Lateral motion",
