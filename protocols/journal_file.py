@@ -124,11 +124,17 @@ def find_journals(folder: Path) -> tuple[Path, ...]:
 def _parse(line: bytes) -> AnyEvent | str:
     """Return the event, or why the line is none."""
     try:
+        line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return (
+            f"must be UTF-8 text (got byte 0x{line[error.start]:02x} at column {error.start + 1})"
+        )
+    try:
         return EVENT.validate_json(line, strict=True)
     except ValidationError as error:
         try:
             raw = json.loads(line)
-        except (json.JSONDecodeError, UnicodeDecodeError):
+        except json.JSONDecodeError:
             return f"must be one JSON object (got {line[:40]!r})"
         detail = error.errors()[0]
         kind = raw.get("kind") if isinstance(raw, dict) else None

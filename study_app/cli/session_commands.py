@@ -148,7 +148,10 @@ def list_(
     with user_errors():
         sittings = find_sittings(sessions, study)
         if not sittings:
-            raise StudyError(f"{sessions}: must hold sessions (found no journal)")
+            raise StudyError(
+                f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
+                " the folder that was given as --out"
+            )
         table = Table()
         for column in ("study", "participant", "slot", "state", "decisions", "void", "data"):
             table.add_column(column)

@@ -253,7 +253,7 @@ def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None
     from stimuli.build import build as build_batch
     from stimuli.executors import cores, dask_cluster, local_processes
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, markup=False)
     with ExitStack() as stack:
         if scheduler is not None:
             executor, parallel = stack.enter_context(dask_cluster(scheduler))

@@ -199,7 +199,7 @@ def _run(
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, markup=False)
     ctx = create_context()
     try:
         console.print(f"renderer: {describe(ctx)}")

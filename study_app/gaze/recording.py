@@ -128,13 +128,20 @@ def _read_csv(path: Path, text: str) -> Recording:
         raise StudyError(f"{path}: must hold at least two samples (got {len(rows)})")
     stamps, x, y = np.array(rows, dtype=np.float64).T
     t_s = (stamps - stamps[0]) * (1.0 if unit == "t_s" else 1e-3)
-    if not np.isfinite(t_s).all() or (np.diff(t_s) < 0).any():
-        raise StudyError(f"{path}: stamps must rise and be finite")
+    if not np.isfinite(t_s).all():
+        line = int(np.argmin(np.isfinite(t_s))) + 2
+        raise StudyError(f"{path}: line {line}: {unit} must be a finite number")
+    if (np.diff(t_s) < 0).any():
+        line = int(np.argmax(np.diff(t_s) < 0)) + 3
+        raise StudyError(
+            f"{path}: line {line}: {unit} must not fall from line to line (got"
+            f" {stamps[line - 2]:g} after {stamps[line - 3]:g}); sort the samples by time"
+        )
     return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, ())
 
 
 def _median_rate(path: Path, t_s: NDArray[np.float64]) -> float:
     step_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
     if step_s <= 0:
-        raise StudyError(f"{path}: must hold samples at different times")
+        raise StudyError(f"{path}: must hold samples at different times (more than half share one)")
     return 1.0 / step_s

@@ -220,11 +220,14 @@ def test_status_and_list_show_damage_instead_of_failing(tmp_path):
     metamerlab("session", "simulate", "demo", "--out", tmp_path, "--participants", 2)
     journal = tmp_path / "demo" / "S001" / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join([*lines[:4], b"garbage\n", *lines[5:-1], lines[-1][:20]]))
+    journal.write_bytes(
+        b"".join([*lines[:4], b"garbage\n", b"\xe9t\xe9\n", *lines[6:-1], lines[-1][:20]])
+    )
 
     assert "damaged" in metamerlab("session", "list", tmp_path).stdout
     status = metamerlab("session", "status", journal.parent).stdout
     assert "line 5: must be one JSON object" in status
+    assert "line 6: must be UTF-8 text (got byte 0xe9 at column 1)" in status
     assert "torn" in status
 
 

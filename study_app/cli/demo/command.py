@@ -76,19 +76,19 @@ def demo(
                     f" {RECORD_NAME}); nothing was deleted"
                 )
             shutil.rmtree(out)
-        console = Console(highlight=False, soft_wrap=True)
+        console = Console(highlight=False, soft_wrap=True, markup=False)
         console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
             out, observers=observers, window=not no_window, display=display, seed=seed
         )
         layout = run_demo(options, console)
-        console.print(f"[bold]Look at {layout.page}[/bold] (open it in a browser)")
+        console.print(f"Look at {layout.page} (open it in a browser)", style="bold")
 
 
 def _pictures(out: Path, seed: int) -> None:
     from study_app.cli.demo.pictures import SHEET, fill_photographs
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, markup=False)
     with console.status("warping and filling the motorcycle pair ..."):
         made = fill_photographs(out, seed)
     height, width = made.size_px
