@@ -155,6 +155,19 @@ def test_every_relative_link_leads_somewhere(page):
     assert broken_links(page) == []
 
 
+def test_every_folder_of_the_packages_is_explained(repository):
+    text = (repository / "docs/architecture.md").read_text(encoding="utf-8")
+    folders = {
+        path.parent.relative_to(repository).as_posix()
+        for package in ("analysis", "pipeline", "protocols", "stimuli", "study_app")
+        for path in (repository / package).rglob("__init__.py")
+    }
+
+    assert {"stimuli/score", "study_app/cli/demo"} <= folders
+    named = {folder for folder in folders if f"`{folder.rpartition('/')[2]}/`" in text}
+    assert sorted(folder for folder in folders - named if f"`{folder}" not in text) == []
+
+
 def test_every_decision_is_listed(repository):
     index = (repository / "docs/development.md").read_text(encoding="utf-8")
     records = sorted(path.name for path in (repository / "docs/decisions").glob("*.md"))

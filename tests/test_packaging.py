@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
 from email.parser import Parser
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import pipeline
 from protocols.revision import STAMP_NAME, read_revision
@@ -60,7 +65,15 @@ def test_the_wheel_holds_every_file_of_the_packages(repository, contents):
 
 @pytest.mark.parametrize(
     ("suffix", "why"),
-    [(".glsl", "shaders"), ("py.typed", "types for users' checkers"), (".toml", "studies")],
+    [
+        (".glsl", "shaders"),
+        ("py.typed", "types for users' checkers"),
+        ("protocols/studies/demo.toml", "studies"),
+        ("protocols/templates/study.toml", "a new study's files"),
+        ("study_app/cli/demo/page.html", "page of the demonstration"),
+        ("stimuli/score/scores.html", "page of scores"),
+        ("analysis/report/template.html", "report"),
+    ],
 )
 def test_the_wheel_carries_data_files(contents, suffix, why):
     assert any(name.endswith(suffix) for name in contents), f"no {why} in the wheel"
@@ -91,6 +104,36 @@ def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):
     wheel.extract(f"protocols/{STAMP_NAME}", tmp_path)
 
     assert read_revision(tmp_path) == read_revision(repository)
+
+
+def test_everything_that_is_imported_is_declared(repository):
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    asked = [*project["dependencies"]]
+    asked += [one for extra, names in extras.items() if extra != "dev" for one in names]
+    declared = {canonicalize_name(Requirement(one).name) for one in asked}
+    assert {"jinja2", "pydantic"} <= declared
+    declared |= {"markupsafe", "pydantic-core"}  # these two tell their users to import them
+    ours = PACKAGES | sys.stdlib_module_names
+    distributions = packages_distributions()
+    imported = set()
+    for package in PACKAGES:
+        for path in (repository / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Import):
+                    imported |= {alias.name.partition(".")[0] for alias in node.names}
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    imported.add(node.module.partition(".")[0])
+
+    # A module of an extra that is not installed cannot be asked whose it is.
+    undeclared = {
+        name
+        for name in imported - ours
+        if name in distributions
+        and not declared & {canonicalize_name(owner) for owner in distributions[name]}
+    }
+    assert {"numpy", "packaging"} <= imported
+    assert undeclared == set()
 
 
 @pytest.mark.skipif(
