@@ -1,6 +1,5 @@
 """Models of trials by formula: logit GLM, robust and penalised, GEE, and the crossed GLMM."""
 
-import re
 import warnings as python_warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,19 +8,15 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
-import statsmodels.formula.api as smf
 from numpy.typing import NDArray
 from scipy import stats
 
+from analysis.formula import design_warnings, group_codes, matrices
 from analysis.glmm import fit_crossed
 from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
-
-TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
-
-_LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
 
 
 @dataclass(frozen=True)
@@ -108,9 +103,9 @@ def glm_logit(
     """
     if len(cluster) > 2:
         raise ValueError(f"cluster must name at most two columns (got {list(cluster)})")
-    design, y, terms = _matrices(formula, trials, reference)
+    design, y, terms = matrices(formula, trials, reference)
     ones = np.ones_like(y)
-    found = list(_design_warnings(design, terms))
+    found = list(design_warnings(design, terms))
     if separated(design, y, ones):
         return _firth(formula, design, y, terms, level, found, asked=False)
     solution = fit_logit(design, y, ones)
@@ -118,7 +113,7 @@ def glm_logit(
         found.append("the fit did not converge; do not use it")
     covariance, df, method = solution.covariance, None, "maximum likelihood, trials independent"
     if cluster:
-        codes = tuple(_codes(trials, column) for column in cluster)
+        codes = tuple(group_codes(trials, column) for column in cluster)
         groups = [int(code.max()) + 1 for code in codes]
         covariance = cluster_covariance(design, y, ones, solution.beta, codes)
         df = float(min(groups) - 1)
@@ -151,8 +146,8 @@ def firth_logit(
     level: float = 0.95,
 ) -> ModelFit:
     """Fit a logit model with Firth's penalty: finite and less biased in small samples."""
-    design, y, terms = _matrices(formula, trials, reference)
-    found = list(_design_warnings(design, terms))
+    design, y, terms = matrices(formula, trials, reference)
+    found = list(design_warnings(design, terms))
     return _firth(formula, design, y, terms, level, found, asked=True)
 
 
@@ -170,8 +165,8 @@ def gee_logit(
     statsmodels' estimates and robust standard errors, judged by t(G - 1) instead of its z,
     which is too liberal for a dozen participants.
     """
-    design, y, terms = _matrices(formula, trials, reference)
-    codes = _codes(trials, cluster)
+    design, y, terms = matrices(formula, trials, reference)
+    codes = group_codes(trials, cluster)
     groups = int(codes.max()) + 1
     if groups < 2:
         raise ValueError(f"{cluster} must have at least two groups (got {groups})")
@@ -185,7 +180,7 @@ def gee_logit(
         result = sm.GEE(
             y, design, groups=codes, family=sm.families.Binomial(), cov_struct=correlation
         ).fit()
-    found = list(_design_warnings(design, terms))
+    found = list(design_warnings(design, terms))
     if groups < FEW_CLUSTERS:
         found.append(f"only {groups} clusters: robust standard errors tend to be small")
     return ModelFit(
@@ -222,11 +217,11 @@ def glmm_logit(
     Same likelihood as lme4 and glmmTMB; standard errors from its full second derivative, as
     glmmTMB's. Wald z: with about ten participants they are somewhat small.
     """
-    design, y, terms = _matrices(formula, trials, reference)
-    found = list(_design_warnings(design, terms))
+    design, y, terms = matrices(formula, trials, reference)
+    found = list(design_warnings(design, terms))
     if separated(design, y, np.ones_like(y)):
         return _firth(formula, design, y, terms, level, found, asked=False)
-    codes = [_codes(trials, column) for column in groups]
+    codes = [group_codes(trials, column) for column in groups]
     for column, code in zip(groups, codes, strict=True):
         if int(code.max()) + 1 < 5:
             found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
@@ -288,48 +283,6 @@ def _firth(
         level=level,
         warnings=tuple(found),
     )
-
-
-def _matrices(
-    formula: str, trials: pd.DataFrame, reference: Mapping[str, str] | None
-) -> tuple[Floats, Floats, list[str]]:
-    plain = _LOGIT_LEFT.sub(r"\1 ~", formula.replace(TILDE_OPERATOR, "~"))
-    left = plain.split("~", maxsplit=1)[0].strip()
-    if "~" not in plain or left not in trials.columns:
-        raise ValueError(
-            f"formula must have a column on its left side, such as 'logit(correct) ~ 1 + method'"
-            f" (got {formula!r}; columns: {list(trials.columns)})"
-        )
-    table = trials.copy()
-    y = pd.to_numeric(table[left], errors="coerce").to_numpy(dtype=np.float64)
-    if not np.all(np.isin(y, (0.0, 1.0))):
-        raise ValueError(f"column {left!r} must hold 0 and 1 only, in every row")
-    table[left] = y
-    for column, first in (reference or {}).items():
-        levels = sorted(map(str, table[column].unique()))
-        if first not in levels:
-            raise ValueError(f"reference of {column!r} must be one of {levels} (got {first!r})")
-        levels.remove(first)
-        table[column] = pd.Categorical(table[column].astype(str), [first, *levels])
-    model = smf.glm(plain, table, family=sm.families.Binomial())
-    design = np.asarray(model.exog, dtype=np.float64)
-    if design.shape[0] != len(table):
-        raise ValueError("formula columns must have no missing values")
-    return design, y, list(model.exog_names)
-
-
-def _design_warnings(design: Floats, terms: Sequence[str]) -> tuple[str, ...]:
-    rank = int(np.linalg.matrix_rank(design))
-    if rank < len(terms):
-        return (f"{len(terms) - rank} of {len(terms)} terms cannot be told apart",)
-    return ()
-
-
-def _codes(trials: pd.DataFrame, column: str) -> NDArray[np.int64]:
-    if column not in trials.columns:
-        raise ValueError(f"{column!r} must be a column (columns: {list(trials.columns)})")
-    codes, _ = pd.factorize(trials[column], sort=True)
-    return np.asarray(codes, dtype=np.int64)
 
 
 def _table(

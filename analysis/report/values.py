@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 
 import numpy as np
+import pandas as pd
 
 from protocols.hashing import Json
 
@@ -35,3 +36,9 @@ def as_json(value: object) -> Json:
 
 def _key(key: object) -> str:
     return " / ".join(map(str, key)) if isinstance(key, tuple) else str(key)
+
+
+def rows_as_json(table: pd.DataFrame) -> list[Json]:
+    """Return a table's rows as JSON objects; missing values become null."""
+    plain = table.astype(object).where(table.notna(), None)
+    return [as_json(row) for row in plain.to_dict("records")]

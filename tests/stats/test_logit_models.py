@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from analysis.clustered import equivalence_p
+from analysis.formula import TILDE_OPERATOR
 from analysis.logit import cluster_covariance, fit_logit, information, separated
-from analysis.models import TILDE_OPERATOR, firth_logit, gee_logit, glm_logit, glmm_logit
+from analysis.models import firth_logit, gee_logit, glm_logit, glmm_logit
 
 ORACLES = Path(__file__).parent / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())

@@ -1,0 +1,74 @@
+"""Wilkinson formulas as papers print them: what a model's design is, and what is wrong with it."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+import statsmodels.api as sm
+import statsmodels.formula.api as smf
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
+
+_LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
+
+
+def matrices(
+    formula: str, trials: pd.DataFrame, reference: Mapping[str, str] | None
+) -> tuple[Floats, Floats, list[str]]:
+    """Return the design (trials, terms), the answers (trials,) of 0 and 1, and the terms' names.
+
+    Parameters
+    ----------
+    formula : str
+        As papers print it; ``logit(column)`` on the left is the column.
+    reference : mapping, optional
+        Column to the level that the others are compared with.
+
+    Raises
+    ------
+    ValueError
+        If the formula does not fit the table.
+    """
+    plain = _LOGIT_LEFT.sub(r"\1 ~", formula.replace(TILDE_OPERATOR, "~"))
+    left = plain.split("~", maxsplit=1)[0].strip()
+    if "~" not in plain or left not in trials.columns:
+        raise ValueError(
+            f"formula must have a column on its left side, such as 'logit(correct) ~ 1 + method'"
+            f" (got {formula!r}; columns: {list(trials.columns)})"
+        )
+    table = trials.copy()
+    y = pd.to_numeric(table[left], errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isin(y, (0.0, 1.0))):
+        raise ValueError(f"column {left!r} must hold 0 and 1 only, in every row")
+    table[left] = y
+    for column, first in (reference or {}).items():
+        levels = sorted(map(str, table[column].unique()))
+        if first not in levels:
+            raise ValueError(f"reference of {column!r} must be one of {levels} (got {first!r})")
+        levels.remove(first)
+        table[column] = pd.Categorical(table[column].astype(str), [first, *levels])
+    model = smf.glm(plain, table, family=sm.families.Binomial())
+    design = np.asarray(model.exog, dtype=np.float64)
+    if design.shape[0] != len(table):
+        raise ValueError("formula columns must have no missing values")
+    return design, y, list(model.exog_names)
+
+
+def design_warnings(design: Floats, terms: Sequence[str]) -> tuple[str, ...]:
+    """Say if some terms cannot be told apart."""
+    rank = int(np.linalg.matrix_rank(design))
+    if rank < len(terms):
+        return (f"{len(terms) - rank} of {len(terms)} terms cannot be told apart",)
+    return ()
+
+
+def group_codes(trials: pd.DataFrame, column: str) -> NDArray[np.int64]:
+    """Return the number of each trial's group (trials,): 0, 1, ... in the order of the names."""
+    if column not in trials.columns:
+        raise ValueError(f"{column!r} must be a column (columns: {list(trials.columns)})")
+    codes, _ = pd.factorize(trials[column], sort=True)
+    return np.asarray(codes, dtype=np.int64)
