@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +15,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.problems import problems_of
 from protocols.schema import StudyProtocol
+from protocols.stimuli_schema import View
 from protocols.suggest import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
@@ -72,6 +74,21 @@ def load_toml(path: Path, model: type[M]) -> M:
         return model.model_validate(raw)
     except ValidationError as error:
         raise _study_error(path, problems_of(error, raw, model)) from None
+
+
+def parse_view(text: str) -> View:
+    """Read a scene's line ``view = { ... }``, as a protocol or `stimuli look` has it."""
+    table = re.sub(r"^\s*(\d+:)?\s*(view\s*=)?\s*", "", text)
+    must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
+    try:
+        raw = {key: _tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
+    try:
+        return View.model_validate(raw["view"])
+    except ValidationError as error:
+        told = raw["view"] if isinstance(raw["view"], dict) else {}
+        raise _study_error(Path("--view"), problems_of(error, told, View)) from None
 
 
 def shipped(folder: str) -> dict[str, Path]:

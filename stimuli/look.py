@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import moderngl
 import numpy as np
 
 from pipeline.frame import SourceFrame
+from protocols.stimuli_schema import View
 from stimuli import pictures
+from stimuli.open_scene import viewpoint_of
 from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.registry import build_scene, scene_names
@@ -20,14 +22,21 @@ FIELD_DEG = 50.0
 SMALL_PX = (96, 72)
 TILE_PX = (480, 360)
 EYE_HEIGHT_M = 1.6
-LEAST_SEEN = 0.5  # share of a view that must not be background
+LEAST_SEEN = 0.8  # share of a view that must not be background
 LEAST_NEAR = 0.02  # of the scene's radius: nothing may fill the view
 
 
 def look_around(
-    ctx: moderngl.Context, scene: str, out: Path, *, scale: float, count: int, seed: int
+    ctx: moderngl.Context,
+    scene: str,
+    out: Path,
+    *,
+    scale: float,
+    count: int,
+    seed: int,
+    chosen: Sequence[View] = (),
 ) -> list[str]:
-    """Draw the `count` best of many views into `out`; return a line per view.
+    """Draw the `count` best of many views, or the `chosen` ones, into `out`; a line for each.
 
     Views that uncover much when the camera moves come first: those with many jumps in depth
     that show little background.
@@ -40,12 +49,9 @@ def look_around(
     world = _world(scene, scale, seed)
     renderer = Renderer(ctx, world)
     try:
-        ranked = sorted(
-            ((_interest(renderer, view), index, view) for index, view in enumerate(_views(world))),
-            key=lambda entry: (-entry[0], entry[1]),
-        )
+        views = [viewpoint_of(view, world) for view in chosen] or _best(renderer, count)
         tiles, lines = [], []
-        for number, (_, _, view) in enumerate(ranked[:count]):
+        for number, view in enumerate(views):
             frame = renderer.render(view.camera(*TILE_PX))
             seen = np.isfinite(frame.depth_m)
             near = float(np.percentile(frame.depth_m[seen], 5)) if seen.any() else float("inf")
@@ -64,15 +70,20 @@ def _world(scene: str, scale: float, seed: int) -> World:
     return load_world(Path(scene), scale=scale)
 
 
+def _best(renderer: Renderer, count: int) -> list[Viewpoint]:
+    views = list(_views(renderer.world))
+    interest = [_interest(renderer, view) for view in views]
+    return [views[i] for i in sorted(range(len(views)), key=lambda i: (-interest[i], i))[:count]]
+
+
 def _views(world: World) -> Iterator[Viewpoint]:
-    """The scene's own view, a ring around the middle, and a walk over level ground."""
+    """The scene's own view, rings around it and its detail, and a walk over level ground."""
     yield world.viewpoint
     low, high = world.bounds_m
-    centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    for index in range(TRIED // 4):
-        turn, lift = 2 * np.pi * index / (TRIED // 4), (0.12, 0.45)[index % 2]
-        way = np.array([np.sin(turn), lift, np.cos(turn)])
-        yield Viewpoint(_vector(centre + 1.5 * radius * way), _vector(centre), FIELD_DEG)
+    radius = float(np.linalg.norm(high - low)) / 2
+    yield from _ring((low + high) / 2, 1.5 * radius)
+    detail, spread = _detail(world)
+    yield from _ring(detail, 2.5 * spread)
     rng = np.random.default_rng(0)
     ground = _level_ground(world)
     if not len(ground):
@@ -83,6 +94,20 @@ def _views(world: World) -> Iterator[Viewpoint]:
         turn = 2 * np.pi * index / 16
         ahead = np.array([np.sin(turn), -0.05, np.cos(turn)]) * 0.3 * radius
         yield Viewpoint(_vector(place), _vector(place + ahead), FIELD_DEG)
+
+
+def _ring(centre: np.ndarray, distance_m: float) -> Iterator[Viewpoint]:
+    for index in range(TRIED // 4):
+        turn, lift = 2 * np.pi * index / (TRIED // 4), (0.12, 0.45)[index % 2]
+        way = np.array([np.sin(turn), lift, np.cos(turn)])
+        yield Viewpoint(_vector(centre + distance_m * way), _vector(centre), FIELD_DEG)
+
+
+def _detail(world: World) -> tuple[np.ndarray, float]:
+    """Where most vertices are: a wide ground or a sky of a few triangles does not count."""
+    corners = np.concatenate([part.mesh.position_m for part in world.parts]).astype(np.float64)
+    middle = np.median(corners, axis=0)
+    return middle, float(np.median(np.linalg.norm(corners - middle, axis=1)))
 
 
 def _level_ground(world: World) -> np.ndarray:
@@ -109,7 +134,8 @@ def _interest(renderer: Renderer, view: Viewpoint) -> float:
         return -1.0 + float(seen.mean())
     low, high = renderer.world.bounds_m
     near = float(np.percentile(frame.depth_m[seen], 2))
-    inverse = near / frame.depth_m
+    # The scene's far end before the sky uncovers nothing; what stands out against it does.
+    inverse = near / np.minimum(frame.depth_m, frame.depth_m[seen].max())
     jumps = np.abs(np.diff(inverse, axis=1)).mean() + np.abs(np.diff(inverse, axis=0)).mean()
     score = float(jumps) * min(1.0, float(seen.mean()) / LEAST_SEEN)
     if near < LEAST_NEAR * float(np.linalg.norm(high - low)) / 2:
@@ -119,7 +145,7 @@ def _interest(renderer: Renderer, view: Viewpoint) -> float:
 
 def _line(view: Viewpoint) -> str:
     place, target = (
-        "[" + ", ".join(f"{value:.4g}" for value in vector) + "]"
+        "[" + ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in vector) + "]"
         for vector in (view.position_m, view.look_at_m)
     )
     return (

@@ -65,7 +65,7 @@ def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
             lighting=scene.lighting,
             sun_direction=scene.sun_direction,
         )
-    return world if scene.view is None else world.seen_from(_viewpoint(scene.view, world))
+    return world if scene.view is None else world.seen_from(viewpoint_of(scene.view, world))
 
 
 def scene_inputs(scene: Scene, folder: Path) -> Json:
@@ -118,7 +118,8 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     return found
 
 
-def _viewpoint(view: View, world: World) -> Viewpoint:
+def viewpoint_of(view: View, world: World) -> Viewpoint:
+    """The protocol's view; the field of view that it leaves out is the world's own."""
     chosen = Viewpoint(view.position_m, view.look_at_m, world.viewpoint.vertical_fov_deg)
     if view.vertical_fov_deg is not None:
         chosen = replace(chosen, vertical_fov_deg=view.vertical_fov_deg)

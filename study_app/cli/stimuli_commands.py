@@ -172,23 +172,39 @@ def look(
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
     views: Annotated[int, typer.Option(min=1, max=64, help="How many views to draw.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Of a built-in scene.")] = 0,
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LINE",
+            help="Draw this view only: the protocol's line, 'view = {...}'. May be repeated.",
+        ),
+    ] = None,
 ) -> None:
     """Draw candidate views of a 3D scene, to choose a camera from.
 
-    Every view comes with the lines to copy into the protocol.
+    Every view comes with the line to copy into the protocol.
 
-    Example: metamerlab stimuli look place.glb --out views.png
+    Examples:
+
+        metamerlab stimuli look place.glb --out views.png
+
+        metamerlab stimuli look place.glb --out views.png \\
+            --view "view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, -2] }"
     """
     from pipeline.gl.context import create_context, release_context
+    from protocols.load import parse_view
     from stimuli.look import look_around
 
     with user_errors():
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
+        chosen = [parse_view(line) for line in view or ()]
         ctx = create_context()
         try:
             with Console(stderr=True).status("drawing views ..."):
-                lines = look_around(ctx, scene, out, scale=scale, count=views, seed=seed)
+                lines = look_around(
+                    ctx, scene, out, scale=scale, count=views, seed=seed, chosen=chosen
+                )
         finally:
             release_context(ctx)
         print("\n".join(lines))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
+from protocols.load import parse_view
 from protocols.stimuli_schema import MeshScene
 from stimuli.look import look_around
 from stimuli.open_scene import open_world
@@ -229,6 +231,51 @@ def test_look_draws_views_and_says_how_to_copy_them(tmp_path, gl_context):
     assert lines[0].startswith("0: view = { position_m = [")
     with Image.open(tmp_path / "views.png") as sheet:
         assert sheet.size[0] > 900
+
+
+def test_look_draws_the_views_that_it_is_told(tmp_path, gl_context):
+    path = write_glb(tmp_path / "quad.glb", quad(halves((200, 20, 20), (20, 20, 200))))
+    line = "3: view = { position_m = [0, 0, 3], look_at_m = [0, 0, 0], vertical_fov_deg = 30 }"
+    views = [parse_view(line), parse_view("{ position_m = [0, 9, 0], look_at_m = [0, 9, 1] }")]
+    sheet = tmp_path / "views.png"
+    lines = look_around(gl_context, str(path), sheet, scale=1, count=9, seed=0, chosen=views)
+    assert lines[0] == line.replace("3:", "0:")
+    assert len(lines) == 2
+    with Image.open(sheet) as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    # The red half above the blue one, as one sees it who stands before them; then only sky.
+    assert (pixels == (200, 20, 20)).all(2).sum() == pytest.approx(180 * 360, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("view = [0, 1, 2]", "--view"),
+        ("position_m = [0, 0, 3]", "must be a line as in a protocol"),
+        ("{ position_m = [0, 0] , look_at_m = [0, 0, 0] }", "--view: position_m"),
+        ("view = { position_m = [0, 0, 0] }", "--view: look_at_m"),
+    ],
+)
+def test_a_view_that_is_no_protocol_line_is_refused(line, said):
+    with pytest.raises(StudyError, match=re.escape(said)):
+        parse_view(line)
+
+
+def test_look_finds_the_things_on_a_wide_ground(tmp_path, gl_context):
+    """Seen from around the whole, a few boxes on a plane of 100 m are specks."""
+    scene = trimesh.Scene()
+    ground = trimesh.creation.box((100, 0.1, 100))
+    scene.add_geometry(ground)
+    for x in (-1.5, 0, 1.5):
+        box = trimesh.creation.box((0.5, 1, 0.5))
+        box.apply_translation((x, 0.5, 0.4 * x))
+        scene.add_geometry(box)
+    path = tmp_path / "place.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    lines = look_around(gl_context, str(path), tmp_path / "v.png", scale=1, count=4, seed=0)
+    for line in lines:
+        at = parse_view(line).position_m
+        assert np.hypot(at[0], at[2]) < 12
 
 
 @pytest.mark.parametrize("name", ["stk_temple", "torcs_ruudskogen"])
