@@ -144,6 +144,11 @@ def _score(
         subjects = subjects_of_two(first, second, mask, fps)
         folder = out
     if folder is not None:
+        if folder.absolute().is_relative_to(first.absolute()):
+            raise StudyError(
+                f"{folder}: must not lie in the folder of clips, where only clips belong; choose"
+                " another --out"
+            )
         check_out(folder)
     console = Console(highlight=False, soft_wrap=True, markup=False)
     with progress_bar() as progress:

@@ -165,3 +165,4 @@ def test_a_folder_of_other_things_is_not_written_into(run_score, batch, tmp_path
     shutil.rmtree(out)
     out.write_text("a file")
     refused(run_score(batch, "--out", out), "must be a folder")
+    refused(run_score(batch, "--out", batch / "scores"), "must not lie in the folder of clips")
