@@ -25,6 +25,7 @@ from protocols.manifest import MANIFEST_NAME
 from protocols.schema import ClipName
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import PREVIEW_FOLDER
+from stimuli.whole_file import PART
 
 BUILD_FOLDER = ".build"
 HOLES_FOLDER = "holes"
@@ -55,6 +56,8 @@ def only_build(out: Path) -> Iterator[None]:
 def check_folder(out: Path) -> None:
     """Refuse a folder with things that no build made: they would be deleted.
 
+    What a killed build was writing here is removed.
+
     Raises
     ------
     StudyError
@@ -64,6 +67,9 @@ def check_folder(out: Path) -> None:
              PREVIEW_FOLDER, SHEET_NAME}  # fmt: skip
     ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).exists()
     for entry in sorted(out.iterdir()):
+        if ours and entry.name.startswith(".") and entry.name.endswith(PART):
+            entry.unlink()  # a build was killed while it wrote this file
+            continue
         if entry.name in known or (ours and entry.is_dir() and entry.name.count("__") == 2):
             continue
         raise StudyError(

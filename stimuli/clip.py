@@ -28,9 +28,10 @@ from stimuli.exr import save_colour
 from stimuli.footage import Footage, Shot
 from stimuli.orders import Orders
 from stimuli.paths import make_path
-from stimuli.png import decode, encode_frame, encode_mask, is_whole, write_whole
+from stimuli.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.scenery import Scenery
 from stimuli.solve import solve_extent
+from stimuli.whole_file import write_whole
 
 ENCODERS = 2
 IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip

@@ -13,7 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from protocols.manifest import Clip
 from protocols.schema import StudyProtocol
-from stimuli.png import decode, write_whole
+from stimuli.png import decode
+from stimuli.whole_file import write_whole
 
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12

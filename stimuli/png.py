@@ -1,8 +1,7 @@
-"""PNG frames: encoded in memory, written whole or not at all, checked without decoding."""
+"""PNG frames: encoded in memory, checked without decoding."""
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from pathlib import Path
@@ -69,26 +68,6 @@ def is_whole(data: bytes) -> bool:
             return bool(end == len(data))
         at = end
     return False
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name, flush it to the disk, then rename it.
-
-    Raises
-    ------
-    OSError
-        If the disk is full or fails; nothing is left behind then.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise type(error)(error.errno, error.strerror, str(path)) from None
 
 
 def _encode(image: NDArray[Any], options: list[int]) -> bytes:

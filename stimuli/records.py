@@ -21,7 +21,7 @@ from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
 from stimuli.orders import Orders
-from stimuli.png import write_whole
+from stimuli.whole_file import write_whole
 from stimuli.worker import RendererInfo
 
 VERSIONED = (

@@ -76,7 +76,7 @@ class Recorder:
             ) from None
         except OSError as error:
             raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
-        _lock(descriptor, path)
+        lock_journal(descriptor, path)
         _sync_folder(folder)
         return cls(folder, descriptor, [], clock, wall_clock)
 
@@ -99,7 +99,7 @@ class Recorder:
         except OSError as error:
             raise StudyError(f"{path}: must be writable ({error.strerror})") from None
         try:
-            _lock(descriptor, path)
+            lock_journal(descriptor, path)
             journal = read_journal(path)
         except StudyError:
             os.close(descriptor)
@@ -208,7 +208,14 @@ class Recorder:
             left = left[os.write(self._descriptor, left) :]
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def lock_journal(descriptor: int, path: Path) -> None:
+    """Hold an open journal for this program, until it is closed.
+
+    Raises
+    ------
+    StudyError
+        If another program holds it.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from pathlib import Path
 from protocols.errors import StudyError
 from protocols.journal import SessionStart, Withdrawal, event_line
 from protocols.journal_file import JOURNAL_NAME
+from study_app.recorder import lock_journal
 from study_app.sittings import Sitting, claimed, find_sittings
 
 
@@ -62,7 +62,7 @@ def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | 
             slot = _slot(sitting)
         try:
             with path.open("rb") as held:
-                _refuse_if_open(held.fileno(), path)
+                lock_journal(held.fileno(), path)
                 if slot is not None:
                     _put_stone(sitting, slot, wall_clock())
                 for entry in sorted(sitting.folder.iterdir()):
@@ -87,13 +87,6 @@ def _slot(sitting: Sitting) -> int:
             " that becomes free; restore it from a copy, or delete the folder by hand"
         )
     return first.slot
-
-
-def _refuse_if_open(descriptor: int, path: Path) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise StudyError(f"{path}: another program has this session open; close it first") from None
 
 
 def _put_stone(sitting: Sitting, slot: int, at: str) -> None:

@@ -12,7 +12,6 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from protocols.revision import code_revision, package_version
-from stimuli.png import write_whole
 from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.metrics import HOLES, METRICS
@@ -30,6 +29,7 @@ from stimuli.score.write import (
     scores_json,
     write_text,
 )
+from stimuli.whole_file import write_whole
 
 _AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from protocols.errors import StudyError
 from protocols.hashing import Json
 from protocols.revision import code_revision, package_version
-from stimuli.png import write_whole
 from stimuli.score.available import versions
 from stimuli.score.run import Results
+from stimuli.whole_file import write_whole
 
 CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"

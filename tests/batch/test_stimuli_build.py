@@ -148,6 +148,21 @@ def test_a_build_killed_after_its_manifest_is_whole_and_cleared_up(copy, orders,
     assert not (copy / ".build").exists()
 
 
+def test_a_build_killed_while_it_wrote_its_contact_sheet_goes_on(copy, orders, inline):
+    before = contents(copy)
+    left = copy / ".contact-sheet.html.4711.part"
+    left.write_text("<html>half a page")
+    (copy / "contact-sheet.html").unlink()
+
+    outcome = build(orders, copy, inline)
+
+    assert outcome.built == []
+    assert not left.exists()
+    assert (copy / "contact-sheet.html").exists()
+    assert contents(copy) == before
+    assert check_batch(copy).in_order
+
+
 def test_check_names_what_is_missing_changed_and_extra(copy):
     (copy / "box__small__telea/000001.png").unlink()
     frame = copy / "box__small__telea/000002.png"

@@ -16,6 +16,7 @@ from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.schema import StudyProtocol
 from stimuli.pictures import save_picture
+from stimuli.whole_file import write_whole
 from study_app.cli.demo.sitting import Flip, clip_place
 from study_app.cli.demo.watcher import Image
 
@@ -119,9 +120,7 @@ def write_strip(
         missed=attempt.dropped,
         shots=tuple(shots),
     )
-    part = folder / (STRIP_NAME + ".part")
-    part.write_text(json.dumps(asdict(strip), indent=1) + "\n", encoding="utf-8")
-    part.replace(folder / STRIP_NAME)
+    write_whole(folder / STRIP_NAME, (json.dumps(asdict(strip), indent=1) + "\n").encode("utf-8"))
 
 
 def read_strip_file(folder: Path) -> Strip | None:

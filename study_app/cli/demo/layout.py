@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocols.errors import StudyError
+from stimuli.whole_file import write_whole
 
 RECORD_NAME = "demo.json"
 _OURS = ("index.html", "pictures", "clips", "sessions", "report", "trial", "screen.toml")
@@ -111,6 +112,5 @@ class Record:
             self._write()
 
     def _write(self) -> None:
-        part = self._path.with_suffix(".part")
-        part.write_text(json.dumps(self._steps, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        part.replace(self._path)
+        text = json.dumps(self._steps, indent=1, sort_keys=True) + "\n"
+        write_whole(self._path, text.encode("utf-8"))

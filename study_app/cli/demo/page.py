@@ -21,6 +21,7 @@ from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.pictures import of_holes
 from stimuli.png import decode
 from stimuli.preview import preview_path
+from stimuli.whole_file import write_whole
 from study_app.cli.demo import filmstrip, pictures
 from study_app.cli.demo.layout import Layout, Record
 from study_app.operator_view import standing
@@ -86,9 +87,7 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         out=os.path.relpath(layout.out),
         places=_places(layout),
     )
-    part = layout.page.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(layout.page)
+    write_whole(layout.page, text.encode("utf-8"))
 
 
 def _labels(protocol: StudyProtocol) -> dict[str, str]:
