@@ -72,10 +72,6 @@ class Path:
         """Return the pose of the picture that `frame` is warped from."""
         return STILL if self.source_frames is None else self.poses[self.source_frames[frame]]
 
-    def is_real(self, frame: int) -> bool:
-        """Whether `frame` is shown as it was seen."""
-        return self.source_frames is not None and self.source_frames[frame] == frame
-
 
 def make_path(path: CameraPath, frames: int, fps: float) -> Path:
     """Work out a path of a protocol for `frames` frames.

@@ -26,11 +26,6 @@ class Timing:
         gpu = statistics.median(self.gpu_ms)
         return gpu if gpu > COUNTED_FROM_MS else statistics.median(self.wall_ms)
 
-    @property
-    def median_wall_ms(self) -> float:
-        """Median from idle to idle, by the wall clock."""
-        return statistics.median(self.wall_ms)
-
 
 def measure(
     ctx: moderngl.Context, work: Callable[[], None], *, repeats: int = 20, warm_up: int = 3
