@@ -22,9 +22,17 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.quality import write_into
 from benchmarks.stimuli_report import Findings, Ratio, Speed
+
+if TYPE_CHECKING:
+    from protocols.schema import ClipName
+    from stimuli.clip import Survey
+    from stimuli.orders import Orders
+    from stimuli.scenery import Scenery
+    from stimuli.worker import Bench
 
 BEGIN, END = "<!-- stimuli table: begin -->", "<!-- stimuli table: end -->"
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
@@ -182,7 +190,9 @@ def _again(options: argparse.Namespace) -> list[str]:
             str(options.frames), "--methods", *options.methods]  # fmt: skip
 
 
-def _ready(options: argparse.Namespace, method: str, frames: int):  # type: ignore[no-untyped-def]
+def _ready(
+    options: argparse.Namespace, method: str, frames: int
+) -> tuple[Bench, Scenery, Orders, ClipName, Survey]:
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
     from protocols.schema import ClipName

@@ -28,7 +28,8 @@ def cure_for_key(key: str, value: object, known: Iterable[str]) -> str:
         right_stem, right_unit = split_unit(name)
         if right_unit and right_unit != unit and right_stem in {stem, key}:
             factor = CONVERSIONS.get((unit, right_unit))
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            example = f": {name} = {value * factor:.6g}" if factor and number else ""  # type: ignore[operator]
+            example = ""
+            if factor and isinstance(value, (int, float)) and not isinstance(value, bool):
+                example = f": {name} = {value * factor:.6g}"
             return f"; did you mean {name!r} ({UNIT_OF_SUFFIX[right_unit]}){example}?"
     return did_you_mean(key, names)

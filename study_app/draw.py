@@ -78,9 +78,9 @@ class Painter:
         self._layer, self._image, self._strip = (
             ctx.vertex_array(program, []) for program in self._programs
         )
-        self._layer_corner, self._layer_index = layer["corner"], layer["layer"]
-        self._image_corner = image["corner"]
-        self._strip_corner, self._strip_code = strip["corner"], strip["code"]
+        self._layer_corner, self._layer_index = _uniform(layer, "corner"), _uniform(layer, "layer")
+        self._image_corner = _uniform(image, "corner")
+        self._strip_corner, self._strip_code = _uniform(strip, "corner"), _uniform(strip, "code")
         ctx.enable_only(moderngl.NOTHING)
         ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
 
@@ -93,24 +93,24 @@ class Painter:
         """Draw one layer of `clip` with its upper left corner at `place`, one to one."""
         clip.use(0)
         corner = self._view(place, clip.width, clip.height)
-        self._layer_corner.value = corner  # type: ignore[union-attr]
-        self._layer_index.value = layer  # type: ignore[union-attr]
+        self._layer_corner.value = corner
+        self._layer_index.value = layer
         self._layer.render(moderngl.TRIANGLE_STRIP, vertices=4)
 
     def image(self, texture: moderngl.Texture, place: tuple[int, int]) -> None:
         """Draw an RGBA image over what is there, one to one."""
         texture.use(0)
         self._ctx.enable(moderngl.BLEND)
-        self._image_corner.value = self._view(place, *texture.size)  # type: ignore[union-attr]
+        self._image_corner.value = self._view(place, *texture.size)
         self._image.render(moderngl.TRIANGLE_STRIP, vertices=4)
         self._ctx.disable(moderngl.BLEND)
 
     def strip(self, number: int) -> None:
         """Draw the frame strip at the upper and at the lower edge."""
-        self._strip_code.value = code_of(number)  # type: ignore[union-attr]
+        self._strip_code.value = code_of(number)
         for top in (0, self._size[1] - BLOCK_PX):
             corner = self._view((0, top), BLOCKS * BLOCK_PX, BLOCK_PX)
-            self._strip_corner.value = corner  # type: ignore[union-attr]
+            self._strip_corner.value = corner
             self._strip.render(moderngl.TRIANGLE_STRIP, vertices=4)
 
     def patch(self, place: tuple[int, int], edge_px: int, level: float) -> None:
@@ -142,3 +142,9 @@ class Painter:
         corner = place[0], self._size[1] - place[1] - height
         self._ctx.viewport = (*corner, width, height)
         return corner
+
+
+def _uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform), name
+    return uniform
