@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from analysis.preference import Test, found_pairings
+from analysis.pairings import found_pairings
+from analysis.preference import Test
 from protocols.schema import StudyProtocol
 
 

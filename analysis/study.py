@@ -21,15 +21,8 @@ from analysis.consistency import (
 from analysis.learning import Trend, trend
 from analysis.models import ModelFit, glmm_logit
 from analysis.observers import ObserverCheck, check_observers
-from analysis.preference import (
-    ALL_SIZES,
-    Preference,
-    PreferenceTable,
-    counts,
-    pairing_rows,
-    preference,
-    preferences,
-)
+from analysis.pairings import ALL_SIZES, counts, pairing_rows
+from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.reaction import ReactionTimes, reaction_times
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.settings import Settings

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from analysis.pairings import pairing_rows
 from analysis.plots import (
     bias_bars,
     figure_bytes,
@@ -18,7 +19,6 @@ from analysis.plots import (
     preference_bars,
     reaction_plot,
 )
-from analysis.preference import pairing_rows
 from analysis.settings import Settings
 from analysis.study import StudyResults
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.pairings import pairing_rows
 from analysis.plain_csv import read_decisions
-from analysis.preference import pairing_rows
 from analysis.settings import Settings, from_decisions, from_protocol
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError

@@ -18,6 +18,7 @@ from matplotlib.transforms import Bbox
 from analysis.bias import order_bias, side_bias
 from analysis.bootstrap import bootstrap_scale
 from analysis.detection import detection
+from analysis.pairings import counts, pairing_rows
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -36,7 +37,7 @@ from analysis.plots import (
 )
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import Assumptions, power_curve
-from analysis.preference import counts, pairing_rows, preferences
+from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale

@@ -12,13 +12,8 @@ import pandas as pd
 import pytest
 
 from analysis.bayes import binomial_bayes_factor, t_bayes_factor
-from analysis.preference import (
-    cohens_h,
-    counts,
-    pairing_rows,
-    preference,
-    preferences,
-)
+from analysis.pairings import counts, pairing_rows
+from analysis.preference import cohens_h, preference, preferences
 
 ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())
 
