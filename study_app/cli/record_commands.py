@@ -29,7 +29,7 @@ def withdraw(
     study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
-    """Delete a participant's data for good; a stone says so, and the slot becomes free.
+    """Delete a participant's data for good. One line stays, without data, and the slot is free.
 
     Example: metamerlab session withdraw P01 --out sessions
     """
@@ -38,7 +38,7 @@ def withdraw(
         if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
             raise StudyError(f"{folder}: nothing was deleted")
         count = withdraw_participant(out, participant, utc_now, study)
-        print(f"{folder}: {count} files deleted; a stone is left, and the slot is free")
+        print(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
 
 
 def watch(

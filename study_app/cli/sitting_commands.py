@@ -33,7 +33,8 @@ ParticipantOption = Annotated[
 GazeOption = Annotated[
     str | None,
     typer.Option(
-        help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse."
+        help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse; with"
+        " --simulate also replay:FILE. Needed where the protocol watches gaze."
     ),
 ]
 StripOption = Annotated[
