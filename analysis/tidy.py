@@ -123,7 +123,8 @@ def write_tables(tidy: Tidy, folder: Path) -> tuple[Path, ...]:
 def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
     """Return decisions in the columns that the program pwcmp reads.
 
-    Each scene x size is a scene there: only clips of one size were compared.
+    Each scene x size is a scene there: only clips of one size were compared. The last two columns
+    are ours, and keep them apart: inference over scenes must not count one scene twice.
     """
     return pd.DataFrame(
         {
@@ -133,6 +134,8 @@ def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
             "condition_A": decisions["first"],
             "condition_B": decisions["second"],
             "is_A_selected": (decisions["chosen"] == decisions["first"]).astype(int),
+            "scene_name": decisions["scene"],
+            "size": decisions["size"],
         }
     )
 

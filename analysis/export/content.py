@@ -50,16 +50,20 @@ class Content:
         """The publication whose design the study follows; may be empty."""
         return scrub(self.protocol.study.source, public=self.public)
 
-    def readme(self, *paragraphs: str) -> str:
-        """Return a README of the export."""
+    def readme(self, *paragraphs: str, lists_sittings: bool = True) -> str:
+        """Return a README of the export; `lists_sittings` says if it has a table of them."""
         sessions = self.tables.sessions
         whole = int((sessions["status"] == "completed").sum())
         lines = [
             f"# {self.title}",
             self.description,
             f"{len(sessions)} participants, {whole} of them with a completed sitting; pairs of"
-            " short clips, shown one after the other, and the one preferred of each pair. Sittings"
-            " that were cut short are here as they are: see the column `status`.",
+            " short clips, shown one after the other, and the one preferred of each pair."
+            + (
+                " Sittings that were cut short are here as they are: see the column `status`."
+                if lists_sittings
+                else ""
+            ),
             *paragraphs,
         ]
         if self.source:
@@ -72,7 +76,8 @@ class Content:
         lines += [
             f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"
             f" SHA-256 `{self.protocol.sha256}`. Written by {_program()} from append-only"
-            " journals, which stay with the lab; `journal_sha256` names each.",
+            " journals, which stay with the lab"
+            + ("; `journal_sha256` names each." if lists_sittings else "."),
         ]
         return "\n\n".join(lines) + "\n"
 

@@ -16,7 +16,10 @@ def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
         f"`{NAME}`: one decision per row, main trials that the protocol's exclusion rules keep."
         " `observer` and `session` name the participant; `scene` is scene and amount of"
         " disocclusion, since only clips of one amount were compared; `condition_A` was shown"
-        " first; `is_A_selected` is 1 where it was preferred.",
+        " first; `is_A_selected` is 1 where it was preferred. `scene_name` and `size` are scene and"
+        " amount apart; pwcmp passes over them, and `analysis import --map scene=scene_name`"
+        " takes them.",
+        lists_sittings=False,
     )
     (folder / "README.md").write_text(text, encoding="utf-8")
     return ()

@@ -224,6 +224,9 @@ def import_(
         --map second=condition_B --map chose_first=is_A_selected --out imported
 
         metamerlab analysis report imported/decisions.csv --out report
+
+    A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
+    holds scene and size, as pwcmp wants it.
     """
     with user_errors():
         mapping = {}

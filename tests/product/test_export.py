@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -350,13 +351,24 @@ def test_pwcmp_comes_back_through_import(metamerlab, recorded_once, exported, tm
         "analysis", "import", exported("pwcmp") / "pwcmp.csv",
         "--map", "participant=observer", "--map", "first=condition_A",
         "--map", "second=condition_B", "--map", "chose_first=is_A_selected",
-        "--out", tmp_path / "imported",
+        "--map", "scene=scene_name", "--out", tmp_path / "imported",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     ours = read_sessions(recorded_once.sessions, recorded_once.protocol).analysed
     back = pd.read_csv(tmp_path / "imported" / "decisions.csv")
 
-    columns = ["participant", "first", "second", "chosen"]
+    # Scenes are not told apart by size: else inference would count each of them twice.
+    columns = ["participant", "scene", "size", "first", "second", "chosen"]
     assert back[columns].to_numpy().tolist() == ours[columns].to_numpy().tolist()
-    assert back["scene"].tolist() == (ours["scene"] + "__" + ours["size"]).tolist()
+    theirs = pd.read_csv(exported("pwcmp") / "pwcmp.csv")
+    assert theirs["scene"].tolist() == (ours["scene"] + "__" + ours["size"]).tolist()
     assert len(back) > 30
+
+
+def test_the_readme_of_pwcmp_names_no_column_that_is_not_there(exported):
+    text = (exported("pwcmp") / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+)`", text))
+    columns = set(pd.read_csv(exported("pwcmp") / "pwcmp.csv").columns)
+    assert {"observer", "scene_name", "size"} <= named
+    assert not {"status", "journal_sha256"} & named
+    assert {name for name in named if "_" in name} <= columns

@@ -88,6 +88,8 @@ def test_pwcmps_table_has_one_row_a_decision(tmp_path, demo_protocol, write_jour
         "condition_A",
         "condition_B",
         "is_A_selected",
+        "scene_name",
+        "size",
     ]
     assert len(rows) == 96
     votes = sum(row["is_A_selected"] == "1" for row in rows)
