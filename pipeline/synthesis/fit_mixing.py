@@ -45,12 +45,6 @@ SHARES = (
     (0.02, 0.05, 0.10, 0.22, 0.25, 0.30),
     (0.02, 0.07, 0.20, 0.60, 0.60, 0.60),
 )
-# Inside a hole of few coefficients bands measure less than on a plane: what lies at its border
-# is not continued. Half of that is made up for, so that small and large holes are off alike.
-MADE_UP = 1.026
-# At the last level, of high and oriented bands, for each of SHARES. A restless base has more
-# than is wanted in places, where noise can take nothing away; elsewhere it then adds less.
-MADE_UP_LAST = ((1.10, 1.10), (1.10, 1.18), (1.10, 0.90))
 TOGETHER = (1.0, 0.97, 0.88)  # correlation of two bands' energies from place to place, per step
 JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.3  # how many, deviation of log, weight
 RIDGE_MATRIX, RIDGE_LAG = 0.2, 0.1
@@ -142,16 +136,13 @@ def deviations_of(levels: int, exponent: float, anisotropy: float = 0.0) -> Arra
     return np.asarray(deviations / deviations[0])
 
 
-def _textures(levels: int) -> Iterator[tuple[Array, Array]]:
-    """Deviations that noise is asked for, and what it is to have instead: that, made up for."""
+def _textures(levels: int) -> Iterator[Array]:
+    """Deviations that noise is asked for."""
     for exponent in EXPONENTS:
         for anisotropy in ANISOTROPIES:
             whole = deviations_of(levels, exponent, anisotropy)
-            for share, (high, oriented) in zip(SHARES, MADE_UP_LAST, strict=True):
-                made_up = np.full(3 * levels, MADE_UP)
-                if levels > 1:
-                    made_up[-3:] = high, oriented, oriented
-                yield whole * np.sqrt(1 - np.repeat(share[:levels], 3)), made_up
+            for share in SHARES:
+                yield whole * np.sqrt(1 - np.repeat(share[:levels], 3))
 
 
 def _together(levels: int, correlation: float) -> Array:
@@ -197,12 +188,12 @@ class MatrixFit:
     def solve(self) -> Array:
         rng = np.random.default_rng(0)
         wanted, targets, weight = [], [], []
-        for texture, made_up in _textures(self.levels):
+        for texture in _textures(self.levels):
             for correlation in TOGETHER:
                 jitter = np.exp(rng.normal(0, JITTER, (JITTERS, len(texture))))
                 for target in (texture, *(texture * jitter)):
                     wanted.append(_together(self.levels, correlation) * np.outer(target, target))
-                    targets.append(made_up * target)
+                    targets.append(target)
                 weight += [1.0] + [JITTER_WEIGHT] * JITTERS
         moments, target, weights = np.array(wanted), np.array(targets), np.array(weight)
         identity = np.array([(1.0, 0, 0, 1.0, 0) if a == b else (0,) * 5 for a, b in self.blocks()])
@@ -286,7 +277,7 @@ def fit(levels: int, covariances: Array, lagged: Array) -> dict[str, object]:
     matrix_fit = MatrixFit(levels, covariances[:count, :count, :count])
     mixing = matrix_fit.solve().round(5)
     mixed = np.array([mixing.T @ lag @ mixing for lag in lagged[:, :count, :count]])
-    lag_fit = LagFit(levels, mixed, np.array([texture for texture, _ in _textures(levels)]))
+    lag_fit = LagFit(levels, mixed, np.array(list(_textures(levels))))
     lags = lag_fit.solve()
     variance = lag_fit.variance(lags)
     errors = {
