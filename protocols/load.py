@@ -67,6 +67,18 @@ def load_display(name_or_path: str, beside: Path | None = None) -> Display:
     return load_toml(_shipped(path, "displays"), Display)
 
 
+def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, Display]:
+    """Read a protocol and its display, or `display` in that one's place.
+
+    Raises
+    ------
+    StudyError
+        As `load_protocol` and `load_display`.
+    """
+    protocol = load_protocol(path)
+    return protocol, load_display(display or protocol.display.display, beside=path)
+
+
 def load_toml(path: Path, model: type[M]) -> M:
     """Read any TOML file into `model`; `StudyError` lists every mistake."""
     raw = _read_toml(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.display import Display
-from protocols.errors import Problem, StudyError
+from protocols.errors import StudyError
 from protocols.feasibility import (
     CLIPS_IN_MEMORY,
     MIB,
@@ -21,13 +20,12 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_study, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
-from protocols.registries import check_methods, check_scenes
 from protocols.revision import code_revision, package_version
 from protocols.scene_files import missing_files
 from protocols.schema import StudyProtocol
@@ -69,11 +67,12 @@ def check(
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
     with user_errors():
-        study, screen = _load(protocol, display)
+        study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
-        problems = _registry_problems(study) + check_feasible(study, screen, manifest)
-        if problems:
-            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in problems))
+        # Imported here: it brings the renderer along.
+        from study_app.cli.checked_study import require_buildable
+
+        require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
         print(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
@@ -98,7 +97,7 @@ def show(
     Example: metamerlab protocol show inpainting-2afc --slot 0
     """
     with user_errors():
-        study, screen = _load(protocol, display)
+        study, screen = load_study(protocol, display)
         plan = _plan(study, screen, None, slot or 0)
         console = Console()
         console.print(_summary(study, screen, plan))
@@ -152,7 +151,7 @@ def preregister(
     Example: metamerlab protocol preregister my-study.toml --out preregistration.md
     """
     with user_errors():
-        study, screen = _load(protocol, display)
+        study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
         _plan(study, screen, manifest)
         revision = f"{package_version()}, revision {code_revision()}"
@@ -174,24 +173,8 @@ def preregister(
         print(out)
 
 
-def _load(protocol: Path, display: str | None) -> tuple[StudyProtocol, Display]:
-    study = load_protocol(protocol)
-    return study, load_display(display or study.display.display, beside=protocol)
-
-
 def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:
     return make_plan(study, manifest or virtual_manifest(study, screen), f"P{slot}", slot)
-
-
-def _registry_problems(study: StudyProtocol) -> list[Problem]:
-    """Check the names that other packages define; they are imported only here."""
-    registry = import_module("pipeline.methods.registry")
-    problems = check_methods(study, registry.method_names(), registry.method_parameters)
-    try:
-        scenes = import_module("stimuli.scenes.registry")
-    except ModuleNotFoundError:
-        return problems
-    return problems + check_scenes(study, scenes.scene_names())
 
 
 def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:

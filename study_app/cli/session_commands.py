@@ -14,7 +14,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt, SessionEnd
-from protocols.load import load_display, load_protocol
+from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
 from study_app.cli.errors import user_errors
@@ -91,10 +91,10 @@ def simulate(
     Example: metamerlab session simulate demo --out sessions --participants 11
     """
     with user_errors():
-        study = load_protocol(protocol)
+        study, screen = load_study(protocol, display)
         simulation = Simulation(
             study,
-            load_display(display or study.display.display, beside=protocol),
+            screen,
             seed=seed,
             model=ObserverModel(
                 utilities=_utilities(utility, [method.name for method in study.methods]),

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_study, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, watch, withdraw
@@ -96,10 +96,10 @@ def run(
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
     with user_errors():
-        study = load_protocol(protocol)
+        study, screen = load_study(protocol, display)
         options = SittingOptions(
             protocol=study,
-            display=load_display(display or study.display.display, beside=protocol),
+            display=screen,
             stimuli=stimuli,
             root=out,
             participant=participant,
@@ -135,10 +135,10 @@ def resume(
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
     with user_errors():
-        study = load_protocol(protocol)
+        study, screen = load_study(protocol, display)
         options = SittingOptions(
             protocol=study,
-            display=load_display(display or study.display.display, beside=protocol),
+            display=screen,
             stimuli=stimuli,
             root=out,
             participant=participant,
