@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,17 +18,12 @@ class Slot:
     """A place for one command or group of commands.
 
     `target` is ``module:attribute``: a `typer.Typer` (a group) or a function
-    (one command). A slot whose module does not exist is not offered.
+    (one command).
     """
 
     name: str
     help: str
     target: str
-
-    @property
-    def exists(self) -> bool:
-        """Whether the module is there; it is looked for, not run."""
-        return importlib.util.find_spec(self.target.partition(":")[0]) is not None
 
     def load(self) -> Command:
         """Import the module and return its command, under the slot's name."""
@@ -52,8 +46,7 @@ class LazyGroup(TyperGroup):
     def __init__(self, **attrs: Any) -> None:
         super().__init__(**attrs)
         for slot in self.slots:
-            if slot.exists:
-                self.add_command(_LazyCommand(slot))
+            self.add_command(_LazyCommand(slot))
 
 
 class _LazyCommand(TyperCommand):
