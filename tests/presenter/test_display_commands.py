@@ -63,7 +63,7 @@ def test_withdraw_asks_deletes_and_frees_the_code_for_nobody(screen, sample_sess
     done = screen.run("session", "withdraw", "S001", "--out", root, "--yes")
 
     assert done.returncode == 0, done.stderr
-    assert "a stone is left" in done.stdout
+    assert "one line stays that says so" in done.stdout
     assert [p.name for p in (root / "demo" / "S001").iterdir()] == ["journal.jsonl"]
     again = screen.run("session", "withdraw", "S001", "--out", root, "--yes")
     assert again.returncode == 2
