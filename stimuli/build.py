@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, write_manifest
 from protocols.schema import ClipName
@@ -149,7 +150,13 @@ class _Batch:
                 done, _ = wait(self.running, timeout=POLL_S, return_when=FIRST_COMPLETED)
                 for future in done:
                     kind, name = self.running.pop(future)
-                    result = future.result()
+                    try:
+                        result = future.result()
+                    except InputError as error:
+                        where, said = f"{name.scene}, {name.size}", str(error)
+                        raise InputError(
+                            said if said.startswith(where) else f"{where}: {said}"
+                        ) from None
                     if kind == "survey":
                         survey, renderer = result
                         self._check_renderer(renderer)
