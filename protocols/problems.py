@@ -74,7 +74,10 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
         return
     place, owner = _locate(detail["loc"], raw, model)
     key = str(detail["loc"][-1]) if detail["loc"] else ""
-    if kind == "missing":
+    if kind == "missing" and isinstance(detail["loc"][-1], int):  # a list of fixed length
+        count = detail["loc"][-1] + 1
+        yield Problem(place, f"must have {count} entries or more (got {_show(found)})")
+    elif kind == "missing":
         yield Problem(place, "missing")
     elif kind == "extra_forbidden":
         known = list(owner.model_fields) if owner else []

@@ -252,7 +252,10 @@ def test_look_draws_the_views_that_it_is_told(tmp_path, gl_context):
     [
         ("view = [0, 1, 2]", "--view"),
         ("position_m = [0, 0, 3]", "must be a line as in a protocol"),
-        ("{ position_m = [0, 0] , look_at_m = [0, 0, 0] }", "--view: position_m"),
+        (
+            "{ position_m = [0, 0] , look_at_m = [0, 0, 0] }",
+            "--view: position_m: must have 3 entries or more",
+        ),
         ("view = { position_m = [0, 0, 0] }", "--view: look_at_m"),
     ],
 )
