@@ -152,5 +152,5 @@ def test_a_missing_folder_is_told_without_a_traceback(tmp_path: Path):
     done = run_cli("doctor", "--folder", str(tmp_path / "nowhere"))
 
     assert done.returncode == 2
-    assert "nowhere" in done.stderr.replace("\n", "")
+    assert "nowhere" in "".join(filter(str.isalpha, done.stderr))  # a box may break the line
     assert "Traceback" not in done.stderr
