@@ -88,9 +88,10 @@ def _others(data: _Results) -> str:
 def _clips(data: _Results) -> str:
     stimuli = data["stimuli"]
     speeds = {entry["method"]: entry["build_fps"] for entry in stimuli["speeds"]}
+    width = stimuli["width_px"]
     return (
-        f"{speeds['metameric']:.0f} frames/s; two processes"
-        f" {stimuli['two_processes_over_one']:.2f} times one"
+        f"{width} x {width * 3 // 4} px: {speeds['metameric']:.0f} frames/s; two processes"
+        f" {stimuli['two_processes_over_one']['median']:.2f} times one"
     )
 
 
@@ -116,7 +117,7 @@ def _false_positives(data: _Results) -> str:
 ROWS: tuple[tuple[str, str, Callable[[_Results], str]], ...] = (
     (f"fill {EDGE_PX}², 5 % thin holes: push-pull / guided by depth / metameric", "fill", _ours),
     ("the same: OpenCV's Telea / OpenImageIO's push-pull, on the CPU", "fill", _others),
-    ("clips of `metameric`, 384 x 288 px, built and hashed", "stimuli", _clips),
+    ("clips of `metameric`, built and hashed", "stimuli", _clips),
     ("a simulated session, 72 decisions, gaze at 250 Hz", "session", _session),
     ("1,000 bootstraps of a JOD scale, 6 conditions x 11 observers", "analysis", _bootstrap),
     (
