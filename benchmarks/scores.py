@@ -217,7 +217,8 @@ def main(argv: list[str]) -> int:
             motion: json.loads((arguments.out / motion / "scores" / JSON_NAME).read_bytes())
             for motion in results
         }
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        text = json.dumps(record, indent=1).replace(str(Path.home()), "~")  # where weights belong
+        arguments.json.write_text(text + "\n", encoding="utf-8")
     return 0
 
 
