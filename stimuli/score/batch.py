@@ -13,7 +13,6 @@ from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.score.metrics import HOLES, Metric
 from stimuli.score.pair import Pair, read_colour
 
-DEFAULT_FPS = 30.0
 _PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
