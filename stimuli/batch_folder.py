@@ -1,4 +1,4 @@
-"""What lies where in a batch's folder, who may write there, and how things get to their place.
+"""What lies where in a batch's folder, and how things get to their place.
 
 While a build runs, unfinished work lies in ``.build``, named by its hash:
 
@@ -13,11 +13,9 @@ or in ``.build``, and the same command goes on from there.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from protocols.errors import StudyError
@@ -34,23 +32,6 @@ HOLES_FOLDER = "holes"
 def survey_name(clip: ClipName) -> str:
     """Return the folder of a scene's hole masks at a size, ``scene__size``."""
     return f"{clip.scene}__{clip.size}"
-
-
-@contextmanager
-def only_build(out: Path) -> Iterator[None]:
-    """Hold the folder for one build; the system lets go of it if the build is killed."""
-    handle = os.open(out, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StudyError(
-                f"{out}: another build is at work in this folder; wait for it to end, or choose"
-                " another --out"
-            ) from None
-        yield
-    finally:
-        os.close(handle)
 
 
 def check_folder(out: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
+from protocols.folder_hold import only_build
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, write_manifest
 from protocols.schema import ClipName
 from stimuli.batch_folder import (
@@ -22,7 +23,6 @@ from stimuli.batch_folder import (
     HOLES_FOLDER,
     check_folder,
     move_over,
-    only_build,
     remove_strangers,
     survey_name,
     sync,
@@ -72,7 +72,7 @@ def build(
     Raises
     ------
     StudyError
-        If another build works in the folder, it holds other things, a worker died, or the
+        If another build or a sitting uses the folder, it holds other things, a worker died, or the
         workers draw with different renderers.
     InputError, OSError
         As scenes, methods and the disk raise them. What was finished stays for the next run;

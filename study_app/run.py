@@ -13,6 +13,7 @@ from pathlib import Path
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
+from protocols.folder_hold import kept_for_sitting
 from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.manifest import check_manifest, read_manifest
@@ -85,9 +86,10 @@ def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Ou
     Raises
     ------
     StudyError
-        As `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
+        As `kept_for_sitting`, `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
     """
-    return _sit(options, listener or Listener(), resuming=False)
+    with kept_for_sitting(options.stimuli):
+        return _sit(options, listener or Listener(), resuming=False)
 
 
 def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
@@ -98,7 +100,8 @@ def resume_sitting(options: SittingOptions, listener: Listener | None = None) ->
     StudyError
         As `run_sitting`, and as `resume` says.
     """
-    return _sit(options, listener or Listener(), resuming=True)
+    with kept_for_sitting(options.stimuli):
+        return _sit(options, listener or Listener(), resuming=True)
 
 
 def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outcome:

@@ -1,0 +1,87 @@
+"""A real sitting and a real build in one folder of clips: whoever comes second is refused."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from protocols.folder_hold import only_build
+
+METAMERLAB = [sys.executable, "-c", "from study_app.cli import main; main()"]
+
+
+def error_of(done) -> str:
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    (message,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    return message
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    found = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in found}
+
+
+@pytest.fixture
+def ended():
+    """Give a list of processes that do not outlive the test."""
+    processes: list[subprocess.Popen[str]] = []
+    yield processes
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study, wait, ended):
+    study = make_study()
+    before = files_of(study.stimuli)
+    for code in ("P01", "P02"):  # each waits for consent, with nobody to give it
+        ended.append(screen.start(*screen.session("run", study, code=code)))
+        journal = study.sessions / "demo" / code / "journal.jsonl"
+        wait(journal.exists, "the journal", process=ended[-1])
+
+    build = [*METAMERLAB, "stimuli", "build", str(study.path), "--out", str(study.stimuli)]
+    for sitting in ended:
+        done = subprocess.run(build, capture_output=True, text=True, timeout=120, check=False)
+        assert f"{study.stimuli}: must stay as it is while a sitting shows" in error_of(done)
+        sitting.send_signal(signal.SIGKILL)
+        sitting.wait(timeout=30)
+
+    assert files_of(study.stimuli) == before
+    with only_build(study.stimuli):  # both sittings were killed, and nothing of them is left
+        pass
+
+
+def test_no_sitting_begins_on_a_folder_that_is_being_built(screen, make_study, wait, ended):
+    study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
+    clips = study.folder / "new clips"
+    run = screen.session("run", study, "--simulate")
+    run[run.index(study.stimuli)] = clips
+
+    ended.append(screen.start("stimuli", "build", study.path, "--out", clips, "--workers", "1"))
+    wait((clips / ".build").exists, "the build's first file", process=ended[-1])
+    message = error_of(screen.run(*run))
+    ended[-1].send_signal(signal.SIGKILL)
+    ended[-1].wait(timeout=30)
+
+    assert f"{clips}: must be finished before a sitting shows its clips" in message
+    assert not study.sessions.exists()
+    # The killed build holds nothing: what is said now is what it left.
+    assert "must hold a finished batch of clips" in error_of(screen.run(*run))
+
+
+def test_a_sitting_goes_on_when_the_build_is_over(screen, make_study):
+    study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
+    screen_run = screen.session("run", study, "--simulate")
+    with only_build(study.stimuli):
+        assert "a build is at work" in error_of(screen.run(*screen_run))
+        assert not study.sessions.exists()
+
+    done = screen.run(*screen_run)
+
+    assert done.returncode == 0, done.stderr
+    assert [attempt.outcome for attempt in study.journal().attempts] == ["completed"]

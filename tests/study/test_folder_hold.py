@@ -1,0 +1,93 @@
+"""Builds and sittings in one folder of clips: who keeps out whom, and what is left behind."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from protocols.errors import StudyError
+from protocols.folder_hold import held, kept_for_sitting, only_build
+
+SIT = """
+import sys, time
+from pathlib import Path
+from protocols.folder_hold import kept_for_sitting
+with kept_for_sitting(Path(sys.argv[1])):
+    print("sitting", flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.fixture
+def clips(tmp_path):
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    return folder
+
+
+def refused_build(clips) -> str:
+    with pytest.raises(StudyError) as refusal, only_build(clips):
+        pytest.fail("it may not build")
+    return str(refusal.value)
+
+
+def test_sittings_share_a_folder_and_keep_builds_out(clips):
+    with kept_for_sitting(clips), kept_for_sitting(clips):
+        assert refused_build(clips) == (
+            f"{clips}: must stay as it is while a sitting shows its clips (one is running); build"
+            " when it is over, or choose another --out"
+        )
+    with only_build(clips):
+        pass
+    assert list(clips.iterdir()) == []
+
+
+def test_a_build_keeps_sittings_and_other_builds_out(clips):
+    with only_build(clips):
+        with (
+            pytest.raises(StudyError, match=r"must be finished before .*a build is at work"),
+            kept_for_sitting(clips),
+        ):
+            pytest.fail("it may not sit")
+        assert "another build is at work in this folder" in refused_build(clips)
+    with kept_for_sitting(clips):
+        pass
+
+
+def test_the_same_folder_by_another_name_is_the_same_folder(clips, tmp_path):
+    (tmp_path / "link").symlink_to(clips)
+    with kept_for_sitting(tmp_path / "link"):
+        assert "while a sitting shows its clips" in refused_build(clips)
+
+
+def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
+    sitting = subprocess.Popen([sys.executable, "-c", SIT, clips], stdout=subprocess.PIPE)
+    with sitting:
+        assert sitting.stdout.readline() == b"sitting\n"
+        assert "while a sitting shows its clips" in refused_build(clips)
+        sitting.send_signal(signal.SIGKILL)
+    with only_build(clips):
+        pass
+    assert list(clips.iterdir()) == []
+
+
+def test_a_read_only_folder_can_be_shown(clips):
+    clips.chmod(0o555)
+    with kept_for_sitting(clips):
+        assert "while a sitting shows its clips" in refused_build(clips)
+
+
+def test_a_file_system_without_locks_stops_neither(clips, monkeypatch):
+    def refuse(_handle, _kind):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with held(clips) as alone:
+        assert alone is None
+    with kept_for_sitting(clips), only_build(clips):
+        pass
