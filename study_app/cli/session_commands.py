@@ -20,9 +20,10 @@ from protocols.plan import make_plan
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.sitting_commands import register
+from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observer import DEFAULT_UTILITIES, ObserverModel
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
 
 app = typer.Typer(
@@ -134,6 +135,12 @@ def simulate(
             outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
         done = sum(outcome.main_done for outcome in outcomes.values())
         print(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
+        codes = {participant_code(number) for number in range(participants)}
+        require_decisions(
+            sitting
+            for sitting in find_sittings(out, study.study.name)
+            if sitting.participant in codes
+        )
 
 
 @app.command("list")

@@ -11,10 +11,12 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
+from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, watch, withdraw
+from study_app.cli.undecided import require_decisions
 from study_app.conduct import Outcome
 from study_app.display_check import DisplayCheck, check_display, verdict, write_report
 from study_app.gaze.source import CalibrationResult
@@ -23,6 +25,7 @@ from study_app.luminance import LuminanceFit, fit_gamma, store_luminance
 from study_app.luminance_page import read_patches
 from study_app.operator_view import attempt_line
 from study_app.run import Listener, SittingOptions, resume_sitting, run_sitting, utc_now
+from study_app.sittings import Sitting
 from study_app.validation import PointQuality, smallest_window_deg
 from study_app.window import Window
 
@@ -91,7 +94,7 @@ def run(
 
     The window covers the display's monitor. The quit key (escape in the shipped studies) asks
     once; what was decided is saved, and 'session resume' goes on. Follow it from another
-    terminal with 'session watch'.
+    terminal with 'session watch'. Ends with status 2 if it comes to its end without a decision.
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
@@ -237,6 +240,8 @@ def _listener() -> Listener:
 
 def _tell(outcome: Outcome, options: SittingOptions) -> None:
     folder = options.root / options.protocol.study.name / options.participant
+    if outcome.reason == "completed" and not outcome.main_done:
+        require_decisions([Sitting(folder, read_journal(folder / JOURNAL_NAME, lenient=True))])
     print(f"{folder}: {outcome.reason}, {outcome.main_done} of {outcome.main_planned} decisions")
     if outcome.given_up:
         print(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -200,6 +201,48 @@ def test_simulate_list_and_status_tell_one_story(tmp_path):
 
     again = metamerlab("session", "simulate", "demo", "--out", root, "--participants", 3)
     assert again.stdout.strip().endswith("1 simulated sessions, 24 decisions")
+
+
+@pytest.mark.parametrize(
+    ("replacements", "options", "reason", "cure"),
+    [
+        ((), ("--missed-per-1000", 1000), "dropped-frames", "'metamerlab session check-display'"),
+        ((("timeout_s = 20.0", "timeout_s = 0.1"),), (), "too-late", "response.timeout_s"),
+    ],
+)
+def test_a_study_of_void_attempts_is_no_success(
+    study, tmp_path, replacements, options, reason, cure
+):
+    path = study(("max_attempts = 3", "max_attempts = 2"), *replacements)
+    root = tmp_path / "sessions"
+    arguments = ("session", "simulate", path, "--out", root, "--participants", 2, *options)
+    result = metamerlab(*arguments)
+
+    assert result.exit_code == 2, result.output
+    attempts = [a for code in ("S001", "S002") for a in read_journal(
+        root / "demo" / code / "journal.jsonl").attempts]  # fmt: skip
+    counted = [a for a in attempts if not a.practice and not a.catch]
+    assert len(counted) == 2 * 2 * 24
+    assert {attempt.void_reason for attempt in counted} == {reason}
+    assert f"recorded: none of 24 by S001, S002; void attempts: 96 {reason})" in result.stderr
+    assert cure in result.stderr
+    assert "begin again with another participant code" in result.stderr
+
+    # The same command again makes nothing anew, alters nothing, and is no success either.
+    kept = {p: p.read_bytes() for p in root.rglob("*") if p.is_file()}
+    again = metamerlab(*arguments)
+    assert again.exit_code == 2
+    assert f"96 {reason}" in again.stderr
+    assert {p: p.read_bytes() for p in root.rglob("*") if p.is_file()} == kept
+
+
+def test_one_decision_is_enough_to_be_a_session(study, tmp_path):
+    path = study(("timeout_s = 20.0", "timeout_s = 0.75"), ("max_attempts = 3", "max_attempts = 1"))
+    result = metamerlab("session", "simulate", path, "--out", tmp_path / "s")
+
+    (done,) = re.findall(r"1 simulated sessions, (\d+) decisions", result.stdout)
+    assert 0 < int(done) < 24  # some too late, some not
+    assert result.exit_code == 0, result.stderr
 
 
 def test_simulated_journals_are_the_same_bytes_again(tmp_path):
