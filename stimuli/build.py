@@ -153,10 +153,7 @@ class _Batch:
                     try:
                         result = future.result()
                     except InputError as error:
-                        where, said = f"{name.scene}, {name.size}", str(error)
-                        raise InputError(
-                            said if said.startswith(where) else f"{where}: {said}"
-                        ) from None
+                        raise InputError(_placed(name, str(error))) from None
                     if kind == "survey":
                         survey, renderer = result
                         self._check_renderer(renderer)
@@ -236,6 +233,15 @@ class _Batch:
         now = [WORDS[kind].format(name, survey_name(name)) for kind, name in self.running.values()]
         shown = now[0] if now else "finishing"
         self.report(done, self._total, shown + (f" (+{len(now) + waiting - 1})" if now else ""))
+
+
+def _placed(name: ClipName, said: str) -> str:
+    """Say once where a mistake is, whatever of it the message says by itself."""
+    where = f"{name.scene}, {name.size}"
+    for known in (where, str(name)):
+        if said.startswith(f"{known}: "):
+            where, said = known, said.removeprefix(f"{known}: ")
+    return f"{where}: {said.removeprefix(f'{name.scene}: ')}"
 
 
 def _worker_died() -> StudyError:

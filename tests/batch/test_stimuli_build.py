@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from protocols.manifest import check_manifest, read_manifest
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
+from stimuli.worker import describe_renderer
 
 COMMAND = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
 
@@ -336,7 +338,7 @@ def test_no_scheduler_at_the_address_is_said():
         ('name = "telea"', 'name = "telia"', "did you mean 'telea'"),
         ('file = "box.obj"', 'file = "bax.obj"', "bax.obj"),
         ('kind = "mesh"\nfile = "box.obj"', 'kind = "builtin"\nbuiltin = "gardn"', "garden"),
-        ("extent_m = 0.16", "extent_m = 90.0", r"^\w+, \w+: .*extent.* must "),
+        ("extent_m = 0.16", "extent_m = 90.0", r"^\w+, \w+: (?!motor)[^:]*extent[^:]* must "),
         ("extent_m = 0.16", "hole_share = 0.45", r"^\w+, \w+: the path must uncover 45 %"),
     ],
 )
@@ -362,6 +364,32 @@ def test_what_cannot_be_built_is_said_in_one_message(
         assert result.exit_code == 2
         assert message in result.stderr
     assert not (tmp_path / "clips/manifest.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("extent_m must be at most 1 m", "box, small: extent_m must be at most 1 m"),
+        ("box: extent_m must be at most 1 m", "box, small: extent_m must be at most 1 m"),
+        ("box, small: the path must end", "box, small: the path must end"),
+        ("box__small__reference: no frame", "box__small__reference: no frame"),
+        ("box__small__reference: box: no frame", "box__small__reference: no frame"),
+        ("box.obj: is broken", "box, small: box.obj: is broken"),
+    ],
+)
+def test_a_mistake_is_placed_once(orders, tmp_path, inline_class, said, told):
+    class Failing(inline_class):
+        def submit(self, fn, /, *args, **kwargs):
+            if fn is describe_renderer:
+                return super().submit(fn, *args, **kwargs)
+            future = Future()
+            if args[1].scene == "box":
+                future.set_exception(InputError(said))
+            return future
+
+    with pytest.raises(InputError) as error:
+        build(orders, tmp_path / "clips", Failing())
+    assert str(error.value) == told
 
 
 def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_study, tmp_path):
