@@ -33,8 +33,9 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.methods.metameric import Metameric
 from pipeline.quality import Quality, evaluate
+from pipeline.synthesis.lacking import noise_variances
 from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import inpainted_statistics, noise_variances, shaped_noise
+from pipeline.synthesis.reference import inpainted_statistics, shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
@@ -119,7 +120,7 @@ def lowpass_base_fill(
     )
     base = np.where(hole[..., None], base_levels[0].values, warped.colour)
     guides = [level.guide for level in base_levels]
-    statistics, _ = inpainted_statistics(base, hole, guides, settings)
+    statistics, _ = inpainted_statistics(base, hole, base_levels, settings)
     cross = settings.channels == "correlated"
     pyramid = analyse(ycbcr_from_rgb(base), levels)
     *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
@@ -131,7 +132,11 @@ def lowpass_base_fill(
         smooth = interpolate(flat, guides[level], settings.depth_threshold)[0].reshape(shape)
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
-        lacking.append(replace(found, values=noise_variances(found.values, own, cross=cross)))
+        nothing = np.zeros(own.shape[:2], np.bool_)
+        all_of_it = noise_variances(
+            found.values, own, nothing, np.zeros(found.guide.shape), level, cross=cross
+        )
+        lacking.append(replace(found, values=all_of_it))
     # Averages of known background alone: a low-pass that no hole reaches into.
     clean = ycbcr_from_rgb(base_levels[levels].values)
     residual = np.where(residual_spoiled[..., None], clean, pyramid.residual)

@@ -286,9 +286,8 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
     """White noise and 1 / f, 64 seeds; with ``--full`` what lies between, too.
 
-    10 % at the two finest levels. Where a coefficient's kernel reaches across the hole's
-    border, noise cannot be in step with what lies there, so that coarser levels have less:
-    the fewer coefficients the hole spans, the less. docs/method.md, Limits, has the numbers.
+    White noise's base is restless: at the coarsest level it alone has more than is wanted in
+    places, and noise takes nothing away. docs/method.md, Limits, has the numbers.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
 
@@ -296,9 +295,9 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
         one, behind_a_disc(*SCENES[scene]), (0.0, 1.0, 0.5) if full else (0.0, 1.0), 64
     )
 
-    bounds = {"56 by 80 px": (0.1, 0.1, 0.12, 0.2), "110 by 128 px": (0.1, 0.1, 0.1, 0.13)}
-    for level, bound in enumerate(bounds[scene]):
-        np.testing.assert_allclose(ratio[:, level], 1, atol=bound, err_msg=f"level {level}")
+    np.testing.assert_allclose(ratio[1:], 1, atol=0.1)
+    np.testing.assert_allclose(ratio[0, :3], 1, atol=0.1)
+    np.testing.assert_allclose(ratio[0, 3], 1, atol=0.2)
     assert offset.max() < 0.1
 
 
@@ -460,12 +459,15 @@ def test_depth_alone_fills_the_motorcycle_as_well_as_the_prototype(method, splat
 def test_metameric_fills_the_motorcycle_with_the_right_detail(method, splatted_motorcycle, full):
     """As much of it as the truth has, and closer in its statistics than any other method."""
     frame, interior, truth = splatted_motorcycle
-    others = ["push-pull-depth", "background-extension"]  # the closest two
+    others = ["push-pull-depth", "navier-stokes"]
     if full:
-        others += ["push-pull", "weighted-pull-push", "telea", "navier-stokes", "oiio-push-pull"]
-    found = evaluate(method("metameric").fill(frame, seed=0), truth, interior)
+        others += ["push-pull", "weighted-pull-push", "telea", "background-extension"]
+        others += ["oiio-push-pull"]
+    metameric = method("metameric")
+    found = [evaluate(metameric.fill(frame, seed=seed), truth, interior) for seed in range(4)]
 
-    assert 0.9 <= found.high_frequency_ratio <= 1.1
+    assert all(0.9 <= one.high_frequency_ratio <= 1.1 for one in found)
+    error = np.mean([one.band_error for one in found])
     for name in others:
         rival = evaluate(method(name).fill(frame, seed=0), truth, interior)
-        assert found.band_error < rival.band_error, name
+        assert error < rival.band_error, name

@@ -11,6 +11,8 @@ from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import WorkLists
 
+MIXED = -1024.0  # alpha of what mixes two depths; a tap weighs 1/64 at least
+
 
 def band_constants() -> dict[str, float]:
     """The 3x3 kernels as the constants that bands.glsl declares."""
@@ -26,8 +28,8 @@ def band_constants() -> dict[str, float]:
 class LowBandPass:
     """Halve a filled frame `levels` - 1 times, near holes only.
 
-    Alpha of a level is 1 where no tap, at any level, was a hole; and, with
-    `skip_depth_edges`, where no low band mixed two depths.
+    Alpha of a level is 1 where no tap, at any level, was a hole, else 0; with
+    `skip_depth_edges` it is `MIXED` where a low band mixed two depths.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class LowBandPass:
                 LOW_INNER=float(low[1, 1]),
                 LOW_MIXED=float(low[0, 1]),
                 LOW_OUTER=float(low[0, 0]),
+                MIXED=MIXED,
                 DEPTH_EDGES=depth_edges,
             )
             for depth_edges in (skip_depth_edges, False)

@@ -1,11 +1,12 @@
 #version 430
 // Low-pass and halve; a call makes 2x2 results from 6x6 pixels. a: 1 where no tap, at any
-// level, was a hole or mixed two depths.
+// level, was a hole or mixed two depths; MIXED where one mixed two depths; else 0.
 // Twin: halve(), range_below() and spoiled_levels() in reference.py. Change both or neither.
 
 #constant LOW_INNER   // taps of the 4x4 kernel, all positive: both offsets inner,
 #constant LOW_MIXED   // one outer,
 #constant LOW_OUTER   // both outer
+#constant MIXED       // far below -1: so that the smallest tap still tells
 #constant DEPTH_EDGES // 1: the first halving, and results across a jump of depth are not clean
 
 #include "tiles.glsl"
@@ -58,7 +59,8 @@ Row weigh(int y, int x, ivec2 last, vec4 origin) {
 
 void store(ivec2 place, vec4 sum, vec4 origin, bool mixed) {
     if (all(lessThan(place, imageSize(coarse)))) {
-        float clean = sum.a == 0.0 && !mixed ? 1.0 : 0.0;
+        // Holes alone, however many, sum to -1 at the least.
+        float clean = mixed || sum.a < -1.5 ? MIXED : sum.a == 0.0 ? 1.0 : 0.0;
         imageStore(coarse, place, vec4(origin.rgb + sum.rgb, clean));
     }
 }

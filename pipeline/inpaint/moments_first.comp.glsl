@@ -12,8 +12,10 @@
 #include "guided.glsl"
 #include "bands.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled; a: 1 clean of holes
+// rgb: filled; a: 1 clean, 0 reached by a hole, below that mixed from two depths
+layout(rgba32f, binding = 0) uniform readonly image2D level;
 layout(std430, binding = 4) writeonly buffer Moments { vec4 moments[]; };
+layout(std430, binding = 5) writeonly buffer Lacking { vec4 variances[]; };  // see lacking.comp.glsl
 layout(std430, binding = 6) readonly buffer CoarseGuide { float coarse_guide[]; };
 #if IS_FINEST
 layout(r32f, binding = 1) uniform readonly image2D depth_m;
@@ -25,6 +27,7 @@ layout(std430, binding = 7) readonly buffer LevelGuide { float level_guide[]; };
 #endif
 
 uniform int chain;
+uniform int first_texel;  // of this level's variances
 uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
 
 // Smallest (x) and largest (y) guide of three neighbours in a row.
@@ -57,6 +60,7 @@ void work(ivec2 pixel) {
 
     vec4 guide = vec4(GUIDE_AT(inner_), GUIDE_AT(ivec2(next_.x, inner_.y)),
                       GUIDE_AT(ivec2(inner_.x, next_.y)), GUIDE_AT(next_));
+    bool outlined = false;
 #if SKIP_DEPTH_EDGES
     vec4 top = vec4(GUIDE_AT(ivec2(x_.x, y_.x)), GUIDE_AT(ivec2(inner_.x, y_.x)),
                     GUIDE_AT(ivec2(next_.x, y_.x)), GUIDE_AT(ivec2(x_.y, y_.x)));
@@ -69,10 +73,13 @@ void work(ivec2 pixel) {
     vec2 left_2 = extent(west.y, guide.z, guide.w), right_2 = extent(guide.z, guide.w, east.y);
     vec2 left_3 = extent(bottom.x, bottom.y, bottom.z);
     vec2 right_3 = extent(bottom.y, bottom.z, bottom.w);
-    valid *= 1.0 - vec4(jumps(left_0, left_1, left_2, guide.x),
-                        jumps(right_0, right_1, right_2, guide.y),
-                        jumps(left_1, left_2, left_3, guide.z),
-                        jumps(right_1, right_2, right_3, guide.w));
+    vec4 across = vec4(jumps(left_0, left_1, left_2, guide.x),
+                       jumps(right_0, right_1, right_2, guide.y),
+                       jumps(left_1, left_2, left_3, guide.z),
+                       jumps(right_1, right_2, right_3, guide.w));
+    valid *= 1.0 - across;
+    vec4 both = min(left, right);
+    outlined = across != vec4(0.0) || min(least(both.xyz), both.w) < -0.5;
 #endif
     // The first child stands for one that is not there.
     if (!whole.x) valid.yw = valid.xz;
@@ -89,7 +96,10 @@ void work(ivec2 pixel) {
     (p.share.x * second_moment(a.name) + p.share.y * second_moment(b.name)        \
      + p.share.z * second_moment(c.name) + p.share.w * second_moment(d.name))
     vec3 second = SECOND(high);
-    if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel);
+    if (p.confidence < 1.0) {
+        append(incomplete_list.x, incomplete_list.y, pixel);
+        variances[3 * (first_texel + place) + 2].w = outlined ? 1.0 : 0.0;
+    }
     int to = (chain * work_size.x * work_size.y + place) * PLANES;
     moments[to] = vec4(MEAN(high), p.confidence);
     moments[to + 1] = vec4(MEAN(along_x), second.x);

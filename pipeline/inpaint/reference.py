@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import grow, parents
+from pipeline.features.reference import grow, parents, range_below, spoiled_levels
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
@@ -205,12 +205,10 @@ def guided_base(
 
 def band_statistics(
     bands: NDArray[np.float64],
-    spoiled: NDArray[np.bool_],
-    near: NDArray[np.bool_],
+    valid: NDArray[np.bool_],
     guide: NDArray[np.float64],
     *,
     cross: bool,
-    skip_depth_edges: bool,
     gamma: float,
     threshold: float,
 ) -> Level:
@@ -222,21 +220,36 @@ def band_statistics(
     ----------
     bands : (H, W, bands, channels)
         Coefficients of Y', Cb, Cr.
-    spoiled : (H, W) of bool
-        Coefficients that reach a hole (features.reference.spoiled_levels).
-    near : (H, W) of bool
-        Coefficients that take part at all.
+    valid : (H, W) of bool
+        Which of them take part: near a hole, not reaching it (`spoiled_levels`), and not
+        across the outline of something nearer (`outlined_levels`).
+    guide : (H, W)
     cross : bool
         As in `moments`.
-    skip_depth_edges : bool
-        Leave out coefficients whose kernel straddles a jump of depth: they measure the
-        silhouette, not the texture.
     """
-    valid = near & ~spoiled
-    if skip_depth_edges:
-        valid &= ~straddles(guide, threshold)
     level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
     return pull_push(level, gamma, threshold)[1]
+
+
+def outlined_levels(
+    guides: Sequence[NDArray[np.float64]], levels: int, threshold: float
+) -> list[NDArray[np.bool_]]:
+    """Tell, level by level, which coefficients lie across a jump of depth.
+
+    They measure an outline, not the background's texture.
+
+    Parameters
+    ----------
+    guides : sequence of (H_k, W_k)
+        Finest first, to 1x1 or at least `levels` of them.
+    """
+    # A low band across a jump mixes both sides, and its own guide no longer tells.
+    mixed = range_below(guides[0]) > threshold
+    found = spoiled_levels(np.zeros(guides[0].shape, np.bool_), levels, mixed)
+    for level in range(levels):
+        guide = guides[min(level, len(guides) - 1)]  # past 1x1 nothing changes
+        found[level] = found[level] | straddles(guide, threshold)
+    return found
 
 
 def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:

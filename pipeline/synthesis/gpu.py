@@ -15,10 +15,16 @@ from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import WorkLists
 from pipeline.synthesis import background
+from pipeline.synthesis.lacking import (
+    KNOWN_ENOUGH,
+    MOST_SHARED,
+    SHARED_FROM_LEVEL,
+    SMALLEST_VARIANCE,
+)
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TILE as NOISE_TILE
 from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING, SMALLEST_VARIANCE
+from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -95,10 +101,14 @@ class MetamericPass:
         self._lacking = compile_compute(
             ctx,
             "synthesis/lacking.comp.glsl",
+            KNOWN_ENOUGH=KNOWN_ENOUGH,
+            SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
+            MOST_SHARED=MOST_SHARED,
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
             GAIN=from_background,
             **bands,
         )
+        self._lacking["depth_threshold"] = settings.depth_threshold
         self._composite = compile_compute(
             ctx,
             "synthesis/composite.comp.glsl",
@@ -227,7 +237,9 @@ class MetamericPass:
         shader = self._first[k == 0]
         level.bind_to_image(0, read=True, write=False)
         self.moments.at(k + 1).bind_to_storage_buffer(4)
+        self._lacking_texels.bind_to_storage_buffer(5)
         self.base.guide.at(k + 1).bind_to_storage_buffer(6)
+        shader["first_texel"] = self._first_texel[k]
         if k == 0:
             depth_m.bind_to_image(1, read=True, write=False)
             shader["z_near_m"] = z_near_m
@@ -242,6 +254,7 @@ class MetamericPass:
         self.moments.at(k + 1).bind_to_storage_buffer(4)
         self._lacking_texels.bind_to_storage_buffer(5)
         self.base.guide.at(k + 1).bind_to_storage_buffer(6)
+        self.base.chain.at(k + 1).bind_to_storage_buffer(7)
         self._lacking["chain"] = k
         self._lacking["first_texel"] = self._first_texel[k]
         self.base.lists.run(self._lacking, ("finest", k + 1))

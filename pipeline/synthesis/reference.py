@@ -3,7 +3,7 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with lacking.comp.glsl, composite.comp.glsl and detail.glsl. Change both
+Twin: gpu.py with composite.comp.glsl and detail.glsl; lacking.py has its own. Change both
 or neither.
 """
 
@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, range_below, spoiled_levels
+from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
     Level,
     band_statistics,
-    children,
     guide_from_depth,
     guided_base,
     guided_mean,
-    means_and_variances,
     near_a_hole,
+    outlined_levels,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
+from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TILE, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
@@ -36,7 +36,6 @@ from pipeline.synthesis.settings import (
     check_source_from_target,
 )
 
-SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
@@ -91,9 +90,7 @@ def metameric_fill(
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
-    statistics, lacking = inpainted_statistics(
-        base, warped.hole, [level.guide for level in base_levels], settings
-    )
+    statistics, lacking = inpainted_statistics(base, warped.hole, base_levels, settings)
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
@@ -121,63 +118,41 @@ def metameric_fill(
 def inpainted_statistics(
     base: NDArray[np.float64],
     hole: NDArray[np.bool_],
-    guides: list[NDArray[np.float64]],
+    base_levels: list[Level],
     settings: MetamericSettings,
 ) -> tuple[list[Level], list[Level]]:
     """Measure the bands around the holes and say how much noise each hole pixel lacks."""
     cross = settings.channels == "correlated"
-    pyramid = analyse(ycbcr_from_rgb(base), settings.levels)
-    # A low band across a depth edge mixes both sides, and its own guide no longer tells.
-    mixed = range_below(guides[0]) > settings.depth_threshold
-    spoiled = spoiled_levels(hole, settings.levels, mixed if settings.skip_depth_edges else None)
+    levels, threshold = settings.levels, settings.depth_threshold
+    last = len(base_levels) - 1  # past 1x1 nothing changes
+    guides = [base_levels[min(level, last)].guide for level in range(levels)]
+    bands = analyse(ycbcr_from_rgb(base), levels).bands
+    spoiled = spoiled_levels(hole, levels)
+    outlined = [np.zeros_like(mask) for mask in spoiled]
+    if settings.skip_depth_edges:
+        outlined = outlined_levels(guides, levels, threshold)
     statistics, lacking = [], []
-    for level in range(settings.levels):
+    for level in range(levels):
         near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
         inpainted = band_statistics(
-            pyramid.bands[level],
-            spoiled[level],
-            near,
-            guides[min(level, len(guides) - 1)],  # past 1x1 nothing changes
+            bands[level],
+            near & ~spoiled[level] & ~outlined[level],
+            guides[level],
             cross=cross,
-            skip_depth_edges=settings.skip_depth_edges,
             gamma=settings.gamma,
-            threshold=settings.depth_threshold,
+            threshold=threshold,
         )
-        variances = noise_variances(inpainted.values, pyramid.bands[level], cross=cross)
+        variances = noise_variances(
+            inpainted.values,
+            bands[level],
+            outlined[level],
+            known_background(base_levels[min(level + 1, last)], threshold),
+            level,
+            cross=cross,
+        )
         statistics.append(inpainted)
         lacking.append(Level(variances, inpainted.validity, inpainted.guide))
     return statistics, lacking
-
-
-def noise_variances(
-    values: NDArray[np.float64], base_bands: NDArray[np.float64], *, cross: bool
-) -> NDArray[np.float64]:
-    """Variance of the noise to add: what the statistics ask for and the base lacks.
-
-    The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
-    coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``.
-
-    With `cross`, chroma has its covariance with the luma noise: luma's variance times the
-    slope ``cov(Y, C) / var(Y)``.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 9)
-        Of band b in channel c at index 3 * b + c.
-    """
-    mean, variance = means_and_variances(values, cross=cross)
-    around = children(base_bands) - mean[:, :, None]
-    present = (around**2).mean(axis=2)
-    if cross:
-        luma = np.maximum(0.0, variance[..., :1] - present[..., :1])
-        measurable = variance[..., :1] > SMALLEST_VARIANCE
-        slope = np.divide(
-            variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
-        )
-        lacking = luma * slope
-    else:
-        lacking = np.maximum(0.0, variance - present)
-    return np.asarray(lacking.reshape(*values.shape[:2], -1))
 
 
 def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
@@ -232,18 +207,6 @@ def shaped_detail(
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
         total += np.clip(shape[..., 9:] * found, -limit, limit)
     return total
-
-
-def detail_gain(
-    statistics: NDArray[np.float64], lacking: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Share of the luma deviation, over all bands, that the base lacks: (H, W, 1)."""
-    _, variance = means_and_variances(statistics, cross=True)
-    wanted = variance[..., 0].sum(axis=2, keepdims=True)
-    luma = lacking[..., ::3].sum(axis=2, keepdims=True)
-    measurable = wanted > SMALLEST_VARIANCE
-    ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)
-    return np.asarray(np.sqrt(ratio))
 
 
 def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,8 @@ from pipeline.features.reference import halve
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import guide_from_depth
 from pipeline.synthesis.background import STEPS_PX, details, sample_image, texture_origins
-from pipeline.synthesis.reference import detail_gain, metameric_fill
+from pipeline.synthesis.lacking import detail_gain
+from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 
 THRESHOLD = 0.04

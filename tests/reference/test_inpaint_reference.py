@@ -17,6 +17,7 @@ from pipeline.inpaint.reference import (
     means_and_variances,
     moments,
     near_a_hole,
+    outlined_levels,
     pull,
     pull_push,
     push,
@@ -402,47 +403,51 @@ def test_a_jump_of_depth_is_straddled_from_both_sides():
     assert not straddles(guide, 0.042).any()
 
 
-def statistics(bands, spoiled, near, guide, **changes):
-    settings = {"cross": False, "skip_depth_edges": True, "gamma": 0.5, "threshold": THRESHOLD}
-    return band_statistics(bands, spoiled, near, guide, **(settings | changes))
+def statistics(bands, valid, guide, *, cross=False):
+    return band_statistics(bands, valid, guide, cross=cross, gamma=0.5, threshold=THRESHOLD)
 
 
-def test_statistics_ignore_spoiled_far_and_straddling_coefficients(rng):
+def test_outlines_spread_through_the_levels():
+    """By hand: a step between columns 7 and 8 of 16, its farther side on the right.
+
+    Level 0: one column on either side. Low bands of level 1 whose four taps reach across are
+    those of columns 3 and 4, and a 3x3 kernel reaches those from 2 and 5; at level 2 the
+    step has spread to columns 0 to 3, all there are.
+    """
+    guide = np.full((16, 16), 0.5)
+    guide[:, :8] = 0.1
+    guides = [guide, guide[::2, ::2], guide[::4, ::4]]
+
+    found = outlined_levels(guides, 3, THRESHOLD)
+
+    for level, columns in enumerate(((7, 8), (2, 3, 4, 5), (0, 1, 2, 3))):
+        expected = np.zeros(guides[level].shape, bool)
+        expected[:, columns] = True
+        np.testing.assert_array_equal(found[level], expected)
+
+
+def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
+    guides = [np.full(size, 0.3) for size in ((3, 4), (2, 2), (1, 1))]
+
+    assert not any(mask.any() for mask in outlined_levels(guides, 5, THRESHOLD))
+
+
+def test_statistics_ignore_what_is_not_valid(rng):
     """Coefficients are 1 where they count; 1000 elsewhere must not be seen."""
     size = (24, 32)
-    guide = np.full(size, 0.5)
-    guide[:, :8] = 0.1
-    spoiled = rng.random(size) < 0.3
-    near = np.ones(size, bool)
-    near[20:] = False
-    counts = near & ~spoiled & ~straddles(guide, THRESHOLD)
-    bands = np.where(counts[..., None, None], 1.0, 1000.0) + np.zeros((*size, 3, 3))
+    valid = rng.random(size) < 0.6
+    bands = np.where(valid[..., None, None], 1.0, 1000.0) + np.zeros((*size, 3, 3))
 
     mean, variance = means_and_variances(
-        statistics(bands, spoiled, near, guide).values, cross=False
+        statistics(bands, valid, np.full(size, 0.5)).values, cross=False
     )
 
     np.testing.assert_allclose(mean, 1, rtol=1e-12)
     np.testing.assert_allclose(variance, 0, atol=1e-12)
 
 
-def test_straddling_coefficients_count_if_told_so():
-    size = (16, 16)
-    guide = np.full(size, 0.5)
-    guide[:, :8] = 0.1
-    bands = np.where(straddles(guide, THRESHOLD)[..., None, None], 2.0, 1.0) * np.ones((3, 3))
-    nothing, everything = np.zeros(size, bool), np.ones(size, bool)
-
-    with_edges = statistics(bands, nothing, everything, guide, skip_depth_edges=False)
-    without = statistics(bands, nothing, everything, guide)
-
-    assert with_edges.values[..., :3].max() > 1.2
-    assert without.values[..., :3].max() == 1
-
-
 def test_statistics_are_half_the_level_s_size():
-    bands = np.ones((7, 10, 3, 3))
-    found = statistics(bands, np.zeros((7, 10), bool), np.ones((7, 10), bool), np.zeros((7, 10)))
+    found = statistics(np.ones((7, 10, 3, 3)), np.ones((7, 10), bool), np.zeros((7, 10)))
 
     assert found.values.shape == (4, 5, 18)
 
@@ -451,8 +456,7 @@ def test_statistics_are_crossed_with_the_first_channel_if_told_so():
     """By hand: luma 2 and two chromas 3 and 5 everywhere; 2 * 2, 2 * 3, 2 * 5."""
     size = (4, 4)
     bands = np.broadcast_to([2.0, 3.0, 5.0], (*size, 1, 3)).copy()
-    nothing, everything = np.zeros(size, bool), np.ones(size, bool)
 
-    found = statistics(bands, nothing, everything, np.full(size, 0.5), cross=True)
+    found = statistics(bands, np.ones(size, bool), np.full(size, 0.5), cross=True)
 
     np.testing.assert_allclose(found.values[0, 0], [2, 3, 5, 4, 6, 10], rtol=1e-15)

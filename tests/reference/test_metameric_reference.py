@@ -6,14 +6,22 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level
-from pipeline.synthesis.reference import deviations, metameric_fill, noise_variances, sample
+from pipeline.inpaint.reference import Level, guided_base
+from pipeline.synthesis.lacking import known_background, noise_variances
+from pipeline.synthesis.reference import deviations, inpainted_statistics, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
 def statistics(mean, second):
     """One texel: the same mean and second moments in all three bands."""
     return np.tile(np.concatenate([mean, second]), 3).reshape(1, 1, 18)
+
+
+def lacking(values, base, *, outlined=False, known=0.0, level=0, cross=False):
+    """Of one texel, (9,)."""
+    across = np.zeros((2, 2), bool)
+    across[1, 0] = outlined
+    return noise_variances(values, base, across, np.full((1, 1), known), level, cross=cross)[0, 0]
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
@@ -23,24 +31,85 @@ def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
     base = np.zeros((2, 2, 3, 3))
     base[..., 0] = around.reshape(2, 2, 1)
 
-    found = noise_variances(values, base, cross=False)
+    found = lacking(values, base)
 
-    np.testing.assert_allclose(found, np.tile([0.04, 0.01, 0.0], 3).reshape(1, 1, 9), atol=1e-12)
+    np.testing.assert_allclose(found, np.tile([0.04, 0.01, 0.0], 3), atol=1e-12)
 
 
 def test_a_base_with_more_than_is_wanted_gets_no_noise():
     base = np.tile([[1.0, -1.0]], (2, 1))[..., None, None] * np.ones((3, 3))
 
-    assert noise_variances(statistics([0, 0, 0], [0.5] * 3), base, cross=False).max() == 0
+    assert lacking(statistics([0, 0, 0], [0.5] * 3), base).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("known", "held"), [(0.0, 0.0), (0.05, 0.25), (0.1, 0.5), (0.2, 1.0), (1.0, 1.0)]
+)
+def test_beside_an_outline_the_base_holds_what_its_known_background_continues(known, held):
+    """The outline itself, 9 of energy in one coefficient, is no texture of the background."""
+    base = np.zeros((2, 2, 3, 3))
+    base[1, 0] = 3.0
+
+    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known)
+
+    np.testing.assert_allclose(found, 0.08 * (1 - held), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("level", "known", "raised"),
+    [(2, 0.5, 1.0), (3, 0.0, 1.0), (3, 0.2, 1.25), (3, 0.5, 2.0), (5, 0.9, 2.0)],
+)
+def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fills(
+    level, known, raised
+):
+    base = np.zeros((2, 2, 3, 3))
+    base[:, 0], base[:, 1] = 0.1, -0.1
+
+    found = lacking(statistics([0, 0, 0], [0.04] * 3), base, known=known, level=level)
+
+    np.testing.assert_allclose(found, 0.03 * raised)
+
+
+def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
+    """By hand: of 16 parts, known ones hold 4 + 2 + 1; the right column lies in front."""
+    validity = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [-1.0, 0.25, 1.0]])
+    guide = np.full((3, 3), 0.5)
+    guide[:, 2] = 0.4
+    base = Level(np.zeros((3, 3, 3)), validity, guide)
+
+    behind, everything = (known_background(base, threshold) for threshold in (0.04, 0.2))
+
+    assert behind[1, 1] == (2 * 0.5 + 2 * 0.25) / 16
+    assert everything[1, 1] == behind[1, 1] + (1 + 2 + 1) / 16
+    assert behind[0, 2] == 12 / 16  # what is in front has its own kind; borders repeat
+
+
+@pytest.mark.parametrize("skip_depth_edges", [True, False])
+def test_an_outline_is_measured_only_if_told_so(skip_depth_edges):
+    """Red on the left is nearer than the plane; the hole between them has seen its edge."""
+    size = (32, 48)
+    hole = np.zeros(size, bool)
+    hole[:, 16:24] = True
+    base = np.full((*size, 3), 0.5)
+    base[:, :16] = (0.9, 0.1, 0.1)
+    guide = np.full(size, 0.8)
+    guide[:, :16] = 0.5
+    settings = MetamericSettings(levels=2, skip_depth_edges=skip_depth_edges)
+    levels = guided_base(base, hole, guide, levels=2, gamma=0.25, threshold=0.04)
+
+    found, _ = inpainted_statistics(base, hole, levels, settings)
+
+    inside = found[0].values[:, 8:12]
+    assert (np.abs(inside).max() > 1e-3) is not skip_depth_edges
 
 
 def test_chroma_follows_luma_by_its_slope():
     """By hand: var Y 0.04, cov(Y, Cb) -0.02, cov(Y, Cr) 0.01: slopes -0.5 and 0.25."""
     values = statistics([0, 0, 0], [0.04, -0.02, 0.01])
 
-    found = noise_variances(values, np.zeros((2, 2, 3, 3)), cross=True)
+    found = lacking(values, np.zeros((2, 2, 3, 3)), cross=True)
 
-    np.testing.assert_allclose(found, np.tile([0.04, -0.02, 0.01], 3).reshape(1, 1, 9))
+    np.testing.assert_allclose(found, np.tile([0.04, -0.02, 0.01], 3))
     amplitude = deviations(found.reshape(3, 3), cross=True)
     np.testing.assert_allclose(amplitude, np.tile([0.2, -0.1, 0.05], (3, 1)))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.features.gpu import LowBandPass, band_constants
+from pipeline.features.gpu import MIXED, LowBandPass, band_constants
 from pipeline.features.reference import fitted_kernels, halve, range_below
 from pipeline.gl.texture import read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -70,19 +70,23 @@ def test_low_bands_on_gpu_match_reference(low_bands, rng, size, levels):
         np.testing.assert_array_equal(found[level][near][:, 3], touched[near] == 0)
 
 
-@pytest.mark.parametrize("size", [(1, 40), (33, 1), (7, 5), (61, 83)])
-def test_low_bands_across_a_depth_edge_are_not_clean(low_bands, rng, size):
+@pytest.mark.parametrize("size", [(1, 40), (33, 1), (7, 5), (61, 83), (120, 90)])
+def test_low_bands_across_a_depth_edge_say_so_at_every_level(low_bands, rng, size):
     image = np.ones((*size, 4), np.float32)
     image[size[0] // 2, size[1] // 2, 3] = 0
     depth = np.where(rng.random(size) < 0.02, 2.0, 4.0).astype(np.float32)
     guide = guide_from_depth(depth, 1.0)
 
-    found = low_bands(image, 2, depth)[1]
+    found = low_bands(image, 4, depth)
 
-    touched = halve((image[..., 3] == 0).astype(float)) > 0
-    near = near_a_hole(image[..., 3] == 0, 1, STATISTICS_RINGS, 2)[::2, ::2]
-    clean = ~touched & (range_below(guide) <= 0.04)
-    np.testing.assert_array_equal(found[..., 3][near], clean[near])
+    hole = image[..., 3] == 0
+    touched, mixed = hole, None
+    for level in range(1, 4):
+        touched = halve(touched.astype(float)) > 0
+        mixed = range_below(guide) > 0.04 if mixed is None else halve(mixed.astype(float)) > 0
+        expected = np.where(mixed, MIXED, np.where(touched, 0.0, 1.0))
+        near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
+        np.testing.assert_array_equal(found[level][..., 3][near], expected[near])
 
 
 def test_a_constant_stays_the_same_bits_in_every_low_band(low_bands):
