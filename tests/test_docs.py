@@ -87,16 +87,54 @@ def private_names(text: str) -> list[str]:
     return [match.group() for match in PRIVATE.finditer(text)]
 
 
+def made_by(command: str) -> str | None:
+    """Return the file or folder that a command is told to write."""
+    words = shlex.split(command, comments=True)
+    return words[words.index("--out") + 1] if "--out" in words else None
+
+
+def needed_for(command: str, commands: list[str]) -> list[str]:
+    """Return the earlier commands of a page that write what this one reads."""
+    words = shlex.split(command, comments=True)
+    read = set(words) - {made_by(command)}
+    return [other for other in commands[: commands.index(command)] if made_by(other) in read]
+
+
+class Newcomer:
+    """Types the README's commands in a folder that looks like the repository.
+
+    Whatever is picked of the tests, and in whatever order: what a command reads is made before,
+    and no command runs twice.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.commands = commands_in(README.read_text(encoding="utf-8"))
+        self.done: dict[str, subprocess.CompletedProcess[str]] = {}
+        for path in REPOSITORY.iterdir():
+            if path.name not in NOT_OURS:
+                (folder / path.name).symlink_to(path)
+        (folder / ".venv").mkdir()
+        (folder / ".venv/bin").symlink_to(Path(sys.executable).parent)
+
+    def run(self, command: str) -> subprocess.CompletedProcess[str]:
+        """Run a command after those that it needs."""
+        if command not in self.done:
+            for other in needed_for(command, self.commands):
+                self.run(other)
+            self.done[command] = subprocess.run(
+                ["bash", "-c", f"set -euo pipefail; {command}"],
+                cwd=self.folder,
+                capture_output=True,
+                text=True,
+                timeout=120,
+            )
+        return self.done[command]
+
+
 @pytest.fixture(scope="module")
 def newcomer(tmp_path_factory):
-    """A folder that looks like the repository, so that commands write nothing into the real one."""
-    folder = tmp_path_factory.mktemp("newcomer")
-    for path in REPOSITORY.iterdir():
-        if path.name not in NOT_OURS:
-            (folder / path.name).symlink_to(path)
-    (folder / ".venv").mkdir()
-    (folder / ".venv/bin").symlink_to(Path(sys.executable).parent)
-    return folder
+    return Newcomer(tmp_path_factory.mktemp("newcomer"))
 
 
 @pytest.mark.parametrize("command", commands_in(README.read_text(encoding="utf-8")))
@@ -107,18 +145,24 @@ def test_every_command_in_the_readme_exists_and_runs(newcomer, command):
         assert os.access(path, os.X_OK), f"{path} is not there or not executable"
         return
 
-    done = subprocess.run(
-        ["bash", "-c", f"set -euo pipefail; {command}"],
-        cwd=newcomer,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    done = newcomer.run(command)
 
     # `doctor` answers 1 where the machine is unfit, which a build server may well be.
     fine = {0, 1} if "doctor" in words else {0}
     assert done.returncode in fine, f"{command}\n{done.stdout}{done.stderr}"
     assert "Traceback" not in done.stderr
+
+
+def test_what_a_command_reads_is_made_before_it():
+    commands = ["make a --out x/a", "look x/a", "join x/a x/b --out x/a", "make b --out x/b", "end"]
+
+    needed = [needed_for(command, commands) for command in commands]
+
+    assert needed == [[], ["make a --out x/a"], [], [], []]
+    readme = commands_in(README.read_text(encoding="utf-8"))
+    reading = [c for c in readme if "session list" in c or "analysis report" in c]
+    made = [[before.split()[1:3] for before in needed_for(c, readme)] for c in reading]
+    assert made == [[["session", "simulate"]]] * 2
 
 
 def test_every_command_is_in_the_readme(repository):
