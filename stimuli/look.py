@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import moderngl
 import numpy as np
 
+from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.stimuli_schema import View
 from stimuli import pictures
@@ -16,6 +18,9 @@ from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.registry import build_scene, scene_names
 from stimuli.world import Vector, Viewpoint, World
+
+Lighting: TypeAlias = Literal["unlit", "sun"]
+LIGHTINGS: tuple[Lighting, ...] = ("unlit", "sun")
 
 TRIED = 64
 FIELD_DEG = 50.0
@@ -35,18 +40,22 @@ def look_around(
     count: int,
     seed: int,
     chosen: Sequence[View] = (),
+    lighting: Lighting | None = None,
+    sun_direction: Vector | None = None,
 ) -> list[str]:
     """Draw the `count` best of many views, or the `chosen` ones, into `out`; a line for each.
 
     Views that uncover much when the camera moves come first: those with many jumps in depth
-    that show little background.
+    that show little background. `lighting` and `sun_direction` are those of a mesh scene in a
+    protocol, and get their lines as well.
 
     Raises
     ------
     InputError, OSError
-        If the scene cannot be read.
+        If the scene cannot be read, or cannot be lit so.
     """
-    world = _world(scene, scale, seed)
+    light = _light_lines(lighting, sun_direction)
+    world = _world(scene, scale, seed, lighting, sun_direction)
     renderer = Renderer(ctx, world)
     try:
         views = [viewpoint_of(view, world) for view in chosen] or _best(renderer, count)
@@ -61,13 +70,34 @@ def look_around(
         renderer.release()
     out.parent.mkdir(parents=True, exist_ok=True)
     pictures.save_picture(out, pictures.sheet(tiles))
-    return lines
+    return lines + light
 
 
-def _world(scene: str, scale: float, seed: int) -> World:
+def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> list[str]:
+    lines = [] if lighting is None else [f'lighting = "{lighting}"']
+    if sun_direction is None:
+        return lines
+    if lighting == "unlit":
+        raise InputError("--sun-direction needs --lighting sun (got unlit); leave one of them out")
+    if not (np.isfinite(sun_direction).all() and any(sun_direction)):
+        raise InputError(
+            f"--sun-direction must be finite and not zero (got {_numbers(sun_direction)}); give it"
+            " as -1 1 0.5, say"
+        )
+    return [*lines, f"sun_direction = {_numbers(sun_direction)}"]
+
+
+def _world(
+    scene: str, scale: float, seed: int, lighting: Lighting | None, sun_direction: Vector | None
+) -> World:
     if scene in scene_names() and not Path(scene).exists():
+        if lighting or sun_direction:
+            raise InputError(
+                f"{scene}: a built-in scene has a light of its own (got --lighting or"
+                " --sun-direction, which are for files); leave it out"
+            )
         return build_scene(scene, seed)
-    return load_world(Path(scene), scale=scale)
+    return load_world(Path(scene), scale=scale, lighting=lighting, sun_direction=sun_direction)
 
 
 def _best(renderer: Renderer, count: int) -> list[Viewpoint]:
@@ -144,14 +174,14 @@ def _interest(renderer: Renderer, view: Viewpoint) -> float:
 
 
 def _line(view: Viewpoint) -> str:
-    place, target = (
-        "[" + ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in vector) + "]"
-        for vector in (view.position_m, view.look_at_m)
-    )
     return (
-        f"view = {{ position_m = {place}, look_at_m = {target},"
-        f" vertical_fov_deg = {view.vertical_fov_deg:g} }}"
+        f"view = {{ position_m = {_numbers(view.position_m)}, look_at_m ="
+        f" {_numbers(view.look_at_m)}, vertical_fov_deg = {view.vertical_fov_deg:g} }}"
     )
+
+
+def _numbers(vector: Vector) -> str:
+    return "[" + ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in vector) + "]"
 
 
 def _vector(values: np.ndarray) -> Vector:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_bar
@@ -133,10 +134,24 @@ def look(
             help="Draw this view only: the protocol's line, 'view = {...}'. May be repeated.",
         ),
     ] = None,
+    lighting: Annotated[
+        str | None,
+        typer.Option(
+            metavar="unlit|sun",
+            help="As the protocol's key, for files; left out: sun where the file brings plain"
+            " colours alone.",
+        ),
+    ] = None,
+    sun_direction: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z", help="As the protocol's key: from the scene towards the sun, y up."
+        ),
+    ] = None,
 ) -> None:
     """Draw candidate views of a 3D scene, to choose a camera from.
 
-    Every view comes with the line to copy into the protocol.
+    Every view comes with the line to copy into the protocol, as does a light that you ask for.
 
     Examples:
 
@@ -144,12 +159,20 @@ def look(
 
         metamerlab stimuli look place.glb --out views.png \\
             --view "view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, -2] }"
+
+        metamerlab stimuli look place.glb --out views.png --sun-direction -1 1 0.5
     """
     from pipeline.gl.context import create_context, release_context
     from protocols.load import parse_view
-    from stimuli.look import look_around
+    from stimuli.look import LIGHTINGS, look_around
 
     with user_errors():
+        kind = next((name for name in LIGHTINGS if name == lighting), None)
+        if lighting is not None and kind is None:
+            raise StudyError(
+                f"--lighting: must be one of {', '.join(LIGHTINGS)} (got {lighting!r})"
+                f"{did_you_mean(lighting, LIGHTINGS)}"
+            )
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
@@ -157,7 +180,15 @@ def look(
         try:
             with Console(stderr=True).status("drawing views ..."):
                 lines = look_around(
-                    ctx, scene, out, scale=scale, count=views, seed=seed, chosen=chosen
+                    ctx,
+                    scene,
+                    out,
+                    scale=scale,
+                    count=views,
+                    seed=seed,
+                    chosen=chosen,
+                    lighting=kind,
+                    sun_direction=sun_direction,
                 )
         finally:
             release_context(ctx)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 from pydantic import TypeAdapter, ValidationError
+from typer.testing import CliRunner, Result
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
@@ -20,6 +22,7 @@ from stimuli.open_scene import open_world
 from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import files_of, load_world
 from stimuli.world import Viewpoint
+from study_app.cli.stimuli_commands import app
 
 AHEAD = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
 
@@ -262,6 +265,65 @@ def test_look_draws_the_views_that_it_is_told(tmp_path, gl_context):
 def test_a_view_that_is_no_protocol_line_is_refused(line, said):
     with pytest.raises(StudyError, match=re.escape(said)):
         parse_view(line)
+
+
+def look(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["look", *map(str, arguments)], terminal_width=100)
+
+
+def test_look_shows_a_file_in_the_light_that_its_lines_give_the_protocol(house, tmp_path):
+    sheets = {}
+    for name, options, lines in (
+        ("left out", (), []),
+        ("sun", ("--lighting", "sun"), ['lighting = "sun"']),
+        ("unlit", ("--lighting", "unlit"), ['lighting = "unlit"']),
+        ("east", ("--sun-direction", -1, 1, 0), ["sun_direction = [-1, 1, 0]"]),
+        ("both", ("--lighting", "sun", "--sun-direction", 1, 1, 0.5),
+         ['lighting = "sun"', "sun_direction = [1, 1, 0.5]"]),
+    ):  # fmt: skip
+        out = tmp_path / f"{name}.png"
+        result = look(house, "--out", out, "--views", 1, *options)
+        assert result.exit_code == 0, result.output
+        view, *told, wrote = result.stdout.splitlines()
+        assert view.startswith("0: view = { ")
+        assert told == lines
+        assert wrote == f"wrote {out}"
+        scene = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in tomllib.loads("\n".join(told)).items()
+        }
+        given = {"name": "a", "kind": "mesh", "file": house.name, "camera": {"kind": "circle"}}
+        TypeAdapter(MeshScene).validate_python(given | scene)
+        with Image.open(out) as picture:
+            sheets[name] = np.asarray(picture.convert("RGB"))
+
+    # The house brings plain colours alone: left out, it is lit.
+    assert np.array_equal(sheets["left out"], sheets["sun"])
+    assert not np.array_equal(sheets["sun"], sheets["unlit"])
+    assert not np.array_equal(sheets["sun"], sheets["east"])
+    assert not np.array_equal(sheets["east"], sheets["both"])
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "said"),
+    [
+        (None, ("--lighting", "sunn"), "--lighting: must be one of unlit, sun (got 'sunn')"),
+        (None, ("--lighting", "unlit", "--sun-direction", 0, 1, 0), "needs --lighting sun"),
+        (None, ("--sun-direction", 0, 0, 0), "must be finite and not zero (got [0, 0, 0])"),
+        (None, ("--sun-direction", "nan", 1, 0), "must be finite and not zero"),
+        ("garden", ("--lighting", "sun"), "garden: a built-in scene has a light of its own"),
+    ],
+)
+def test_look_refuses_a_light_that_the_protocol_would_not_take(
+    house, tmp_path, scene, options, said
+):
+    out = tmp_path / "views.png"
+    result = look(scene or house, "--out", out, *options)
+
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: ")
+    assert said in result.stderr
+    assert not out.exists()
 
 
 def test_look_finds_the_things_on_a_wide_ground(tmp_path, gl_context):
