@@ -11,7 +11,7 @@ from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import WorkLists
 
-MIXED = -1024.0  # alpha of what mixes two depths; a tap weighs 1/64 at least
+MIXED = -1024.0  # alpha of what mixes two depths: -16 after the smallest tap, of 1/64
 
 
 def band_constants() -> dict[str, float]:

@@ -1,7 +1,7 @@
 #version 430
 // First pull of one level's band moments: coefficients are made, checked and averaged here,
 // 2x2 into one, and never stored.
-// Twin: band_statistics() in reference.py. Change both or neither.
+// Twin: band_statistics() and outlined_levels() in reference.py. Change both or neither.
 
 #constant IS_FINEST         // 1: level 0, whose guide comes from depth
 #constant CROSS             // 1: second moments are products with luma, else squares
@@ -27,7 +27,7 @@ layout(std430, binding = 7) readonly buffer LevelGuide { float level_guide[]; };
 #endif
 
 uniform int chain;
-uniform int first_texel;  // of this level's variances
+uniform int first_texel;        // of this level's variances
 uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
 
 // Smallest (x) and largest (y) guide of three neighbours in a row.
@@ -60,7 +60,7 @@ void work(ivec2 pixel) {
 
     vec4 guide = vec4(GUIDE_AT(inner_), GUIDE_AT(ivec2(next_.x, inner_.y)),
                       GUIDE_AT(ivec2(inner_.x, next_.y)), GUIDE_AT(next_));
-    bool outlined = false;
+    bool outlined = false;  // whether one of the four is across a jump of depth
 #if SKIP_DEPTH_EDGES
     vec4 top = vec4(GUIDE_AT(ivec2(x_.x, y_.x)), GUIDE_AT(ivec2(inner_.x, y_.x)),
                     GUIDE_AT(ivec2(next_.x, y_.x)), GUIDE_AT(ivec2(x_.y, y_.x)));

@@ -10,7 +10,7 @@ parallax, so that one threshold means the same number of pixels everywhere.
 Validity above 0 is confidence. 0: nothing is known. `ONLY_NEARER`: something is known,
 but all of it lies in front of the guide; it serves where the whole image has nothing else.
 
-Twin: pull.glsl, push.glsl and the passes of gpu.py. Change both or neither.
+Twin: guided.glsl and the passes of gpu.py. Change both or neither.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,8 @@
 #version 430
 // From one level's inpainted moments to the noise each pixel lacks: variances of bands high,
-// along x, along y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Visits what push completed: every texel that a hole pixel's
-// interpolation reaches has a coefficient that the hole spoils.
+// along x, along y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Visits what push
+// completed: every texel that a hole pixel's interpolation reaches has a coefficient that the
+// hole spoils.
 // Twin: lacking.py. Change both or neither.
 
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
@@ -9,7 +10,7 @@
 #constant PLANES             // vec4 per texel of moments
 #constant KNOWN_ENOUGH       // share of known background that continues a band by itself
 #constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
-#constant MOST_SHARED
+#constant MOST_SHARED        // share of known background beyond which it is raised no more
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
@@ -17,7 +18,8 @@
 
 layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
 layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
-// w: guide, gain, and before: 1 if a coefficient is across a jump of depth.
+// w: guide, gain, -. Until then the third is 1 if one of the 2x2 coefficients lies across a jump
+// of depth, else 0 (moments_first.comp.glsl).
 layout(std430, binding = 5) buffer Lacking { vec4 variances[]; };
 layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
 layout(std430, binding = 7) readonly buffer Base { vec4 base[]; };  // w: confidence
@@ -43,9 +45,9 @@ float known_background(ivec2 place, float deepest) {
     return 0.0625 * (corners + 2.0 * edges + 4.0 * known_at(place, deepest));
 }
 
-// How much of a variance the base holds: so much as `measured`, or that share where it is given.
+// What the base holds, and noise has to fill.
 struct Held {
-    float share;  // negative: as measured
+    float share;  // of the wanted variance that the base is taken to hold; negative: as measured
     float part;   // of a kernel that noise fills
 };
 

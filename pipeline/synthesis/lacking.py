@@ -36,7 +36,8 @@ def noise_variances(
     base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
 
     Of a coefficient at the hole's border noise fills a part, and so carries that part of its
-    variance alone. From level `SHARED_FROM_LEVEL` on it is divided by ``1 - known``.
+    variance alone. From level `SHARED_FROM_LEVEL` on it is divided by
+    ``1 - min(known, MOST_SHARED)``.
 
     With `cross`, chroma has its covariance with the luma noise: luma's variance times the
     slope ``cov(Y, C) / var(Y)``.
@@ -94,7 +95,10 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
 def detail_gain(
     statistics: NDArray[np.float64], lacking: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Share of the luma deviation, over all bands, that the base lacks: (H, W, 1)."""
+    """Deviation of the luma to add over that wanted, over all bands: (H, W, 1).
+
+    At most 1, and ``1 / sqrt(1 - MOST_SHARED)`` where `noise_variances` raises what is lacking.
+    """
     _, variance = means_and_variances(statistics, cross=True)
     wanted = variance[..., 0].sum(axis=2, keepdims=True)
     luma = lacking[..., ::3].sum(axis=2, keepdims=True)

@@ -78,7 +78,8 @@ class MetamericSettings:
         the source camera cannot have seen the place (behind it, or more than
         `ANCHOR_REACH_PX` aside), the noise sticks to the screen.
     skip_depth_edges : bool
-        Leave coefficients that straddle a depth edge out of the statistics.
+        Leave coefficients that straddle a depth edge out of the statistics, and out of the
+        measure of what the base already holds.
     texture : {"noise", "background"}
         What is shaped by the statistics: filtered white noise, or the detail of the known
         background along the parallax, and noise where that is out of reach. The latter needs

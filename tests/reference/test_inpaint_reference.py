@@ -426,6 +426,19 @@ def test_outlines_spread_through_the_levels():
         np.testing.assert_array_equal(found[level], expected)
 
 
+def test_a_slant_is_an_outline_once_a_step_of_its_level_is_one():
+    """By hand: 0.012 a pixel, so 0.024 a pixel of level 1 and 0.048 one of level 2.
+
+    Four taps of the first low band span 0.036: none of them mixes two depths.
+    """
+    guide = np.broadcast_to(0.012 * np.arange(32), (16, 32))
+    guides = [guide, guide[::2, 1::2], guide[::4, 3::4]]
+
+    found = outlined_levels(guides, 3, THRESHOLD)
+
+    assert [mask.mean() for mask in found] == [0, 0, 1]
+
+
 def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
     guides = [np.full(size, 0.3) for size in ((3, 4), (2, 2), (1, 1))]
 

@@ -6,7 +6,7 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level, guided_base
+from pipeline.inpaint.reference import Level, guided_base, means_and_variances
 from pipeline.synthesis.lacking import known_background, noise_variances
 from pipeline.synthesis.reference import deviations, inpainted_statistics, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
@@ -71,7 +71,7 @@ def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fil
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
-    """By hand: of 16 parts, known ones hold 4 + 2 + 1; the right column lies in front."""
+    """By hand, weights of 16: 4 here, 2 beside, 1 across. The right column lies in front."""
     validity = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [-1.0, 0.25, 1.0]])
     guide = np.full((3, 3), 0.5)
     guide[:, 2] = 0.4
@@ -81,26 +81,54 @@ def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
 
     assert behind[1, 1] == (2 * 0.5 + 2 * 0.25) / 16
     assert everything[1, 1] == behind[1, 1] + (1 + 2 + 1) / 16
-    assert behind[0, 2] == 12 / 16  # what is in front has its own kind; borders repeat
+    # What is in front has its own kind and what lies behind that; borders repeat.
+    assert behind[0, 2] == 12 / 16
+    assert behind[1, 2] == (12 + 0.25) / 16
 
 
-@pytest.mark.parametrize("skip_depth_edges", [True, False])
-def test_an_outline_is_measured_only_if_told_so(skip_depth_edges):
-    """Red on the left is nearer than the plane; the hole between them has seen its edge."""
+def beside_red(plane, first, *, skip_depth_edges):
+    """Statistics and what is lacking; red in front up to column 16, a hole from `first` to 26."""
     size = (32, 48)
     hole = np.zeros(size, bool)
-    hole[:, 16:24] = True
-    base = np.full((*size, 3), 0.5)
+    hole[:, first:26] = True
+    base = np.where(hole[..., None], 0.5, plane)
     base[:, :16] = (0.9, 0.1, 0.1)
     guide = np.full(size, 0.8)
     guide[:, :16] = 0.5
     settings = MetamericSettings(levels=2, skip_depth_edges=skip_depth_edges)
     levels = guided_base(base, hole, guide, levels=2, gamma=0.25, threshold=0.04)
+    return inpainted_statistics(base, hole, levels, settings)
 
-    found, _ = inpainted_statistics(base, hole, levels, settings)
 
-    inside = found[0].values[:, 8:12]
-    assert (np.abs(inside).max() > 1e-3) is not skip_depth_edges
+@pytest.mark.parametrize("skip_depth_edges", [True, False])
+@pytest.mark.parametrize(("level", "first"), [(0, 18), (1, 22)])
+def test_an_outline_enters_the_statistics_only_if_told_so(level, first, skip_depth_edges):
+    """The plane has no texture: what a coefficient there holds is the edge of red.
+
+    The hole starts so far from it that one such coefficient of that level reaches no hole.
+    """
+    plane = np.full((32, 48, 3), 0.5)
+
+    statistics, _ = beside_red(plane, first, skip_depth_edges=skip_depth_edges)
+
+    largest = np.abs(statistics[level].values[:, first >> (level + 1)]).max()
+    assert (largest < 1e-12) if skip_depth_edges else (largest > 1e-3)
+
+
+@pytest.mark.parametrize("skip_depth_edges", [True, False])
+def test_beside_an_outline_a_hole_lacks_what_is_wanted_only_if_told_so(skip_depth_edges, rng):
+    """Its left texels have no known background around them, and red's outline among theirs."""
+    plane = 0.5 + 0.02 * rng.standard_normal((32, 48, 3))
+
+    statistics, lacking = beside_red(plane, 16, skip_depth_edges=skip_depth_edges)
+
+    _, variance = means_and_variances(statistics[0].values, cross=True)
+    wanted, found = variance[:, 8, :, 0], lacking[0].values[:, 8, ::3]
+    assert wanted.min() > 0
+    if skip_depth_edges:
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    else:
+        np.testing.assert_array_equal(found[:, :2], 0)  # high and along x see an upright edge
 
 
 def test_chroma_follows_luma_by_its_slope():
