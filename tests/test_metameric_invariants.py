@@ -301,6 +301,17 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     assert offset.max() < 0.1
 
 
+@pytest.mark.full
+def test_a_stationary_texture_lacks_coarse_bands_in_a_crescent(method):
+    """36 px wide at its widest: levels 0 and 1 as elsewhere, 2 and 3 at three quarters or more."""
+    one = method("metameric", z_near_m=Z_NEAR_M)
+
+    ratio, _ = band_ratios(one, behind_a_disc(192, 56, 36), (0.5, 1.0), 64)
+
+    np.testing.assert_allclose(ratio[:, :2], 1, atol=0.1)
+    np.testing.assert_allclose(ratio[:, 2:], 0.875, atol=0.125)
+
+
 # --- screen door ----------------------------------------------------------------------------
 
 HOLE = disc((96, 160), 70, 48, 26)
