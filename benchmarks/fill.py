@@ -1,8 +1,10 @@
 """Time, memory and passes of every fill: `script/bench fill --help`.
 
 Every method is timed in turn with classic push-pull on the same frame (A B A B ...), so
-that a ratio holds when the machine's speed drifts. Methods of ours work on frames that lie
-on the GPU, as in a batch; OpenCV's and OpenImageIO's on arrays, their conversions included.
+that a ratio holds when the machine's speed drifts; a time is that ratio times the median of
+all runs of push-pull on that frame, so that times compare as well. Methods of ours work on
+frames that lie on the GPU, as in a batch; OpenCV's and OpenImageIO's on arrays, their
+conversions included.
 """
 
 from __future__ import annotations
@@ -11,8 +13,8 @@ import argparse
 import json
 import platform
 import statistics
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +78,7 @@ class Timing:
     method: str
     edge_px: int
     mask: str
-    median_ms: float
+    median_ms: float  # its ratio times the frame's median of push-pull
     to_push_pull: float  # median of the ratios, pair by pair
     to_copy: float
     passes: int | None  # draws and dispatches
@@ -116,6 +118,7 @@ class Bench:
         self.filled = create_texture(ctx, self.size, "rgba32f")
         self.push_pull = PushPullPass(ctx, self.size)
         self.copier = ctx.compute_shader(_COPY)
+        self._push_pull_ms: list[float] = []
 
     def run_push_pull(self) -> None:
         self.push_pull(self.image, self.filled)
@@ -126,15 +129,21 @@ class Bench:
         self.copier.run(-(-self.edge_px // 8), -(-self.edge_px // 8))
         self.ctx.memory_barrier()
 
-    def time(self, method: str, repeats: int) -> Timing:
+    def time_all(self, methods: Iterable[str], repeats: int) -> list[Timing]:
+        """Time methods one after another, and put all on one clock."""
+        timings = [self._time(method, repeats) for method in methods]
+        push_pull_ms = statistics.median(self._push_pull_ms)
+        return [replace(t, median_ms=round(t.to_push_pull * push_pull_ms, 3)) for t in timings]
+
+    def _time(self, method: str, repeats: int) -> Timing:
         work, passes, held, done = self._work(method)
-        own, ratios, copies = [], [], []
+        ratios, copies = [], []
         for turn in range(repeats + 1):
             mine = self._once(work)
             rival = self._once(self.run_push_pull)
             copy = self._once(self.run_copy)
             if turn:  # the first is a warm-up
-                own.append(mine)
+                self._push_pull_ms.append(rival)
                 ratios.append(mine / rival)
                 copies.append(mine / copy)
         done()
@@ -142,7 +151,7 @@ class Bench:
             method=method,
             edge_px=self.edge_px,
             mask=self.mask,
-            median_ms=round(statistics.median(own), 3),
+            median_ms=float("nan"),  # until the frame's other methods have run
             to_push_pull=round(statistics.median(ratios), 3),
             to_copy=round(statistics.median(copies), 3),
             passes=passes,
@@ -325,7 +334,7 @@ def main(argv: list[str]) -> int:
             bench = Bench(ctx, edge_px, mask)
             what = f"{edge_px} px, {mask}"
             methods = track(arguments.method, what, console=console, transient=True)
-            timings += [bench.time(method, arguments.repeats) for method in methods]
+            timings += bench.time_all(methods, arguments.repeats)
             bench.release()
     show(timings, console)
     if arguments.json is not None:
