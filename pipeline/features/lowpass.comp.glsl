@@ -66,7 +66,7 @@ void store(ivec2 place, vec4 sum, vec4 origin, bool mixed) {
 }
 
 // `block` covers 2x2 pixels of the written resolution.
-void work(ivec2 block) {
+void work(ivec2 block, int chain) {
     ivec2 last = imageSize(fine) - 1;
     int x = min(4 * block.x, last.x), y = min(4 * block.y, last.y);
     vec4 origin = vec4(imageLoad(fine, ivec2(x, y)).rgb, 1.0);

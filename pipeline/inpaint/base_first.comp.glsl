@@ -1,6 +1,7 @@
 #version 430
-// First pull of the base: known colour, 2x2 into one, with depth as the guide. It reads the
-// whole frame, so it marks every cell, at every resolution, that holds a hole pixel as well.
+// First two pulls of the base: known colour, 2x2 into one and 4x4 into one, with depth as the
+// guide. They read the whole frame, so they mark every cell, at every resolution, that holds a
+// hole pixel as well.
 // Twin: guided_base() and near_a_hole() in reference.py. Change both or neither.
 
 #constant TILE         // work-group edge, pixels
@@ -14,23 +15,37 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 layout(rgba32f, binding = 0) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;   // background's inside holes
+layout(rgba32f, binding = 2) uniform writeonly image2D halves;  // of 2x2
+layout(r32f, binding = 3) uniform writeonly image2D half_guide;
+layout(rgba32f, binding = 4) uniform writeonly image2D quarters;  // of 4x4
+layout(r32f, binding = 5) uniform writeonly image2D quarter_guide;
 layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
-layout(std430, binding = 4) writeonly buffer Coarse { vec4 coarse[]; };
-layout(std430, binding = 6) writeonly buffer CoarseGuide { float coarse_guide[]; };
 
 uniform float z_near_m;
 uniform uvec2 first_and_columns[RESOLUTIONS];
-uniform uvec2 holes_list;       // index and first entry: 2x2 blocks with a hole pixel
-uniform uvec2 incomplete_list;  // the same for what push has to complete
+uniform uvec2 holes_list;  // index and first entry: 2x2 blocks with a hole pixel
+uniform uvec2 half_list;   // the same for what push has to complete
+uniform uvec2 quarter_list;
 
-void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    ivec2 size = imageSize(image);
-    ivec2 a = 2 * pixel;
-    if (any(greaterThanEqual(a, size))) return;
-    ivec2 d = min(a + 1, size - 1);
-    ivec2 b = ivec2(d.x, a.y);
-    ivec2 c = ivec2(a.x, d.y);
+struct Texel {
+    vec4 colour;  // a: confidence
+    float guide;
+};
+
+void mark_hole(ivec2 pixel) {
+    // Neighbours may write the same cell; all write the same value.
+    uvec2 cell = uvec2(pixel / CELL);
+    for (int r = 0; r < RESOLUTIONS; ++r) {
+        uvec2 at = cell >> r;
+        cells[first_and_columns[r].x + at.y * first_and_columns[r].y + at.x] = 1u;
+    }
+}
+
+Texel half_texel(ivec2 pixel) {
+    ivec2 last = imageSize(image) - 1;
+    ivec2 a = 2 * pixel, d = min(a + 1, last);
+    bool there = all(lessThanEqual(a, last));
+    ivec2 b = ivec2(d.x, a.y), c = ivec2(a.x, d.y);
     vec4 colour_a = imageLoad(image, a), colour_b = imageLoad(image, b);
     vec4 colour_c = imageLoad(image, c), colour_d = imageLoad(image, d);
     vec4 validity = step(0.5, vec4(colour_a.a, colour_b.a, colour_c.a, colour_d.a));
@@ -39,19 +54,34 @@ void main() {
     vec4 guide = max(vec4(0.0), 1.0 - z_near_m / depth);
     float deepest = farthest(guide);
     Pull p = pull_shares(validity, guide, deepest);
-    vec4 parent = mixed(p.share, colour_a, colour_b, colour_c, colour_d);
-    int place = pixel.y * ((size.x + 1) / 2) + pixel.x;
-    coarse[place] = vec4(parent.rgb, p.confidence);
-    coarse_guide[place] = deepest;
-
-    if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel);
-    if (dot(validity, vec4(1.0)) < 4.0) {
-        append(holes_list.x, holes_list.y, pixel);
-        // Neighbours may write the same cell; all write the same value.
-        uvec2 cell = uvec2(a / CELL);
-        for (int r = 0; r < RESOLUTIONS; ++r) {
-            uvec2 at = cell >> r;
-            cells[first_and_columns[r].x + at.y * first_and_columns[r].y + at.x] = 1u;
+    vec3 colour = mixed(p.share, colour_a, colour_b, colour_c, colour_d).rgb;
+    Texel texel = Texel(vec4(colour, p.confidence), deepest);
+    if (there) {
+        imageStore(halves, pixel, texel.colour);
+        imageStore(half_guide, pixel, vec4(deepest));
+        if (p.confidence < 1.0) append(half_list.x, half_list.y, pixel, 0);
+        if (dot(validity, vec4(1.0)) < 4.0) {
+            append(holes_list.x, holes_list.y, pixel, 0);
+            mark_hole(a);
         }
     }
+    return texel;
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(4 * pixel, imageSize(image)))) return;
+    Texel a = half_texel(2 * pixel), b = half_texel(2 * pixel + ivec2(1, 0));
+    Texel c = half_texel(2 * pixel + ivec2(0, 1)), d = half_texel(2 * pixel + 1);
+    // An odd border repeats its last texel.
+    bvec2 whole = lessThan(4 * pixel + 2, imageSize(image));
+    if (!whole.x) { b = a; d = c; }
+    if (!whole.y) { c = a; d = b; }
+    vec4 guide = vec4(a.guide, b.guide, c.guide, d.guide);
+    float deepest = farthest(guide);
+    Pull p = pull_shares(vec4(a.colour.a, b.colour.a, c.colour.a, d.colour.a), guide, deepest);
+    vec3 colour = mixed(p.share, a.colour, b.colour, c.colour, d.colour).rgb;
+    imageStore(quarters, pixel, vec4(colour, p.confidence));
+    imageStore(quarter_guide, pixel, vec4(deepest));
+    if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
 }

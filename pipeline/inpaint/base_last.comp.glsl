@@ -6,11 +6,12 @@
 
 #include "pixels.glsl"
 #include "guided.glsl"
+#include "taps.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(std430, binding = 4) readonly buffer Coarse { vec4 coarse[]; };  // complete
-layout(std430, binding = 6) readonly buffer CoarseGuide { float coarse_guide[]; };
+layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // complete
+layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
 
 uniform float z_near_m;
 
@@ -18,19 +19,15 @@ uniform float z_near_m;
 void complete(ivec2 pixel, ivec2 near, ivec2 far) {
     if (imageLoad(image, pixel).a >= 0.5) return;
     float guide = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r);
-    int a = near.y * work_size.x + near.x;
-    int b = near.y * work_size.x + far.x;
-    int c = far.y * work_size.x + near.x;
-    int d = far.y * work_size.x + far.x;
-    vec4 guides = vec4(coarse_guide[a], coarse_guide[b], coarse_guide[c], coarse_guide[d]);
-    vec4 share = push_shares(guide, guides, ANY_DEPTH_BEHIND).share;
-    vec3 colour = mixed(share, coarse[a], coarse[b], coarse[c], coarse[d]).rgb;
+    Taps taps = taps_of(near, far);
+    vec4 share = push_shares(guide, GUIDES_AT(coarse_guide, taps), ANY_DEPTH_BEHIND).share;
+    vec3 colour = MIXED_AT(coarse, taps, share, 0).rgb;
     // A convex combination, but for rounding.
     imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 
 // `parent` is a pixel of resolution 1; its hole children are completed.
-void work(ivec2 parent) {
+void work(ivec2 parent, int chain) {
     ivec2 before = max(parent - 1, ivec2(0));
     ivec2 after = min(parent + 1, work_size - 1);
     ivec2 pixel = 2 * parent;

@@ -11,16 +11,13 @@ import moderngl
 
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute, set_array
-from pipeline.gl.texture import check_size, check_texture
+from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
 from pipeline.inpaint.reference import ANY_DEPTH_BEHIND, NEARBY_RESOLUTIONS
 from pipeline.inpaint.region import CELL
-from pipeline.inpaint.regions import Key, WorkLists
+from pipeline.inpaint.regions import FIRST_STORED, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128
-# A ring is STATISTICS_RINGS * CELL = 8 coefficients of the coarsest level, l - 1, wide. The tap
-# that push takes at resolution r begins less than 2^r px from the hole: inside up to r = l + 2.
-RING_REACH = 2
 BASE_PLANES = 1
 MOMENT_PLANES = 5
 
@@ -41,7 +38,7 @@ class Resolutions:
             sizes.append(((width + 1) // 2, (height + 1) // 2))
         small = next(r for r, size in enumerate(sizes) if max(size) <= TAIL_EDGE)
         object.__setattr__(self, "sizes", sizes)
-        object.__setattr__(self, "top", max(small, self.levels, 1))
+        object.__setattr__(self, "top", max(small, self.levels + FIRST_STORED - 1))
 
     def texels(self, resolution: int) -> int:
         """Pixels of one resolution."""
@@ -61,35 +58,37 @@ class GuidePyramid:
     """
 
     def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
-        self._buffers = [
-            ctx.buffer(reserve=4 * resolutions.texels(r)) for r in range(1, resolutions.top + 1)
+        self._guides = [
+            create_texture(ctx, resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
         ]
         self.scratch = ctx.buffer(reserve=4 * resolutions.tail_texels * MAX_LEVELS)
 
-    def at(self, resolution: int) -> moderngl.Buffer:
+    def at(self, resolution: int) -> moderngl.Texture:
         """The guide of one resolution, from 1 to the top."""
-        return self._buffers[resolution - 1]
+        return self._guides[resolution - 1]
 
     @property
     def held_bytes(self) -> int:
         """Memory, bytes."""
-        return sum(buffer.size for buffer in (*self._buffers, self.scratch))
+        return sum(map(texture_bytes, self._guides)) + self.scratch.size
 
     def release(self) -> None:
         """Free the buffers."""
-        for buffer in (*self._buffers, self.scratch):
-            buffer.release()
+        for texture in self._guides:
+            texture.release()
+        self.scratch.release()
 
 
 class ChainPass:
-    """Pull and push of one kind of chain between resolution 1 and 1x1.
+    """Pull and push of one kind of chain between its finest resolution and 1x1.
 
     Parameters
     ----------
     planes : int
         vec4 per texel.
     is_base : bool
-        The one chain of colour, which also pulls the guide for all others.
+        The one chain of colour, which also pulls the guide for all others. Its finest resolution
+        is 1; that of the moments of level k is `FIRST_STORED` + k.
     """
 
     def __init__(
@@ -111,8 +110,10 @@ class ChainPass:
         self._is_base = is_base
         self._depth_threshold = depth_threshold
         self._nearby = NEARBY_RESOLUTIONS if is_base else 0
-        constants = {"PLANES": planes, "MOST_CHAINS": MAX_LEVELS, "TILE": CELL}
-        self._pull = compile_compute(ctx, "inpaint/pull.comp.glsl", IS_BASE=is_base, **constants)
+        constants = {"PLANES": planes, "MOST_CHAINS": MAX_LEVELS}
+        self._pull = compile_compute(
+            ctx, "inpaint/pull.comp.glsl", IS_BASE=is_base, TILE=CELL, **constants
+        )
         self._push = compile_compute(ctx, "inpaint/push.comp.glsl", **constants)
         self._tail = compile_compute(
             ctx,
@@ -127,123 +128,105 @@ class ChainPass:
             shader["depth_threshold"] = depth_threshold
         for shader in (self._push, self._tail):
             shader["gamma"] = gamma
+        self._finest = 1 if is_base else FIRST_STORED
         top = resolutions.top
-        self._buffers = [
-            ctx.buffer(reserve=16 * planes * resolutions.texels(r) * self._chains(r))
-            for r in range(1, top + 1)
-        ]
+        self._texels = {}
+        for r in range(self._finest, top + 1):
+            width, height = resolutions.sizes[r]
+            size = (planes * width, self._chains(r) * height)
+            self._texels[r] = create_texture(ctx, size, "rgba32f")
         self._scratch = ctx.buffer(
             reserve=16 * planes * resolutions.tail_texels * self._chains(top)
         )
 
-    def at(self, resolution: int) -> moderngl.Buffer:
-        """The texels of one resolution, from 1 to the top: chain by chain, row by row."""
-        return self._buffers[resolution - 1]
+    def at(self, resolution: int) -> moderngl.Texture:
+        """The texels of one resolution, from the finest to the top; see planes.glsl."""
+        return self._texels[resolution]
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        steps = range(1, self._resolutions.top)
-        return len(steps) + 1 + sum(len(self._pushed(r)) for r in steps)
+        return len(self._pulls) + 1 + len(self._pushes)
 
     @property
     def held_bytes(self) -> int:
         """Memory of texels and scratch, bytes."""
-        return sum(buffer.size for buffer in (*self._buffers, self._scratch))
+        return sum(map(texture_bytes, self._texels.values())) + self._scratch.size
 
     def __call__(self) -> None:
-        """Complete all resolutions, given the first pull of each chain."""
-        top = self._resolutions.top
-        for r in range(1, top):
+        """Complete all resolutions, given the finest of each chain."""
+        for r in self._pulls:
             self._pull_step(r)
         self._tail_step()
-        for r in reversed(range(1, top)):
+        for r in reversed(self._pushes):
             self._push_step(r)
 
+    @property
+    def _pulls(self) -> range:
+        """Resolutions that are pulled from, apart from the tail's and what is made by halving."""
+        return range(2, self._resolutions.top)
+
+    @property
+    def _pushes(self) -> range:
+        """Resolutions that are pushed into, apart from the tail's."""
+        return range(self._finest, self._resolutions.top)
+
     def _chains(self, resolution: int) -> int:
-        return 1 if self._is_base else min(resolution, self._resolutions.levels)
+        """How many are stored at a resolution."""
+        return 1 if self._is_base else min(resolution - FIRST_STORED + 1, self._resolutions.levels)
 
-    def _key(self, chain: int, resolution: int) -> Key:
-        return ("source", resolution) if self._is_base else ("chain", chain, resolution)
+    def _regions(self, resolution: int) -> list[tuple[int, int, int]]:
+        chains = range(self._chains(resolution))
+        if self._is_base:
+            regions = [self._lists.region(("source", resolution))]
+        else:
+            regions = [self._lists.stored_region(chain, resolution) for chain in chains]
+        return regions + [(0, 0, 0)] * (MAX_LEVELS - len(chains))
 
-    def _firsts(self, resolution: int, chains: int) -> list[int]:
-        firsts = [self._lists.first(self._key(chain, resolution)) for chain in range(chains)]
-        return firsts + [0] * (MAX_LEVELS - chains)
+    def _incomplete(self, resolution: int) -> tuple[str, int]:
+        return ("base" if self._is_base else "moments", resolution)
 
     def _pull_step(self, r: int) -> None:
-        chains = self._chains(r)
         shader = self._pull
         self._bind(r, r + 1)
         shader["fine_size"] = self._resolutions.sizes[r]
-        shader["fine_columns"] = self._lists.columns(r)
-        shader["fine_first"] = self._firsts(r, chains)
-        shader["coarse_columns"] = self._lists.columns(r + 1)
-        shader["coarse_first"] = self._firsts(r + 1, chains)
-        shader["chains"] = chains
-        shader["incomplete_list"] = self._lists.appendable(
-            ("base" if self._is_base else "coarser", r + 1)
-        )
-        self._lists.run(shader, self._pulled(chains, r + 1))
-
-    def _pulled(self, chains: int, resolution: int) -> Key:
-        """List of the tiles to pull.
-
-        The coarsest level's include those of all finer ones. Where one tap of push may lie
-        beyond their ring, whatever is read at all: unknown pixels must be completed there.
-        """
-        beyond_ring = resolution > self._resolutions.levels + RING_REACH
-        return ("source", resolution) if beyond_ring else self._key(chains - 1, resolution)
+        shader["fine_region"] = self._regions(r)
+        shader["coarse_region"] = self._regions(r + 1)
+        shader["incomplete_list"] = self._lists.appendable(self._incomplete(r + 1))
+        self._lists.run(shader, ("source" if self._is_base else "pulled", r + 1))
 
     def _push_step(self, r: int) -> None:
-        chains = self._chains(r)
         shader = self._push
         self._bind(r, r + 1)
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
-        shader["fine_columns"] = self._lists.columns(r)
-        shader["fine_first"] = self._firsts(r, chains)
+        shader["fine_region"] = self._regions(r)
         shader["behind"] = ANY_DEPTH_BEHIND if r < self._nearby else self._depth_threshold
-        for kind, first, end in self._pushed(r):
-            shader["first_chain"] = first
-            shader["end_chain"] = end
-            self._lists.run(shader, (kind, r))
-
-    def _pushed(self, r: int) -> list[tuple[str, int, int]]:
-        """Lists and chains (first, end) to push at a resolution.
-
-        A level's own resolution lists its pixels apart from those of finer levels.
-        """
-        if self._is_base:
-            return [("base", 0, 1)]
-        chains = self._chains(r)
-        own = [("finest", r - 1, r)] if r <= self._resolutions.levels else []
-        finer = chains - len(own)
-        return own + ([("coarser", 0, finer)] if finer else [])
+        self._lists.run(shader, self._incomplete(r))
 
     def _bind(self, fine: int, coarse: int) -> None:
-        self.at(fine).bind_to_storage_buffer(4)
-        self.at(coarse).bind_to_storage_buffer(5)
-        self._guide.at(fine).bind_to_storage_buffer(6)
-        self._guide.at(coarse).bind_to_storage_buffer(7)
+        self.at(fine).bind_to_image(0)
+        self.at(coarse).bind_to_image(1)
+        self._guide.at(fine).bind_to_image(2)
+        self._guide.at(coarse).bind_to_image(3)
 
     def _tail_step(self) -> None:
         top = self._resolutions.top
-        chains = self._chains(top)
         shader = self._tail
-        self.at(top).bind_to_storage_buffer(4)
+        self.at(top).bind_to_image(0)
         self._scratch.bind_to_storage_buffer(5)
-        self._guide.at(top).bind_to_storage_buffer(6)
+        self._guide.at(top).bind_to_image(2)
         self._guide.scratch.bind_to_storage_buffer(7)
         shader["top_size"] = self._resolutions.sizes[top]
-        shader["top_columns"] = self._lists.columns(top)
-        shader["top_first"] = self._firsts(top, chains)
-        shader["guide_first"] = self._lists.first(("source", top))
-        shader.run(chains)
+        shader["top_region"] = self._regions(top)
+        shader["guide_region"] = self._lists.region(("source", top))
+        shader.run(self._chains(top))
         self._ctx.memory_barrier()
 
     def release(self) -> None:
         """Free texels, scratch and shaders."""
-        for buffer in (*self._buffers, self._scratch):
-            buffer.release()
+        for texture in self._texels.values():
+            texture.release()
+        self._scratch.release()
         for shader in (self._pull, self._push, self._tail):
             shader.release()
 
@@ -294,7 +277,8 @@ class GuidedBasePass:
         )
         set_array(self._first, "first_and_columns", self.lists.cell_grids)
         self._first["holes_list"] = self.lists.appendable(("holes", 1))
-        self._first["incomplete_list"] = self.lists.appendable(("base", 1))
+        self._first["half_list"] = self.lists.appendable(("base", 1))
+        self._first["quarter_list"] = self.lists.appendable(("base", 2))
         self._last = compile_compute(
             ctx, "inpaint/base_last.comp.glsl", ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND
         )
@@ -322,17 +306,19 @@ class GuidedBasePass:
         self._first["z_near_m"] = z_near_m
         image.bind_to_image(0, read=True, write=False)
         depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_storage_buffer(4)
-        self.guide.at(1).bind_to_storage_buffer(6)
-        width, height = self.resolutions.sizes[1]
+        self.chain.at(1).bind_to_image(2)
+        self.guide.at(1).bind_to_image(3)
+        self.chain.at(2).bind_to_image(4)
+        self.guide.at(2).bind_to_image(5)
+        width, height = self.resolutions.sizes[2]
         self._first.run(-(-width // CELL), -(-height // CELL))
         self.lists.build()
         self.chain()
         self._last["z_near_m"] = z_near_m
         image.bind_to_image(0, read=True, write=True)
         depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_storage_buffer(4)
-        self.guide.at(1).bind_to_storage_buffer(6)
+        self.chain.at(1).bind_to_image(2)
+        self.guide.at(1).bind_to_image(3)
         self.lists.run(self._last, ("holes", 1))
 
     def release(self) -> None:

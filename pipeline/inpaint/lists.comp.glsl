@@ -8,54 +8,63 @@
 
 layout(local_size_x = GROUP) in;
 
-struct List {
+// The tiles of one resolution near the marked cells of another, and the lists they go into.
+struct Region {
     uint resolution;      // of the tiles
     uint columns;         // tiles per row
     uint tiles;           // in all
-    uint first;           // where its entries start
+    uint first;           // where their active flags start
     uint cell_resolution;
     uint cell_first;
     uint cell_columns;
     uint cell_rows;
     int rings;
+    uint own_list;        // of the tiles themselves
+    uint own_first;
+    uint own_chain;
+    uint own_per_group;   // tiles that one work group visits; 0: no list
+    uint chains_list;     // of tiles and chains
+    uint chains_first;
+    int first_chain;
+    int end_chain;
 };
 
 layout(std430, binding = 0) readonly buffer Cells { uint cells[]; };
 layout(std430, binding = 3) writeonly buffer Active { uint active_tiles[]; };
-layout(std430, binding = 7) readonly buffer Lists { List lists[]; };
+layout(std430, binding = 6) readonly buffer Regions { Region regions[]; };
+layout(std430, binding = 7) readonly buffer OfGroups { uint region_of_group[]; };
 
-uniform uint list_count;
-
-bool near_a_hole(List list, ivec2 tile) {
+bool near_a_hole(Region region, ivec2 tile) {
     // The cells that the tile overlaps: one or part of one, or several if cells are finer.
-    int shift = int(list.resolution) - int(list.cell_resolution);
+    int shift = int(region.resolution) - int(region.cell_resolution);
     ivec2 first = shift >= 0 ? tile << shift : tile >> -shift;
     ivec2 last = shift >= 0 ? ((tile + 1) << shift) - 1 : first;
-    first = max(first - list.rings, ivec2(0));
-    last = min(last + list.rings, ivec2(list.cell_columns, list.cell_rows) - 1);
+    first = max(first - region.rings, ivec2(0));
+    last = min(last + region.rings, ivec2(region.cell_columns, region.cell_rows) - 1);
     uint found = 0u;
     for (int y = first.y; y <= last.y; ++y) {
         for (int x = first.x; x <= last.x; ++x) {
-            found |= cells[list.cell_first + uint(y) * list.cell_columns + uint(x)];
+            found |= cells[region.cell_first + uint(y) * region.cell_columns + uint(x)];
         }
     }
     return found != 0u;
 }
 
 void main() {
-    // A work group sees one list only: lists start at multiples of its size.
-    uint index = list_count - 1u;
-    while (gl_WorkGroupID.x * GROUP < lists[index].first) --index;
-    List list = lists[index];
-    uint item = gl_GlobalInvocationID.x;
-    uint place = item - list.first;
-    if (place >= list.tiles) return;
-    uvec2 tile = uvec2(place % list.columns, place / list.columns);
-    bool found = near_a_hole(list, ivec2(tile));
-    active_tiles[item] = uint(found);
+    // A work group sees one region only: their flags start at multiples of its size.
+    Region region = regions[region_of_group[gl_WorkGroupID.x]];
+    uint place = gl_GlobalInvocationID.x - region.first;
+    if (place >= region.tiles) return;
+    ivec2 tile = ivec2(place % region.columns, place / region.columns);
+    bool found = near_a_hole(region, tile);
+    active_tiles[gl_GlobalInvocationID.x] = uint(found);
     if (found) {
-        uint slot = atomicAdd(counts[index].w, 1u);
-        entries[list.first + slot] = entry_of(ivec2(tile));
-        if (slot < MOST_GROUPS) atomicAdd(counts[index].x, 1u);
+        if (region.own_per_group > 0u) {
+            add(region.own_list, region.own_first, entry_of(tile, int(region.own_chain)),
+                region.own_per_group);
+        }
+        for (int chain = region.first_chain; chain < region.end_chain; ++chain) {
+            add(region.chains_list, region.chains_first, entry_of(tile, chain), 1u);
+        }
     }
 }

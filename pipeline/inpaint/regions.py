@@ -1,22 +1,33 @@
 """Work lists: which tiles and pixels of which resolution a fill has to visit.
 
-By tile, from the cells of region.py (twin: near_a_hole()):
+Regions, from the cells of region.py (twin: near_a_hole()); a flag per tile says what is in:
 
 ``("source", r)``
     Tiles of resolution r whose pixels are read at all.
 ``("chain", k, r)``
     Tiles of resolution r that hold moments of pyramid level k (r > k).
 
-By pixel, appended by the passes that find them:
+Lists by tile, of one region each or of what every chain takes from its own:
+
+``("source", r)``
+    As the region.
+``("first", k)``
+    Tiles of resolution k + 1 whose moments of level k are made, four in a work group.
+``("pulled", r)``
+    Tiles and chains of resolution r to pull.
+
+Lists by pixel, appended by the passes that find them:
 
 ``("holes", 1)``
     Pixels of resolution 1 with a hole pixel among their children.
-``("base", r)``, ``("finest", r)``, ``("coarser", r)``
-    Pixels of resolution r that push has to complete: of the base, of the moments of level
-    r - 1, of the moments of all finer levels.
+``("base", r)``, ``("moments", r)``
+    Pixels of resolution r that push has to complete: of the base, of the chains of moments.
+``("finest", k)``
+    Pixels of resolution k + 1 whose moments of level k are incomplete.
 """
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import moderngl
 import numpy as np
@@ -30,7 +41,14 @@ from pipeline.inpaint.region import (
     source_resolution,
 )
 
-Key = tuple[str, int] | tuple[str, int, int]
+Key: TypeAlias = tuple[str, int]
+RegionKey: TypeAlias = tuple[str, int] | tuple[str, int, int]
+
+# A ring is STATISTICS_RINGS * CELL = 8 coefficients of level k wide. The tap that push takes at
+# resolution r begins less than 2^r px from the hole: inside the ring up to r = k + 3.
+RING_REACH = 3
+FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
+TILES_AT_ONCE = 4  # of ("first", k) in one work group
 
 _GROUP = 64
 _COUNTS_STRIDE = 16  # bytes of one uvec4
@@ -38,18 +56,45 @@ _COUNTS_STRIDE = 16  # bytes of one uvec4
 
 @dataclass(frozen=True)
 class _List:
-    """One list: where its counts (`index`) and its entries (from `first`) are."""
+    """Where its counts (`index`) and its entries (from `first`) are."""
 
     index: int
     resolution: int
     first: int
     capacity: int
-    cell_resolution: int = 0  # of lists by tile
-    rings: int = 0
+
+
+@dataclass(frozen=True)
+class _Region:
+    """Where its flags start, and into which lists its tiles go."""
+
+    resolution: int
+    first: int
+    tiles: int
+    cell_resolution: int
+    rings: int
+    own: Key | None
+    chains: range  # into ("pulled", resolution)
+
+    @property
+    def own_packed(self) -> tuple[int, int]:
+        """Chain of the entries in `own`, and how many a work group visits."""
+        match self.own:
+            case None:
+                return 0, 0
+            case "first", level:
+                return level, TILES_AT_ONCE
+            case _:
+                return 0, 1
+
+    @property
+    def chains_packed(self) -> tuple[int, int]:
+        """First chain and end."""
+        return self.chains.start, self.chains.stop
 
 
 class WorkLists:
-    """All work lists of one frame size, rebuilt for each frame.
+    """All regions and work lists of one frame size, rebuilt for each frame.
 
     Parameters
     ----------
@@ -64,26 +109,27 @@ class WorkLists:
     def __init__(self, ctx: moderngl.Context, sizes: list[tuple[int, int]], levels: int) -> None:
         self._ctx = ctx
         self.sizes = sizes
+        self._levels = levels
         self._grids = [self._grid(r) for r in range(source_resolution(levels) + 1)]
+        self._regions: dict[RegionKey, _Region] = {}
         self._lists: dict[Key, _List] = {}
-        self._plan_tiles(levels)
-        by_tile = list(self._lists.values())
-        tile_count = _padded(by_tile[-1].first + by_tile[-1].capacity)
-        self._plan_pixels(tile_count, levels)
-        last = list(self._lists.values())[-1]
+        self._plan_regions()
+        self._plan_lists()
+        last_list = list(self._lists.values())[-1]
+        flag_count = sum(_padded(region.tiles) for region in self._regions.values())
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
         self._reset_groups = -(-max(cell_count, len(self._lists)) // _GROUP)
-        self._list_groups = tile_count // _GROUP
+        self._build_groups = flag_count // _GROUP
         self._cells = ctx.buffer(reserve=4 * cell_count)
         self._counts = ctx.buffer(reserve=_COUNTS_STRIDE * len(self._lists))
-        self._entries = ctx.buffer(reserve=4 * (last.first + last.capacity))
-        self._active = ctx.buffer(reserve=4 * tile_count)
-        self._infos = ctx.buffer(self._packed(by_tile).tobytes())
+        self._entries = ctx.buffer(reserve=4 * (last_list.first + last_list.capacity))
+        self._active = ctx.buffer(reserve=4 * flag_count)
+        self._packed_regions = ctx.buffer(self._pack_regions().tobytes())
+        self._region_of_group = ctx.buffer(self._regions_of_groups().tobytes())
         self._reset = compile_compute(ctx, "inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
         self._reset["list_count"] = len(self._lists)
         self._build = compile_compute(ctx, "inpaint/lists.comp.glsl", GROUP=_GROUP)
-        self._build["list_count"] = len(by_tile)
 
     def reset(self) -> None:
         """Forget the last frame; storage buffers 0 to 2 stay bound for what marks cells next."""
@@ -97,12 +143,13 @@ class WorkLists:
         """List the tiles near marked cells; storage buffers 1 to 3 stay bound for all passes."""
         self._ctx.memory_barrier()
         self._active.bind_to_storage_buffer(3)
-        self._infos.bind_to_storage_buffer(7)
-        self._build.run(self._list_groups)
+        self._packed_regions.bind_to_storage_buffer(6)
+        self._region_of_group.bind_to_storage_buffer(7)
+        self._build.run(self._build_groups)
         self._ctx.memory_barrier()
 
-    def run(self, shader: moderngl.ComputeShader, key: Key) -> None:
-        """Dispatch `shader` over one list.
+    def run(self, shader: moderngl.ComputeShader, key: Key, resolution: int | None = None) -> None:
+        """Dispatch `shader` over one list; it writes `resolution`, by default the list's own.
 
         It includes tiles.glsl for a list by tile, pixels.glsl for one by pixel.
         """
@@ -110,7 +157,7 @@ class WorkLists:
         shader["list_index"] = item.index
         shader["list_first"] = item.first
         if "work_size" in shader:
-            shader["work_size"] = self.sizes[item.resolution]
+            shader["work_size"] = self.sizes[item.resolution if resolution is None else resolution]
         shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index)
         self._ctx.memory_barrier()
 
@@ -124,31 +171,66 @@ class WorkLists:
         """First cell and cells per row of every resolution of cells, for marking."""
         return np.array([(first, columns) for first, columns, _ in self._grids], np.uint32)
 
-    def first(self, key: Key) -> int:
-        """Where the active flags of a list by tile start."""
-        return self._lists[key].first
+    def region(self, key: RegionKey, resolution: int | None = None) -> tuple[int, int, int]:
+        """What is_active() takes for pixels of `resolution`, by default of the tiles' own."""
+        item = self._regions[key]
+        finer = 0 if resolution is None else resolution - item.resolution
+        edge_log2 = CELL.bit_length() - 1 - finer
+        return item.first, self._columns(item.resolution), edge_log2
 
-    def columns(self, resolution: int) -> int:
-        """Tiles per row of a resolution."""
-        return -(-self.sizes[resolution][0] // CELL)
+    def stored_region(self, chain: int, resolution: int) -> tuple[int, int, int]:
+        """The same for the moments of a level where they are stored."""
+        if resolution == chain + FIRST_STORED:
+            return self.region(("chain", chain, chain + 1), resolution)
+        return self.region(("chain", chain, resolution))
 
     def entry_counts(self) -> dict[Key, tuple[int, int]]:
         """For every list of the last frame: (entries, entries there could be). Reads back."""
         counts = np.frombuffer(self._counts.read(), np.uint32).reshape(-1, 4)[:, 3]
         return {key: (int(counts[i.index]), i.capacity) for key, i in self._lists.items()}
 
+    def entries(self, key: Key) -> NDArray[np.uint32]:
+        """A list of the last frame: rows of (row, column, chain), in any order. Reads back."""
+        item = self._lists[key]
+        count, _ = self.entry_counts()[key]
+        packed = np.frombuffer(self._entries.read(), np.uint32)[item.first : item.first + count]
+        return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
+
+    def active_tiles(self, key: RegionKey) -> NDArray[np.bool_]:
+        """Which tiles of a region were in it in the last frame, (rows, columns). Reads back."""
+        item = self._regions[key]
+        flags = np.frombuffer(self._active.read(), np.uint32)[item.first : item.first + item.tiles]
+        return np.asarray(flags.reshape(-1, self._columns(item.resolution)) != 0)
+
     @property
     def held_bytes(self) -> int:
         """Memory of the lists, bytes."""
-        buffers = (self._cells, self._counts, self._entries, self._active, self._infos)
-        return sum(buffer.size for buffer in buffers)
+        return sum(buffer.size for buffer in self._buffers)
 
     def release(self) -> None:
         """Free buffers and shaders."""
-        for item in (self._cells, self._counts, self._entries, self._active, self._infos):
-            item.release()
+        for buffer in self._buffers:
+            buffer.release()
         for shader in (self._reset, self._build):
             shader.release()
+
+    @property
+    def _buffers(self) -> tuple[moderngl.Buffer, ...]:
+        return (
+            self._cells,
+            self._counts,
+            self._entries,
+            self._active,
+            self._packed_regions,
+            self._region_of_group,
+        )
+
+    def _columns(self, resolution: int) -> int:
+        """Tiles per row of a resolution."""
+        return -(-self.sizes[resolution][0] // CELL)
+
+    def _tiles(self, resolution: int) -> int:
+        return self._columns(resolution) * -(-self.sizes[resolution][1] // CELL)
 
     def _grid(self, resolution: int) -> tuple[int, int, int]:
         """(first cell, columns, rows) of the cells of one resolution."""
@@ -161,40 +243,77 @@ class WorkLists:
         columns, rows = cells(resolution)
         return sum(c * r for c, r in map(cells, range(resolution))), columns, rows
 
-    def _plan_tiles(self, levels: int) -> None:
-        source = source_resolution(levels)
+    def _stored(self, resolution: int) -> range:
+        """Chains of moments that are stored at a resolution."""
+        return range(max(0, min(resolution - FIRST_STORED + 1, self._levels)))
+
+    def _pulled(self, resolution: int) -> range:
+        """Those of them that are pulled from the next finer one."""
+        return self._stored(resolution - 1)
+
+    def _plan_regions(self) -> None:
         first = 0
         for r in range(1, len(self.sizes)):
-            width, height = self.sizes[r]
-            tiles = -(-width // CELL) * -(-height // CELL)
-            wanted: list[tuple[Key, int, int]] = [(("source", r), source, SOURCE_RINGS)]
-            wanted += [(("chain", k, r), k, STATISTICS_RINGS) for k in range(min(r, levels))]
-            for key, cells, rings in wanted:
-                self._lists[key] = _List(len(self._lists), r, first, tiles, cells, rings)
-                first = _padded(first + tiles)
+            tiles = self._tiles(r)
+            # Push completes what it reads, beyond a chain's own region too: in the smallest that
+            # it does not leave.
+            widest = min(r - RING_REACH, self._levels)  # `levels`: the source
+            source = source_resolution(self._levels)
+            for level in (*range(min(r, self._levels)), self._levels):
+                is_source = level == self._levels
+                if not is_source and level == r - FIRST_STORED:
+                    continue  # stored as it was made, by the tiles of the next finer resolution
+                own: Key | None = ("source", r) if is_source else None
+                if level == r - 1 and not is_source:
+                    own = ("first", level)
+                self._regions[("source", r) if is_source else ("chain", level, r)] = _Region(
+                    resolution=r,
+                    first=first,
+                    tiles=tiles,
+                    cell_resolution=source if is_source else level,
+                    rings=SOURCE_RINGS if is_source else STATISTICS_RINGS,
+                    own=own,
+                    chains=self._pulled(r) if level == widest else range(0),
+                )
+                first += _padded(tiles)
 
-    def _plan_pixels(self, first: int, levels: int) -> None:
-        keys: list[Key] = [("holes", 1)]
-        for r in range(1, len(self.sizes)):
-            keys += [("base", r), ("coarser", r)]
-            if r <= levels:
-                keys.append(("finest", r))
-        for key in keys:
-            width, height = self.sizes[key[-1]]
-            self._lists[key] = _List(len(self._lists), key[-1], first, width * height)
-            first += width * height
+    def _plan_lists(self) -> None:
+        first = 0
 
-    def _packed(self, lists: list[_List]) -> NDArray[np.uint32]:
-        """The lists by tile as the shader's `struct List`."""
+        def plan(key: Key, resolution: int, capacity: int) -> None:
+            nonlocal first
+            self._lists[key] = _List(len(self._lists), resolution, first, capacity)
+            first += capacity
+
+        for region in self._regions.values():
+            if region.own:
+                plan(region.own, region.resolution, region.tiles)
+        for r, (width, height) in enumerate(self.sizes[1:], start=1):
+            pixels = width * height
+            plan(("base", r), r, pixels)
+            if r <= self._levels:
+                plan(("finest", r - 1), r, pixels)
+            plan(("pulled", r), r, self._tiles(r) * len(self._pulled(r)))
+            plan(("moments", r), r, pixels * len(self._stored(r)))
+        plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
+
+    def _pack_regions(self) -> NDArray[np.uint32]:
+        """The regions as the shader's `struct Region`."""
         rows = []
-        for item in lists:
+        for item in self._regions.values():
+            own = self.appendable(item.own) if item.own else (0, 0)
             cell_first, cell_columns, cell_rows = self._grids[item.cell_resolution]
-            tiles = (item.resolution, self.columns(item.resolution), item.capacity, item.first)
-            cells = (item.cell_resolution, cell_first, cell_columns, cell_rows)
-            rows.append((*tiles, *cells, item.rings))
+            tiles = (item.resolution, self._columns(item.resolution), item.tiles, item.first)
+            cells = (item.cell_resolution, cell_first, cell_columns, cell_rows, item.rings)
+            pulled = (*self.appendable(("pulled", item.resolution)), *item.chains_packed)
+            rows.append((*tiles, *cells, *own, *item.own_packed, *pulled))
         return np.array(rows, np.uint32)
+
+    def _regions_of_groups(self) -> NDArray[np.uint32]:
+        groups = [_padded(item.tiles) // _GROUP for item in self._regions.values()]
+        return np.repeat(np.arange(len(groups), dtype=np.uint32), groups)
 
 
 def _padded(count: int) -> int:
-    """Round up to whole work groups, so that none sees two lists."""
+    """Round up to whole work groups, so that none sees two regions."""
     return -(-count // _GROUP) * _GROUP

@@ -3,9 +3,7 @@
 // A dispatch for each would cost more than its few texels.
 // Twin: pull_push() in reference.py. Change both or neither.
 
-#constant TILE
 #constant GROUP         // work-group size
-#constant PLANES
 #constant MOST_CHAINS
 #constant CHAIN_TEXELS  // of all resolutions here together
 #constant NEARBY        // of them, how many take from any depth behind when pushed into
@@ -13,21 +11,22 @@
 
 #include "active.glsl"
 #include "guided.glsl"
+#include "taps.glsl"
+#include "planes.glsl"
 
 layout(local_size_x = GROUP) in;
 
-layout(std430, binding = 4) buffer Top { vec4 top[]; };
+layout(rgba32f, binding = 0) uniform image2D top;
 layout(std430, binding = 5) coherent buffer Scratch { vec4 scratch[]; };
-layout(std430, binding = 6) readonly buffer TopGuide { float top_guide[]; };
+layout(r32f, binding = 2) uniform readonly image2D top_guide;
 layout(std430, binding = 7) coherent buffer ScratchGuide { float scratch_guide[]; };
 
 uniform float gamma;
 uniform ivec2 top_size;
-uniform uint top_columns;             // tiles per row
-uniform uint top_first[MOST_CHAINS];  // where a chain's active tiles start
-uniform uint guide_first;             // where the active tiles of the guide start
+uniform uvec3 top_region[MOST_CHAINS];  // active tiles of each chain
+uniform uvec3 guide_region;             // active tiles of the guide
 
-int texel_at(int first, ivec2 size, ivec2 pixel) {
+int scratch_at(int first, ivec2 size, ivec2 pixel) {
     return int(gl_WorkGroupID.x) * CHAIN_TEXELS + first + pixel.y * size.x + pixel.x;
 }
 
@@ -38,12 +37,13 @@ void load_top() {
     int count = top_size.x * top_size.y;
     for (int i = int(gl_LocalInvocationID.x); i < count; i += GROUP) {
         ivec2 pixel = ivec2(i % top_size.x, i / top_size.x);
-        int place = texel_at(0, top_size, pixel);
-        bool known = is_active(top_first[chain], top_columns, pixel / TILE);
+        int place = scratch_at(0, top_size, pixel);
+        ivec2 from = texel_at(pixel, chain, top_size.y);
+        bool known = is_active(top_region[chain], pixel);
         for (int p = 0; p < PLANES; ++p) {
-            scratch[place * PLANES + p] = known ? top[(chain * count + i) * PLANES + p] : vec4(0.0);
+            scratch[place * PLANES + p] = known ? imageLoad(top, from + ivec2(p, 0)) : vec4(0.0);
         }
-        scratch_guide[place] = is_active(guide_first, top_columns, pixel / TILE) ? top_guide[i] : 0.0;
+        scratch_guide[place] = is_active(guide_region, pixel) ? imageLoad(top_guide, pixel).r : 0.0;
     }
 }
 
@@ -52,17 +52,17 @@ void pull_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
         ivec2 pixel = ivec2(i % coarse_size.x, i / coarse_size.x);
         ivec2 near = 2 * pixel;
         ivec2 far = min(near + 1, fine_size - 1);
-        int a = texel_at(fine_first, fine_size, near);
-        int b = texel_at(fine_first, fine_size, ivec2(far.x, near.y));
-        int c = texel_at(fine_first, fine_size, ivec2(near.x, far.y));
-        int d = texel_at(fine_first, fine_size, far);
+        int a = scratch_at(fine_first, fine_size, near);
+        int b = scratch_at(fine_first, fine_size, ivec2(far.x, near.y));
+        int c = scratch_at(fine_first, fine_size, ivec2(near.x, far.y));
+        int d = scratch_at(fine_first, fine_size, far);
         vec4 validity = vec4(scratch[a * PLANES].w, scratch[b * PLANES].w, scratch[c * PLANES].w,
                              scratch[d * PLANES].w);
         vec4 guide =
             vec4(scratch_guide[a], scratch_guide[b], scratch_guide[c], scratch_guide[d]);
         float deepest = farthest(guide);
         Pull pulled = pull_shares(validity, guide, deepest);
-        int place = texel_at(coarse_first, coarse_size, pixel);
+        int place = scratch_at(coarse_first, coarse_size, pixel);
         for (int p = 0; p < PLANES; ++p) {
             vec4 parent = mixed(pulled.share, scratch[a * PLANES + p], scratch[b * PLANES + p],
                                 scratch[c * PLANES + p], scratch[d * PLANES + p]);
@@ -77,15 +77,15 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
                 float behind) {
     for (int i = int(gl_LocalInvocationID.x); i < fine_size.x * fine_size.y; i += GROUP) {
         ivec2 pixel = ivec2(i % fine_size.x, i / fine_size.x);
-        int place = texel_at(fine_first, fine_size, pixel);
+        int place = scratch_at(fine_first, fine_size, pixel);
         float validity = scratch[place * PLANES].w;
         if (validity >= 1.0) continue;
         ivec2 near = pixel >> 1;
         ivec2 far = clamp(near + 2 * (pixel & 1) - 1, ivec2(0), coarse_size - 1);
-        int a = texel_at(coarse_first, coarse_size, near);
-        int b = texel_at(coarse_first, coarse_size, ivec2(far.x, near.y));
-        int c = texel_at(coarse_first, coarse_size, ivec2(near.x, far.y));
-        int d = texel_at(coarse_first, coarse_size, far);
+        int a = scratch_at(coarse_first, coarse_size, near);
+        int b = scratch_at(coarse_first, coarse_size, ivec2(far.x, near.y));
+        int c = scratch_at(coarse_first, coarse_size, ivec2(near.x, far.y));
+        int d = scratch_at(coarse_first, coarse_size, far);
         Shares below_by =
             push_shares(scratch_guide[place], vec4(scratch_guide[a], scratch_guide[b],
                                                    scratch_guide[c], scratch_guide[d]), behind);
@@ -135,8 +135,9 @@ void main() {
     int count = top_size.x * top_size.y;
     for (int i = int(gl_LocalInvocationID.x); i < count; i += GROUP) {
         int place = chain * CHAIN_TEXELS + i;
+        ivec2 to = texel_at(ivec2(i % top_size.x, i / top_size.x), chain, top_size.y);
         for (int p = 0; p < PLANES; ++p) {
-            top[(chain * count + i) * PLANES + p] = scratch[place * PLANES + p];
+            imageStore(top, to + ivec2(p, 0), scratch[place * PLANES + p]);
         }
     }
 }

@@ -2,6 +2,8 @@
 
 layout(std430, binding = 3) readonly buffer Active { uint active_tiles[]; };
 
-bool is_active(uint first, uint columns, ivec2 tile) {
-    return active_tiles[first + uint(tile.y) * columns + uint(tile.x)] != 0u;
+// `region`: where its flags start, tiles per row, log2 of a tile's edge in pixels.
+bool is_active(uvec3 region, ivec2 pixel) {
+    uvec2 tile = uvec2(pixel) >> region.z;
+    return active_tiles[region.x + tile.y * region.y + tile.x] != 0u;
 }

@@ -1,12 +1,13 @@
 // Depth-guided pull and push.
 // Twin: pull(), push(), interpolate() in inpaint/reference.py. Change both or neither.
 //
-// A chain's texels are PLANES vec4 next to each other in a buffer, validity in the first
-// one's w. The guide is a float in a buffer of its own: all chains share it.
+// Texels of chains are laid out by planes.glsl. The guide is an image of its own: all chains
+// share it.
 //
 // What Mesa's software renderer taught: no local arrays here or in the passes (one that is
-// not unrolled lives in memory, 10x slower), no texture layers (they lie a power of two
-// apart and push each other out of the cache, 3x).
+// not unrolled lives in memory, 10x slower), no loops (2x), no texture layers (they lie a
+// power of two apart and push each other out of the cache, 3x), images rather than buffers
+// for what is read more often than written (a buffer is read lane by lane).
 
 #define ONLY_NEARER (-1.0)
 

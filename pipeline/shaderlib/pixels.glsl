@@ -1,5 +1,5 @@
 // Visit the pixels of a list. Include it, write
-//     void work(ivec2 pixel)
+//     void work(ivec2 pixel, int chain)
 // and the main() below calls it for every listed pixel.
 
 #include "lists.glsl"
@@ -10,11 +10,11 @@ uniform uint list_index;
 uniform uint list_first;
 uniform ivec2 work_size;  // pixels of the resolution that the list is about
 
-void work(ivec2 pixel);
+void work(ivec2 pixel, int chain);
 
 void main() {
-    uint step = gl_NumWorkGroups.x * uint(LIST_GROUP);
-    for (uint item = gl_GlobalInvocationID.x; item < counts[list_index].w; item += step) {
-        work(place_of(entries[list_first + item]));
-    }
+    uint item = group_at_hand() * uint(LIST_GROUP) + gl_LocalInvocationID.x;
+    if (item >= counts[list_index].w) return;
+    uint entry = entries[list_first + item];
+    work(place_of(entry), chain_of(entry));
 }

@@ -1,23 +1,28 @@
 // Visit the tiles of a list. Include it, write
-//     void work(ivec2 pixel)
+//     void work(ivec2 pixel, int chain)
 // and the main() below calls it for every pixel of every listed tile, borders excepted.
 
-#constant TILE  // work-group edge, pixels
+#constant TILE  // a tile's edge, pixels: 8, or 4 where one work group takes four tiles
 
 #include "lists.glsl"
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+layout(local_size_x = LIST_GROUP) in;
+
+#define TILE_PIXELS (TILE * TILE)
+#define TILES (LIST_GROUP / TILE_PIXELS)
 
 uniform uint list_index;
 uniform uint list_first;
 uniform ivec2 work_size;  // pixels of the resolution that the tiles divide
 
-void work(ivec2 pixel);
+void work(ivec2 pixel, int chain);
 
 void main() {
-    for (uint item = gl_WorkGroupID.x; item < counts[list_index].w; item += gl_NumWorkGroups.x) {
-        ivec2 tile = place_of(entries[list_first + item]);
-        ivec2 pixel = TILE * tile + ivec2(gl_LocalInvocationID.xy);
-        if (all(lessThan(pixel, work_size))) work(pixel);
-    }
+    int index = int(gl_LocalInvocationID.x);
+    uint item = group_at_hand() * uint(TILES);
+    if (TILES > 1) item += uint(index / TILE_PIXELS);
+    if (item >= counts[list_index].w) return;
+    uint entry = entries[list_first + item];
+    ivec2 pixel = TILE * place_of(entry) + ivec2(index % TILE, index % TILE_PIXELS / TILE);
+    if (all(lessThan(pixel, work_size))) work(pixel, chain_of(entry));
 }

@@ -24,13 +24,13 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
 // w of the second: gain of the background's detail, with BACKGROUND.
-layout(std430, binding = 4) readonly buffer Lacking { vec4 variances[]; };
+layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
 
 uniform float z_near_m;
 uniform float noise_scale;
-uniform ivec3 level_size[LEVELS];          // columns, rows, first texel
+uniform ivec4 level_size[LEVELS];          // columns, rows, where its first texel lies
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #if ANCHOR == 2
 uniform mat4 source_from_target;
@@ -124,11 +124,11 @@ struct Texel {
     float gain;  // of the background's detail
 };
 
-Texel variances_at(ivec2 place, ivec3 size) {
+Texel variances_at(ivec2 place, ivec4 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
-    int at = 3 * (size.z + place.y * size.x + place.x);
-    vec4 high = variances[at], along_x = variances[at + 1];
-    return Texel(high.w, high.rgb, along_x.rgb, variances[at + 2].rgb, along_x.w);
+    ivec2 at = ivec2(3 * place.x, place.y) + size.zw;
+    vec4 high = imageLoad(variances, at), along_x = imageLoad(variances, at + ivec2(1, 0));
+    return Texel(high.w, high.rgb, along_x.rgb, imageLoad(variances, at + ivec2(2, 0)).rgb, along_x.w);
 }
 
 // Variances are interpolated before their root is taken. See deviations().
@@ -175,13 +175,13 @@ void finish(Pixel p) {
 }
 
 // `parent` is a pixel of resolution 1; its four children share most of what they read.
-void work(ivec2 parent) {
+void work(ivec2 parent, int chain) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
 
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
-        ivec3 size = level_size[0];
+        ivec4 size = level_size[0];
         Texel t00 = variances_at(parent - 1, size), t02 = variances_at(parent + ivec2(1, -1), size);
         Texel t01 = variances_at(parent + ivec2(0, -1), size);
         Texel t10 = variances_at(parent + ivec2(-1, 0), size);
@@ -196,7 +196,7 @@ void work(ivec2 parent) {
     // Coarser levels: all four children lie between the same four texels.
     float scale = 0.25;
     for (int level = 1; level < LEVELS; ++level, scale *= 0.5) {
-        ivec3 size = level_size[level];
+        ivec4 size = level_size[level];
         vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
         ivec2 corner = ivec2(floor(first));
         vec2 near = first - floor(first), far = near + scale;

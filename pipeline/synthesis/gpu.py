@@ -8,29 +8,22 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import LowBandPass, band_constants
+from pipeline.features.gpu import LowBandPass
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
-from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
-from pipeline.inpaint.region import CELL
-from pipeline.inpaint.regions import WorkLists
-from pipeline.synthesis import background
-from pipeline.synthesis.lacking import (
-    KNOWN_ENOUGH,
-    MOST_SHARED,
-    SHARED_FROM_LEVEL,
-    SMALLEST_VARIANCE,
-)
+from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TILE as NOISE_TILE
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
+from pipeline.synthesis.seek import SeekPass
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
     check_seed,
     check_source_from_target,
 )
+from pipeline.synthesis.variances import VariancePass, check_width
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
@@ -45,11 +38,17 @@ class MetamericPass:
     ----------
     size : (width, height)
         Any from 1x1.
+
+    Raises
+    ------
+    InputError
+        If the driver cannot hold a frame of this size.
     """
 
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
+        check_width(ctx, size)
         self._ctx = ctx
         self.size = size
         self.settings = settings
@@ -61,54 +60,18 @@ class MetamericPass:
             gamma=settings.base_gamma,
             depth_threshold=settings.depth_threshold,
         )
-        lists, resolutions = self.base.lists, self.base.resolutions
         self.low_bands = LowBandPass(
             ctx,
-            resolutions.sizes,
-            lists,
+            self.base.resolutions.sizes,
+            self.base.lists,
             levels,
             skip_depth_edges=settings.skip_depth_edges,
             depth_threshold=settings.depth_threshold,
         )
-        self.moments = ChainPass(
-            ctx,
-            resolutions,
-            lists,
-            self.base.guide,
-            planes=MOMENT_PLANES,
-            is_base=False,
-            gamma=settings.gamma,
-            depth_threshold=settings.depth_threshold,
-        )
-        cross = settings.channels == "correlated"
-        self._channels = 1 if cross else 3
-        bands = {**band_constants(), "PLANES": MOMENT_PLANES, "CROSS": cross}
-        self._first = [
-            compile_compute(
-                ctx,
-                "inpaint/moments_first.comp.glsl",
-                IS_FINEST=finest,
-                SKIP_DEPTH_EDGES=settings.skip_depth_edges,
-                TILE=CELL,
-                **bands,
-            )
-            for finest in (False, True)
-        ]
-        for shader in self._first:
-            shader["depth_threshold"] = settings.depth_threshold
+        self._channels = 1 if settings.channels == "correlated" else 3
         from_background = settings.texture == "background"
+        self.variances = VariancePass(ctx, self.base, settings, with_gain=from_background)
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
-        self._lacking = compile_compute(
-            ctx,
-            "synthesis/lacking.comp.glsl",
-            KNOWN_ENOUGH=KNOWN_ENOUGH,
-            SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
-            MOST_SHARED=MOST_SHARED,
-            SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-            GAIN=from_background,
-            **bands,
-        )
-        self._lacking["depth_threshold"] = settings.depth_threshold
         self._composite = compile_compute(
             ctx,
             "synthesis/composite.comp.glsl",
@@ -125,11 +88,7 @@ class MetamericPass:
             set_array(self._composite, "coarser", np.arange(levels - 1, dtype=np.int32))
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
-        texels = [resolutions.texels(k + 1) for k in range(levels)]
-        self._first_texel = [sum(texels[:k]) for k in range(levels)]
-        sizes = [(*resolutions.sizes[k + 1], self._first_texel[k]) for k in range(levels)]
-        set_array(self._composite, "level_size", np.array(sizes, np.int32))
-        self._lacking_texels = ctx.buffer(reserve=48 * sum(texels))
+        set_array(self._composite, "level_size", self.variances.places)
         self._noise = create_texture(
             ctx, (NOISE_TILE * levels * self._channels, NOISE_TILE), "rgba32f"
         )
@@ -138,13 +97,10 @@ class MetamericPass:
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        levels = self.settings.levels
         return (
             self.base.dispatches
             + self.low_bands.dispatches
-            + levels  # first pulls
-            + self.moments.dispatches
-            + levels  # what is lacking
+            + self.variances.dispatches
             + (1 if self._seek else 0)
             + 1  # composite
         )
@@ -152,8 +108,8 @@ class MetamericPass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        passes = (self.base, self.low_bands, self.moments)
-        own = self._lacking_texels.size + texture_bytes(self._noise)
+        passes = (self.base, self.low_bands, self.variances)
+        own = texture_bytes(self._noise)
         if self._seek:
             own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
@@ -219,45 +175,13 @@ class MetamericPass:
         self.set_seed(seed)
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
-        for k, level in enumerate(levels):
-            self._measure(k, level, depth_m, z_near_m)
-        self.moments()
-        for k, level in enumerate(levels):
-            self._find_lacking(k, level)
+        self.variances(levels, depth_m, z_near_m)
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)
             for unit, level in enumerate(levels[1:]):
                 level.use(unit)
         self._compose(image, depth_m, flow_px, z_near_m)
-
-    def _measure(
-        self, k: int, level: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
-    ) -> None:
-        shader = self._first[k == 0]
-        level.bind_to_image(0, read=True, write=False)
-        self.moments.at(k + 1).bind_to_storage_buffer(4)
-        self._lacking_texels.bind_to_storage_buffer(5)
-        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
-        shader["first_texel"] = self._first_texel[k]
-        if k == 0:
-            depth_m.bind_to_image(1, read=True, write=False)
-            shader["z_near_m"] = z_near_m
-        else:
-            self.base.guide.at(k).bind_to_storage_buffer(7)
-        shader["chain"] = k
-        shader["incomplete_list"] = self.base.lists.appendable(("finest", k + 1))
-        self.base.lists.run(shader, ("chain", k, k + 1))
-
-    def _find_lacking(self, k: int, level: moderngl.Texture) -> None:
-        level.bind_to_image(0, read=True, write=False)
-        self.moments.at(k + 1).bind_to_storage_buffer(4)
-        self._lacking_texels.bind_to_storage_buffer(5)
-        self.base.guide.at(k + 1).bind_to_storage_buffer(6)
-        self.base.chain.at(k + 1).bind_to_storage_buffer(7)
-        self._lacking["chain"] = k
-        self._lacking["first_texel"] = self._first_texel[k]
-        self.base.lists.run(self._lacking, ("finest", k + 1))
 
     def _compose(
         self,
@@ -270,7 +194,7 @@ class MetamericPass:
         depth_m.bind_to_image(1, read=True, write=False)
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
-        self._lacking_texels.bind_to_storage_buffer(4)
+        self.variances.texels.bind_to_image(4)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -278,60 +202,8 @@ class MetamericPass:
         """Free everything this pass made."""
         self.base.release()
         self.low_bands.release()
-        self.moments.release()
-        self._lacking_texels.release()
+        self.variances.release()
         self._noise.release()
-        for shader in (*self._first, self._lacking, self._composite):
-            shader.release()
+        self._composite.release()
         if self._seek:
             self._seek.release()
-
-
-class SeekPass:
-    """Find from where each hole pixel takes its texture. Twin: background.texture_origins.
-
-    Writes hole pixels of a texture of its own: rg32f, (x, y), negative where there is none.
-    """
-
-    def __init__(
-        self, ctx: moderngl.Context, size: tuple[int, int], depth_threshold: float
-    ) -> None:
-        steps = {f"STEP_{k}": step for k, step in enumerate(background.STEPS_PX)}
-        self._shader = compile_compute(
-            ctx,
-            "synthesis/seek.comp.glsl",
-            REACH=background.REACH_PX,
-            INSET=background.INSET_PX,
-            MARGIN=float(background.MARGIN_PX),
-            OCTANT_TANGENT=background.OCTANT_TANGENT,
-            **steps,
-        )
-        self._shader["depth_threshold"] = depth_threshold
-        self.origin_px = create_texture(ctx, size, "rg32f")
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory, bytes."""
-        return texture_bytes(self.origin_px)
-
-    def __call__(
-        self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
-        z_near_m: float,
-        lists: WorkLists,
-    ) -> moderngl.Texture:
-        """Return the texture of origins; one dispatch over the pixels with a hole."""
-        image.bind_to_image(0, read=True, write=False)
-        depth_m.bind_to_image(1, read=True, write=False)
-        flow_px.bind_to_image(2, read=True, write=False)
-        self.origin_px.bind_to_image(3, read=False, write=True)
-        self._shader["z_near_m"] = z_near_m
-        lists.run(self._shader, ("holes", 1))
-        return self.origin_px
-
-    def release(self) -> None:
-        """Free shader and texture."""
-        self._shader.release()
-        self.origin_px.release()

@@ -1,39 +1,38 @@
 #version 430
-// From one level's inpainted moments to the noise each pixel lacks: variances of bands high,
-// along x, along y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Visits what push
-// completed: every texel that a hole pixel's interpolation reaches has a coefficient that the
-// hole spoils.
-// Twin: lacking.py. Change both or neither.
+// From one level's moments to the noise each pixel lacks: variances of bands high, along x, along
+// y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Makes the moments of 2x2 once more
+// and completes them by a push. Visits what moments_first.comp.glsl listed: every texel that a
+// hole pixel's interpolation reaches has a coefficient that the hole spoils.
+// Twin: lacking.py, and push() in inpaint/reference.py. Change both or neither.
 
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
-#constant CROSS              // 1: second moments are products with luma, else squares
-#constant PLANES             // vec4 per texel of moments
 #constant KNOWN_ENOUGH       // share of known background that continues a band by itself
 #constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
 #constant MOST_SHARED        // share of known background beyond which it is raised no more
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
-#include "bands.glsl"
+#include "guided.glsl"
+#include "taps.glsl"
+#include "planes.glsl"
+#include "moments.glsl"
+#include "window.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D level;  // rgb: filled colour
-layout(std430, binding = 4) readonly buffer Moments { vec4 moments[]; };
-// w: guide, gain, -. Until then the third is 1 if one of the 2x2 coefficients lies across a jump
-// of depth, else 0 (moments_first.comp.glsl).
-layout(std430, binding = 5) buffer Lacking { vec4 variances[]; };
-layout(std430, binding = 6) readonly buffer Guide { float guide[]; };
-layout(std430, binding = 7) readonly buffer Base { vec4 base[]; };  // w: confidence
+layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // moments of 4x4, complete
+layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain, -
+layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
+layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
+layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a: confidence
 
-uniform int chain;  // the level
-uniform int first_texel;  // of this level's variances
-uniform float depth_threshold;
+uniform float gamma;
+uniform ivec2 coarse_size;
+uniform ivec2 corner;  // of this level's variances
 
 vec3 squared(vec3 v) { return v * v; }
 
 float known_at(ivec2 place, float deepest) {
     place = clamp(place, ivec2(0), work_size - 1);
-    int at = place.y * work_size.x + place.x;
-    return deepest - guide[at] <= depth_threshold ? max(0.0, base[at].w) : 0.0;
+    return deepest - imageLoad(half_guide, place).r <= depth_threshold ? max(0.0, imageLoad(base, place).a) : 0.0;
 }
 
 // Share of known background in a 3x3 binomial window.
@@ -61,28 +60,47 @@ vec3 lacking(vec3 mean, vec3 second, vec3 measured, Held held) {
     return missing;
 }
 
-void work(ivec2 pixel) {
-    int place = pixel.y * work_size.x + pixel.x;
-    int from = (chain * work_size.x * work_size.y + place) * PLANES;
-    vec4 plane_0 = moments[from];
-    ivec2 size = imageSize(level);
-    FETCH_WINDOW(level, pixel, size)
-    bvec2 whole = lessThan(inner_ + 1, size);
-    BANDS_OF_CHILDREN(whole)
+Four row(int y, int x, ivec2 last) {
+    y = clamp(y, 0, last.y);
+    return Four(imageLoad(level, ivec2(max(x - 1, 0), y)), imageLoad(level, ivec2(x, y)),
+                imageLoad(level, ivec2(min(x + 1, last.x), y)),
+                imageLoad(level, ivec2(min(x + 2, last.x), y)));
+}
 
-    vec4 plane_1 = moments[from + 1], plane_2 = moments[from + 2];
-    vec4 plane_3 = moments[from + 3], plane_4 = moments[from + 4];
+vec4 guide_row(int y, int x, ivec2 last) {
+    y = clamp(y, 0, last.y);
+    return vec4(guide_at(ivec2(max(x - 1, 0), y)), guide_at(ivec2(x, y)),
+                guide_at(ivec2(min(x + 1, last.x), y)), guide_at(ivec2(min(x + 2, last.x), y)));
+}
 
-    int to = (first_texel + place) * 3;
-    float deepest = guide[place];
+void work(ivec2 pixel, int chain) {
+    ivec2 size = imageSize(level), last = size - 1, near = 2 * pixel;
+    Window window = Window(row(near.y - 1, near.x, last), row(near.y, near.x, last),
+                           row(near.y + 1, near.x, last), row(near.y + 2, near.x, last));
+    WindowGuide guides =
+        WindowGuide(guide_row(near.y - 1, near.x, last), guide_row(near.y, near.x, last),
+                    guide_row(near.y + 1, near.x, last), guide_row(near.y + 2, near.x, last));
+    float deepest = imageLoad(half_guide, pixel).r;
+    Measured m = measure(window, guides, lessThan(near + 1, size), deepest);
+
+    Taps taps = parents_of(pixel, coarse_size);
+    Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps), depth_threshold);
+    taps = texels_at(taps, chain, coarse_size.y);
+    float keep = kept(m.moments.plane_0.w, gamma, below.similar);
+#define COMPLETED(plane, offset) \
+    ((1.0 - keep) * MIXED_AT(coarse, taps, below.share, offset) + keep * m.moments.plane)
+    vec4 plane_0 = COMPLETED(plane_0, ivec2(0, 0));  // its w is no moment
+    vec4 plane_1 = COMPLETED(plane_1, ivec2(1, 0)), plane_2 = COMPLETED(plane_2, ivec2(2, 0));
+    vec4 plane_3 = COMPLETED(plane_3, ivec2(3, 0)), plane_4 = COMPLETED(plane_4, ivec2(4, 0));
+
     float known = known_background(pixel, deepest);
     Held held;
-    held.share = variances[to + 2].w == 0.0 ? -1.0 : min(1.0, known / KNOWN_ENOUGH);
+    held.share = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
     held.part = chain < SHARED_FROM_LEVEL ? 1.0 : 1.0 - min(known, MOST_SHARED);
 
-#define MEASURED(name, mean)                                                        \
-    (0.25 * (squared(a.name - (mean)) + squared(b.name - (mean)) + squared(c.name - (mean)) \
-             + squared(d.name - (mean))))
+#define MEASURED(name, mean)                                                   \
+    (0.25 * (squared(m.bands.a.name - (mean)) + squared(m.bands.b.name - (mean)) \
+             + squared(m.bands.c.name - (mean)) + squared(m.bands.d.name - (mean))))
     vec3 high = lacking(plane_0.rgb, vec3(plane_1.w, plane_2.w, plane_3.w),
                         MEASURED(high, plane_0.rgb), held);
     vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, MEASURED(along_x, plane_1.rgb), held);
@@ -94,7 +112,8 @@ void work(ivec2 pixel) {
     float wanted = dot(vec3(plane_1.w, plane_3.x, plane_4.x) - means * means, vec3(1.0));
     gain = wanted > SMALLEST_VARIANCE ? sqrt(luma / wanted) : 0.0;
 #endif
-    variances[to] = vec4(high, deepest);
-    variances[to + 1] = vec4(along_x, gain);
-    variances[to + 2] = vec4(along_y, 0.0);
+    ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
+    imageStore(variances, to, vec4(high, deepest));
+    imageStore(variances, to + ivec2(1, 0), vec4(along_x, gain));
+    imageStore(variances, to + ivec2(2, 0), vec4(along_y, 0.0));
 }

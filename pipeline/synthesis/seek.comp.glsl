@@ -140,7 +140,7 @@ vec2 origin_of(ivec2 pixel) {
 }
 
 // `parent` is a pixel of resolution 1.
-void work(ivec2 parent) {
+void work(ivec2 parent, int chain) {
     for (int child = 0; child < 4; ++child) {
         ivec2 pixel = 2 * parent + ivec2(child & 1, child >> 1);
         if (is_inside(pixel) && is_hole(pixel)) {

@@ -9,6 +9,7 @@ from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, guided_base, near_a_hole
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, STATISTICS_RINGS, source_resolution
+from pipeline.inpaint.regions import FIRST_STORED, RING_REACH
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 THRESHOLD = 0.04
@@ -209,20 +210,40 @@ def test_lists_of_tiles_are_what_the_reference_calls_near(fill, rng, size, level
     base = fill(scene, levels=levels).base
 
     source = source_resolution(levels)
-    flags = np.frombuffer(base.lists._active.read(), np.uint32)
-    counts = base.lists.entry_counts()
     for resolution in range(1, base.resolutions.top + 1):
         tile = CELL << resolution
         wanted = {("source", resolution): near_a_hole(hole, source, SOURCE_RINGS, resolution)}
         for level in range(min(resolution, levels)):
-            key = ("chain", level, resolution)
-            wanted[key] = near_a_hole(hole, level, STATISTICS_RINGS, resolution)
+            if level != resolution - FIRST_STORED:
+                key = ("chain", level, resolution)
+                wanted[key] = near_a_hole(hole, level, STATISTICS_RINGS, resolution)
         for key, near in wanted.items():
             tiles = near[::tile, ::tile]
-            first = base.lists.first(key)
-            found = flags[first : first + tiles.size].reshape(tiles.shape)
-            np.testing.assert_array_equal(found != 0, tiles, err_msg=str(key))
-            assert counts[key] == (tiles.sum(), tiles.size)
+            np.testing.assert_array_equal(base.lists.active_tiles(key), tiles, err_msg=str(key))
+            own = {"source": 0, "chain": resolution - 1}[key[0]]
+            if key in (("source", resolution), ("chain", own, resolution)):
+                name = key if key[0] == "source" else ("first", own)
+                assert listed(base, name) == {(*tile, own) for tile in places(tiles)}
+        pulled = range(min(max(0, resolution - FIRST_STORED), levels))
+        widest = resolution - RING_REACH
+        near = near_a_hole(hole, source, SOURCE_RINGS, resolution)
+        if widest < levels:
+            near = near_a_hole(hole, max(0, widest), STATISTICS_RINGS, resolution)
+        assert listed(base, ("pulled", resolution)) == {
+            (*tile, chain) for tile in places(near[::tile, ::tile]) for chain in pulled
+        }
+
+
+def places(mask):
+    return {(int(row), int(column)) for row, column in np.argwhere(mask)}
+
+
+def listed(base, key):
+    """Give the entries of a list, of which there must be none twice."""
+    entries = base.lists.entries(key)
+    found = {tuple(int(part) for part in entry) for entry in entries}
+    assert len(found) == len(entries)
+    return found
 
 
 def test_the_list_of_holes_holds_every_block_with_a_hole_once(fill, rng):
@@ -232,12 +253,21 @@ def test_the_list_of_holes_holds_every_block_with_a_hole_once(fill, rng):
 
     padded = np.pad(scene[1], ((0, 1), (0, 0)))
     blocks = padded.reshape(16, 2, 23, 2).any(axis=(1, 3))
-    count, _ = base.lists.entry_counts()[("holes", 1)]
-    _, first = base.lists.appendable(("holes", 1))
-    entries = np.frombuffer(base.lists._entries.read(), np.uint32)[first : first + count]
-    places = {(int(entry >> 16), int(entry & 0xFFFF)) for entry in entries}
-    assert places == {(int(row), int(column)) for row, column in np.argwhere(blocks)}
-    assert count == len(places)
+    assert listed(base, ("holes", 1)) == {(*place, 0) for place in places(blocks)}
+
+
+def test_more_holes_than_work_groups_in_a_row(fill):
+    """35 344 groups of 64 blocks: the second row of groups must fill its share."""
+    size = (3008, 3008)
+    hole = np.ones(size, bool)
+    hole[0, 0] = False
+    colour = np.full((*size, 3), 0.3, np.float32)
+    scene = (np.where(hole[..., None], 0, colour), hole, np.full(size, 2, np.float32))
+
+    filled = fill(scene)
+
+    assert filled.base.lists.entry_counts()[("holes", 1)][0] > 64 * 32768
+    np.testing.assert_allclose(filled.image[..., :3], colour, rtol=0, atol=tolerance(size, 0.25))
 
 
 def test_a_pass_forgets_the_frame_before(fill, gl_context, rng):

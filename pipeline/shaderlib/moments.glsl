@@ -1,0 +1,83 @@
+// Band moments of one texel: coefficients of 2x2 children are made, checked and averaged.
+// Include guided.glsl before.
+// Twin: band_statistics() and outlined_levels() in inpaint/reference.py. Change both or neither.
+
+#constant CROSS             // 1: second moments are products with luma, else squares
+#constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing
+
+#include "bands.glsl"
+
+// The guide of a window, row by row.
+struct WindowGuide {
+    vec4 r0, r1, r2, r3;
+};
+
+// As a chain stores them. Means of high, along x, along y; second moments of high in the w of
+// planes 1 to 3, of the others in planes 3 and 4.
+struct Moments {
+    vec4 plane_0, plane_1, plane_2, plane_3, plane_4;  // w of the first: confidence
+};
+
+struct Measured {
+    Moments moments;
+    ChildBands bands;
+    bool outlined;  // whether one of the four coefficients lies across a jump of depth
+};
+
+// Smallest (x) and largest (y) of three neighbours in a row.
+vec2 extent(float a, float b, float c) { return vec2(min(min(a, b), c), max(max(a, b), c)); }
+
+float least(vec3 v) { return min(min(v.x, v.y), v.z); }
+
+bool jumps(vec2 above, vec2 here, vec2 below, float centre) {
+    vec2 all = vec2(min(min(above.x, here.x), below.x), max(max(above.y, here.y), below.y));
+    return max(centre - all.x, all.y - centre) > depth_threshold;
+}
+
+// Of the four children: whether a 3x3 kernel there spans a jump of depth.
+vec4 across_a_jump(WindowGuide g) {
+    vec2 left_0 = extent(g.r0.x, g.r0.y, g.r0.z), right_0 = extent(g.r0.y, g.r0.z, g.r0.w);
+    vec2 left_1 = extent(g.r1.x, g.r1.y, g.r1.z), right_1 = extent(g.r1.y, g.r1.z, g.r1.w);
+    vec2 left_2 = extent(g.r2.x, g.r2.y, g.r2.z), right_2 = extent(g.r2.y, g.r2.z, g.r2.w);
+    vec2 left_3 = extent(g.r3.x, g.r3.y, g.r3.z), right_3 = extent(g.r3.y, g.r3.z, g.r3.w);
+    return vec4(jumps(left_0, left_1, left_2, g.r1.y), jumps(right_0, right_1, right_2, g.r1.z),
+                jumps(left_1, left_2, left_3, g.r2.y), jumps(right_1, right_2, right_3, g.r2.z));
+}
+
+vec3 second_moment(vec3 band) { return band * (CROSS == 1 ? band.xxx : band); }
+
+// `window`: rgb filled; a 1 clean, 0 reached by a hole, below that mixed from two depths.
+// `whole`: whether there is a second column, a second row of children. `deepest`: their guide.
+Measured measure(Window w, WindowGuide g, bvec2 whole, float deepest) {
+    // Clean of holes, row by row for the left and the right children.
+    vec4 left = vec4(least(vec3(w.r0.a.a, w.r0.b.a, w.r0.c.a)), least(vec3(w.r1.a.a, w.r1.b.a, w.r1.c.a)),
+                     least(vec3(w.r2.a.a, w.r2.b.a, w.r2.c.a)), least(vec3(w.r3.a.a, w.r3.b.a, w.r3.c.a)));
+    vec4 right = vec4(least(vec3(w.r0.b.a, w.r0.c.a, w.r0.d.a)), least(vec3(w.r1.b.a, w.r1.c.a, w.r1.d.a)),
+                      least(vec3(w.r2.b.a, w.r2.c.a, w.r2.d.a)), least(vec3(w.r3.b.a, w.r3.c.a, w.r3.d.a)));
+    vec4 valid = step(0.5, vec4(least(left.xyz), least(right.xyz), least(left.yzw), least(right.yzw)));
+    Measured m;
+    m.outlined = false;
+#if SKIP_DEPTH_EDGES
+    vec4 across = across_a_jump(g);
+    valid *= 1.0 - across;
+    vec4 both = min(left, right);
+    m.outlined = across != vec4(0.0) || min(least(both.xyz), both.w) < -0.5;
+#endif
+    // The first child stands for one that is not there.
+    if (!whole.x) valid.yw = valid.xz;
+    if (!whole.y) valid.zw = valid.xy;
+    Pull p = pull_shares(valid, vec4(g.r1.yz, g.r2.yz), deepest);
+
+    ChildBands b = child_bands(w, whole);
+    m.bands = b;
+#define MEAN(name) \
+    (p.share.x * b.a.name + p.share.y * b.b.name + p.share.z * b.c.name + p.share.w * b.d.name)
+#define SECOND(name)                                                                \
+    (p.share.x * second_moment(b.a.name) + p.share.y * second_moment(b.b.name)      \
+     + p.share.z * second_moment(b.c.name) + p.share.w * second_moment(b.d.name))
+    vec3 second = SECOND(high);
+    m.moments = Moments(vec4(MEAN(high), p.confidence), vec4(MEAN(along_x), second.x),
+                        vec4(MEAN(along_y), second.y), vec4(SECOND(along_x), second.z),
+                        vec4(SECOND(along_y), 0.0));
+    return m;
+}

@@ -1,0 +1,13 @@
+// A level of the filled frame and its guide, for what makes moments of it.
+
+#constant IS_FINEST  // 1: level 0, whose guide comes from depth
+
+layout(rgba32f, binding = 0) uniform readonly image2D level;  // see measure()
+#if IS_FINEST
+layout(r32f, binding = 1) uniform readonly image2D depth_m;
+uniform float z_near_m;
+float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r); }
+#else
+layout(r32f, binding = 1) uniform readonly image2D level_guide;
+float guide_at(ivec2 place) { return imageLoad(level_guide, place).r; }
+#endif

@@ -1,0 +1,191 @@
+"""How much noise each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
+
+Twins: inpaint/reference.py, lacking.py.
+"""
+
+from collections.abc import Sequence
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.features.gpu import band_constants
+from pipeline.gl.shader import compile_compute
+from pipeline.gl.texture import create_texture, texture_bytes
+from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
+from pipeline.inpaint.region import CELL
+from pipeline.inpaint.regions import FIRST_STORED
+from pipeline.synthesis.lacking import (
+    KNOWN_ENOUGH,
+    MOST_SHARED,
+    SHARED_FROM_LEVEL,
+    SMALLEST_VARIANCE,
+)
+from pipeline.synthesis.settings import MetamericSettings
+
+PLANES = 3  # texels side by side: bands high, along x, along y
+
+
+def check_width(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """Require a frame, (width, height), whose variances the driver can hold.
+
+    Raises
+    ------
+    InputError
+        If it is too wide.
+    """
+    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"]) // PLANES * 2
+    if size[0] > limit:
+        raise InputError(
+            f"frames to fill with metamers must be at most {limit} px wide on this driver"
+            f" (got {size[0]}x{size[1]})"
+        )
+
+
+class VariancePass:
+    """Measure the bands around the holes, carry their moments into them, say what is lacking.
+
+    The result is `texels`, an image in which the levels lie as `places` says: texels of
+    resolution k + 1 for level k, `PLANES` side by side, written where hole pixels look them up.
+
+    Parameters
+    ----------
+    base : GuidedBasePass
+        Whose holes, guide and lists these are; it must have run on the frame.
+    with_gain : bool
+        Also say how much of the background's detail to add.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        base: GuidedBasePass,
+        settings: MetamericSettings,
+        *,
+        with_gain: bool,
+    ) -> None:
+        self._base = base
+        self._levels = settings.levels
+        sizes = base.resolutions.sizes[1 : settings.levels + 1]
+        # Level 0 above, the others side by side below it.
+        corners = [(0, 0)]
+        corners += [
+            (PLANES * sum(width for width, _ in sizes[1:k]), sizes[0][1])
+            for k in range(1, settings.levels)
+        ]
+        widest = max(sizes[0][0], sum(width for width, _ in sizes[1:]))
+        height = sum(rows for _, rows in sizes[:2])
+        self.places = np.array(
+            [(*size, *corner) for size, corner in zip(sizes, corners, strict=True)], np.int32
+        )
+        self.texels = create_texture(ctx, (PLANES * widest, height), "rgba32f")
+        self.chain = ChainPass(
+            ctx,
+            base.resolutions,
+            base.lists,
+            base.guide,
+            planes=MOMENT_PLANES,
+            is_base=False,
+            gamma=settings.gamma,
+            depth_threshold=settings.depth_threshold,
+        )
+        bands = {
+            **band_constants(),
+            "PLANES": MOMENT_PLANES,
+            "CROSS": settings.channels == "correlated",
+            "SKIP_DEPTH_EDGES": settings.skip_depth_edges,
+        }
+        # For coarser levels, and for the finest.
+        self._first = [
+            compile_compute(
+                ctx,
+                "inpaint/moments_first.comp.glsl",
+                IS_FINEST=finest,
+                TILE=CELL // 2,
+                **bands,
+            )
+            for finest in (False, True)
+        ]
+        self._lacking = [
+            compile_compute(
+                ctx,
+                "synthesis/lacking.comp.glsl",
+                IS_FINEST=finest,
+                KNOWN_ENOUGH=KNOWN_ENOUGH,
+                SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
+                MOST_SHARED=MOST_SHARED,
+                SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                GAIN=with_gain,
+                **bands,
+            )
+            for finest in (False, True)
+        ]
+        for shader in (*self._first, *self._lacking):
+            shader["depth_threshold"] = settings.depth_threshold
+        for shader in self._lacking:
+            shader["gamma"] = settings.gamma
+
+    @property
+    def dispatches(self) -> int:
+        """How many dispatches one call makes."""
+        return self._levels + self.chain.dispatches + self._levels
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory, bytes."""
+        return self.chain.held_bytes + texture_bytes(self.texels)
+
+    def __call__(
+        self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture, z_near_m: float
+    ) -> None:
+        """Write `texels`, given the filled frame's levels (`LowBandPass`)."""
+        for k, level in enumerate(levels):
+            shader = self._first[k == 0]
+            self._bind(shader, k, level, depth_m, z_near_m)
+            lists = self._base.lists
+            shader["finest_list"] = lists.appendable(("finest", k))
+            shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
+            lists.run(shader, ("first", k), k + FIRST_STORED)
+        self.chain()
+        self.texels.bind_to_image(3, read=False, write=True)
+        for k, level in enumerate(levels):
+            shader = self._lacking[k == 0]
+            self._bind(shader, k, level, depth_m, z_near_m)
+            self._base.chain.at(k + 1).bind_to_image(6)
+            shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
+            shader["corner"] = tuple(self.places[k, 2:].tolist())
+            self._base.lists.run(shader, ("finest", k))
+
+    def level_of(self, texels: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+        """What `texels`, read back, holds of a level: (rows, columns, PLANES, 4)."""
+        columns, rows, left, top = self.places[k]
+        here = texels[top : top + rows, left : left + PLANES * columns]
+        return here.reshape(rows, columns, PLANES, 4)
+
+    def _bind(
+        self,
+        shader: moderngl.ComputeShader,
+        k: int,
+        level: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        z_near_m: float,
+    ) -> None:
+        """A level's colour and guide, the guides of both halvings, and its stored moments."""
+        guide = self._base.guide
+        level.bind_to_image(0, read=True, write=False)
+        if k == 0:
+            depth_m.bind_to_image(1, read=True, write=False)
+            shader["z_near_m"] = z_near_m
+        else:
+            guide.at(k).bind_to_image(1)
+        self.chain.at(k + FIRST_STORED).bind_to_image(2)
+        guide.at(k + 1).bind_to_image(4)
+        guide.at(k + FIRST_STORED).bind_to_image(5)
+
+    def release(self) -> None:
+        """Free everything this pass made."""
+        self.chain.release()
+        self.texels.release()
+        for shader in (*self._first, *self._lacking):
+            shader.release()
