@@ -148,6 +148,10 @@ def adapted(words: list[str]) -> tuple[list[str], bool]:
     if words[:2] != ["metamerlab", "session"] or words[2] not in {"run", "resume", "check-display"}:
         return words, False
     words = [*words, "--software-pacing"]
+    if "check-display" in words:
+        words += ["--flips", "120"]
+    elif "--skip-validation" not in words and not ("run" in words and "P01" in words):
+        words.append("--skip-validation")  # 11 s of looking at dots; once is enough
     if "lsl" in words:
         at = words.index("lsl")
         words[at - 1 : at + 1] = ["--simulate"]
