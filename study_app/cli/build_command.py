@@ -114,7 +114,13 @@ def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None
         def report(done: int, total: int, what: str) -> None:
             progress.update(task, completed=done, total=total, description=what)
 
-        outcome = build_batch(orders, out.absolute(), executor, parallel=parallel, report=report)
+        try:
+            outcome = build_batch(
+                orders, out.absolute(), executor, parallel=parallel, report=report
+            )
+        except BaseException:
+            progress.remove_task(task)  # a bar over what went wrong says nothing
+            raise
     table = Table("scene, size", box=None)
     for column in ("extent", "holes", "least", "most", "margin"):
         table.add_column(column, justify="right")

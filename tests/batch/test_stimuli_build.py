@@ -366,6 +366,21 @@ def test_what_cannot_be_built_is_said_in_one_message(
     assert not (tmp_path / "clips/manifest.json").exists()
 
 
+def test_a_refused_build_shows_its_message_and_no_bar(small_study, tmp_path):
+    from typer.testing import CliRunner
+
+    from study_app.cli.stimuli_commands import app
+
+    taken = tmp_path / "clips"
+    taken.write_text("a file of one's own")
+
+    result = CliRunner().invoke(app, ["build", str(small_study), "--out", str(taken)])
+
+    assert result.exit_code == 2
+    assert result.stderr.strip().startswith(f"error: {taken}")
+    assert taken.read_text() == "a file of one's own"
+
+
 @pytest.mark.parametrize(
     ("said", "told"),
     [
