@@ -17,6 +17,7 @@ from pipeline.inpaint.reference import (
     means_and_variances,
     moments,
     near_a_hole,
+    nearest_depth_m,
     outlined_levels,
     pull,
     pull_push,
@@ -395,6 +396,11 @@ def test_moments_come_back_as_means_and_variances(rng):
         np.testing.assert_allclose(variance, expected, atol=1e-14)
 
 
+def test_the_nearest_depth_is_the_smallest_and_a_metre_where_all_is_sky():
+    assert nearest_depth_m(np.array([[3.0, np.inf], [2.5, 7.0]], np.float32)) == 2.5
+    assert nearest_depth_m(np.full((2, 3), np.inf, np.float32)) == 1.0
+
+
 def test_a_jump_of_depth_is_straddled_from_both_sides():
     guide = np.zeros((3, 6))
     guide[:, 3:] = 0.041
@@ -437,6 +443,15 @@ def test_a_slant_is_an_outline_once_a_step_of_its_level_is_one():
     found = outlined_levels(guides, 3, THRESHOLD)
 
     assert [mask.mean() for mask in found] == [0, 0, 1]
+
+
+def test_a_step_as_high_as_the_threshold_is_no_outline():
+    guide = np.full((16, 16), 0.5)
+    guide[:, :8] = 0.25
+
+    for threshold, outlined in ((0.25, False), (0.25 - 2.0**-20, True)):
+        found = outlined_levels([guide, guide[::2, ::2], guide[::4, ::4]], 3, threshold)
+        assert [bool(mask.any()) for mask in found] == [outlined] * 3
 
 
 def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
