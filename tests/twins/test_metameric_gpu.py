@@ -704,6 +704,20 @@ def test_a_frame_too_wide_for_the_driver_is_refused(gl_context):
         MetamericPass(gl_context, (width, 2), MetamericSettings())
 
 
+@pytest.mark.parametrize("tall", [False, True])
+def test_the_widest_and_the_tallest_frame_are_filled_to_the_end(prepare, gl_context, rng, tall):
+    """Entries of lists hold columns and rows; a hole lies in the last of them."""
+    limit = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
+    frame = disc_scene(rng, (4, limit if tall else limit // 3 * 2))
+    if tall:
+        parts = (frame.colour, frame.depth_m, frame.hole, frame.flow_px)
+        frame = WarpedFrame(*(np.ascontiguousarray(part.swapaxes(0, 1)) for part in parts))
+    run = prepare(frame)
+
+    assert frame.hole[-1 if tall else 0, 0 if tall else -1]
+    close_enough(run, run(), run.reference())
+
+
 def test_a_camera_anchor_without_cameras_is_refused(prepare, rng):
     run = prepare(disc_scene(rng, (20, 30)), anchor="camera")
     run.matrix = None
