@@ -1,8 +1,8 @@
 """Guided pull and push on the GPU. Twin: reference.py.
 
-Resolution r has ceil(size / 2^r) pixels. Chains of texels share one buffer per resolution;
-see guided.glsl for what a texel holds. Resolutions up to `Resolutions.top` are dispatched
-tile by tile, the rest inside one work group.
+Resolution r has ceil(size / 2^r) pixels. Chains of texels share one image per resolution;
+see planes.glsl for how they lie in it. Resolutions up to `Resolutions.top` are dispatched
+over lists of tiles and pixels, the rest inside one work group per chain.
 """
 
 from dataclasses import dataclass, field
@@ -73,7 +73,7 @@ class GuidePyramid:
         return sum(map(texture_bytes, self._guides)) + self.scratch.size
 
     def release(self) -> None:
-        """Free the buffers."""
+        """Free guides and scratch."""
         for texture in self._guides:
             texture.release()
         self.scratch.release()

@@ -1,5 +1,5 @@
 #version 430
-// Lists: for each work list, which tiles have a marked cell within so many rings.
+// Lists: for each region, which tiles have a marked cell within so many rings; they go into its lists.
 // Twin: near_a_hole() in reference.py, its second half.
 
 #constant GROUP

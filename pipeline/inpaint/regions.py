@@ -5,7 +5,8 @@ Regions, from the cells of region.py (twin: near_a_hole()); a flag per tile says
 ``("source", r)``
     Tiles of resolution r whose pixels are read at all.
 ``("chain", k, r)``
-    Tiles of resolution r that hold moments of pyramid level k (r > k).
+    Tiles of resolution r that hold moments of pyramid level k (r > k). None for r = k + 2: what is
+    stored there lies in the tiles of r = k + 1, each of which covers 4x4 of its pixels.
 
 Lists by tile, of one region each or of what every chain takes from its own:
 
@@ -174,8 +175,8 @@ class WorkLists:
     def region(self, key: RegionKey, resolution: int | None = None) -> tuple[int, int, int]:
         """What is_active() takes for pixels of `resolution`, by default of the tiles' own."""
         item = self._regions[key]
-        finer = 0 if resolution is None else resolution - item.resolution
-        edge_log2 = CELL.bit_length() - 1 - finer
+        coarser = 0 if resolution is None else resolution - item.resolution
+        edge_log2 = CELL.bit_length() - 1 - coarser
         return item.first, self._columns(item.resolution), edge_log2
 
     def stored_region(self, chain: int, resolution: int) -> tuple[int, int, int]:

@@ -4,7 +4,7 @@
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
-layout(std430, binding = 1) writeonly buffer Counts { uvec4 counts[]; };  // groups x, y, z; tiles
+layout(std430, binding = 1) writeonly buffer Counts { uvec4 counts[]; };  // groups x, y, z; entries
 
 uniform uint cell_count;
 uniform uint list_count;

@@ -1,4 +1,4 @@
-// Which tiles of a list are in it.
+// Which tiles are in a region.
 
 layout(std430, binding = 3) readonly buffer Active { uint active_tiles[]; };
 
