@@ -599,10 +599,17 @@ def noisy_depth_scene(width, levels):
     return WarpedFrame(rng.random((*size, 3), np.float32), depth, hole, flow)
 
 
-@pytest.mark.parametrize(("levels", "width"), [(1, 1024), (2, 2048), (4, 300)])
-def test_nothing_left_in_memory_is_ever_read(prepare, levels, width):
-    """All that the pass writes is first set to NaN, or to 7: the fill must not notice."""
-    run = prepare(noisy_depth_scene(width, levels), levels=levels)
+@pytest.mark.parametrize(
+    ("levels", "made_for", "width"),
+    [(1, 1, 1024), (2, 2, 2048), (2, 1, 1024), (4, 2, 2048), (4, 4, 300)],
+)
+def test_nothing_left_in_memory_is_ever_read(prepare, levels, made_for, width):
+    """All that the pass writes is first set to NaN, or to 7: the fill must not notice.
+
+    The scene is one where push leaves the ring of so many levels; with more of them it must be
+    a coarser one's that holds it.
+    """
+    run = prepare(noisy_depth_scene(width, made_for), levels=levels)
     run()
     results, carried = [], []
     for value in (np.nan, 7.0):
