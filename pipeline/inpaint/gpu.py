@@ -110,19 +110,23 @@ class ChainPass:
         self._is_base = is_base
         self._depth_threshold = depth_threshold
         self._nearby = NEARBY_RESOLUTIONS if is_base else 0
-        constants = {"PLANES": planes, "MOST_CHAINS": MAX_LEVELS}
+        assert self._nearby <= resolutions.top  # the tail takes from its own depth alone
         self._pull = compile_compute(
-            ctx, "inpaint/pull.comp.glsl", IS_BASE=is_base, TILE=CELL, **constants
+            ctx,
+            "inpaint/pull.comp.glsl",
+            IS_BASE=is_base,
+            TILE=CELL,
+            PLANES=planes,
+            MOST_CHAINS=MAX_LEVELS,
         )
-        self._push = compile_compute(ctx, "inpaint/push.comp.glsl", **constants)
+        self._push = compile_compute(ctx, "inpaint/push.comp.glsl", PLANES=planes)
         self._tail = compile_compute(
             ctx,
             "inpaint/tail.comp.glsl",
             GROUP=TAIL_GROUP,
             CHAIN_TEXELS=resolutions.tail_texels,
-            NEARBY=max(0, self._nearby - resolutions.top),
-            ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND,
-            **constants,
+            PLANES=planes,
+            MOST_CHAINS=MAX_LEVELS,
         )
         for shader in (self._pull, self._push, self._tail):
             shader["depth_threshold"] = depth_threshold
@@ -191,7 +195,6 @@ class ChainPass:
         self._bind(r, r + 1)
         shader["fine_size"] = self._resolutions.sizes[r]
         shader["fine_region"] = self._regions(r)
-        shader["coarse_region"] = self._regions(r + 1)
         shader["incomplete_list"] = self._lists.appendable(self._incomplete(r + 1))
         self._lists.run(shader, ("source" if self._is_base else "pulled", r + 1))
 
@@ -199,7 +202,6 @@ class ChainPass:
         shader = self._push
         self._bind(r, r + 1)
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
-        shader["fine_region"] = self._regions(r)
         shader["behind"] = ANY_DEPTH_BEHIND if r < self._nearby else self._depth_threshold
         self._lists.run(shader, self._incomplete(r))
 

@@ -15,7 +15,7 @@ layout(rgba32f, binding = 2) uniform writeonly image2D moments;
 layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
 
-uniform uvec2 finest_list;      // index and first entry: 2x2 that push has to complete
+uniform uvec2 halves_list;      // index and first entry: 2x2 that push has to complete
 uniform uvec2 incomplete_list;  // the same for 4x4
 
 // Six texels of a level in a row, and their guide.
@@ -42,11 +42,11 @@ Six row(int y, int x) {
 #define RIGHT(row) Four(row.c, row.d, row.e, row.f)
 
 // Moments of one of the 2x2 texels that make up the pixel.
-Moments half_texel(Window window, WindowGuide guide, ivec2 texel, float deepest, int chain) {
+Moments half_moments(Window window, WindowGuide guide, ivec2 texel, float deepest, int chain) {
     ivec2 size = imageSize(level);
     Moments found = measure(window, guide, lessThan(2 * texel + 1, size), deepest).moments;
     if (found.plane_0.w < 1.0 && all(lessThan(2 * texel, size))) {
-        append(finest_list.x, finest_list.y, texel, chain);
+        append(halves_list.x, halves_list.y, texel, chain);
     }
     return found;
 }
@@ -60,16 +60,16 @@ void work(ivec2 pixel, int chain) {
     Taps taps = children_of(pixel, half_size);
     vec4 guides = GUIDES_AT(half_guide, taps);
 
-    Moments a = half_texel(Window(LEFT(r0), LEFT(r1), LEFT(r2), LEFT(r3)),
+    Moments a = half_moments(Window(LEFT(r0), LEFT(r1), LEFT(r2), LEFT(r3)),
         WindowGuide(r0.guide_left, r1.guide_left, r2.guide_left, r3.guide_left),
         2 * pixel, guides.x, chain);
-    Moments b = half_texel(Window(RIGHT(r0), RIGHT(r1), RIGHT(r2), RIGHT(r3)),
+    Moments b = half_moments(Window(RIGHT(r0), RIGHT(r1), RIGHT(r2), RIGHT(r3)),
         WindowGuide(r0.guide_right, r1.guide_right, r2.guide_right, r3.guide_right),
         2 * pixel + ivec2(1, 0), guides.y, chain);
-    Moments c = half_texel(Window(LEFT(r2), LEFT(r3), LEFT(r4), LEFT(r5)),
+    Moments c = half_moments(Window(LEFT(r2), LEFT(r3), LEFT(r4), LEFT(r5)),
         WindowGuide(r2.guide_left, r3.guide_left, r4.guide_left, r5.guide_left),
         2 * pixel + ivec2(0, 1), guides.z, chain);
-    Moments d = half_texel(Window(RIGHT(r2), RIGHT(r3), RIGHT(r4), RIGHT(r5)),
+    Moments d = half_moments(Window(RIGHT(r2), RIGHT(r3), RIGHT(r4), RIGHT(r5)),
         WindowGuide(r2.guide_right, r3.guide_right, r4.guide_right, r5.guide_right),
         2 * pixel + 1, guides.w, chain);
     // An odd border repeats its last texel.

@@ -21,8 +21,7 @@ layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
 #endif
 
 uniform ivec2 fine_size;
-uniform uvec3 fine_region[MOST_CHAINS];  // active tiles of each chain
-uniform uvec3 coarse_region[MOST_CHAINS];
+uniform uvec3 fine_region[MOST_CHAINS];  // tiles of each chain that some pass has written
 uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
 
 void work(ivec2 pixel, int chain) {
@@ -43,17 +42,12 @@ void work(ivec2 pixel, int chain) {
 #endif
     Pull p = pull_shares(validity, guide, deepest);
     bool anything = p.confidence != 0.0;  // what no pass has written may be no number
-    bool in_region = is_active(coarse_region[chain], pixel);
-    if (in_region) {
-        ivec2 to = texel_at(pixel, chain, work_size.y);
-        vec4 values = anything ? mixed(p.share, a, b, c, d) : vec4(0.0);
-        imageStore(coarse, to, vec4(values.rgb, p.confidence));
-#define PULL(offset)                                                                      \
-        values = anything ? MIXED_AT(fine, taps, p.share, offset) : vec4(0.0);            \
-        imageStore(coarse, to + offset, values);
-        EACH_OTHER_PLANE(PULL)
-    }
-    if (!in_region || p.confidence < 1.0) {
-        append(incomplete_list.x, incomplete_list.y, pixel, chain);
-    }
+    ivec2 to = texel_at(pixel, chain, work_size.y);
+    vec4 values = anything ? mixed(p.share, a, b, c, d) : vec4(0.0);
+    imageStore(coarse, to, vec4(values.rgb, p.confidence));
+#define PULL(offset)                                                       \
+    values = anything ? MIXED_AT(fine, taps, p.share, offset) : vec4(0.0); \
+    imageStore(coarse, to + offset, values);
+    EACH_OTHER_PLANE(PULL)
+    if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel, chain);
 }

@@ -2,9 +2,6 @@
 // Push: complete one resolution of one or more chains, in place.
 // Twin: push() in reference.py. Change both or neither.
 
-#constant MOST_CHAINS
-
-#include "active.glsl"
 #include "pixels.glsl"
 #include "guided.glsl"
 #include "taps.glsl"
@@ -16,9 +13,8 @@ layout(r32f, binding = 2) uniform readonly image2D fine_guide;
 layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
 
 uniform float gamma;
-uniform float behind;                    // see guided_shares
+uniform float behind;  // see guided_shares
 uniform ivec2 coarse_size;
-uniform uvec3 fine_region[MOST_CHAINS];  // active tiles of each chain
 
 void work(ivec2 pixel, int chain) {
     Taps taps = parents_of(pixel, coarse_size);
@@ -26,15 +22,12 @@ void work(ivec2 pixel, int chain) {
     taps = texels_at(taps, chain, coarse_size.y);
     ivec2 to = texel_at(pixel, chain, work_size.y);
     vec4 own = imageLoad(fine, to);
-    float validity = is_active(fine_region[chain], pixel) ? own.w : 0.0;
-    float keep = kept(validity, gamma, below.similar);
-    bool keeps = keep > 0.0;  // what no pass has written may be no number
-    vec4 values = (1.0 - keep) * MIXED_AT(coarse, taps, below.share, 0);
-    if (keeps) values += keep * own;
-    imageStore(fine, to, vec4(values.rgb, validity));
+    float keep = kept(own.w, gamma, below.similar);
+    vec4 values = (1.0 - keep) * MIXED_AT(coarse, taps, below.share, 0) + keep * own;
+    imageStore(fine, to, vec4(values.rgb, own.w));
 #define PUSH(offset)                                                         \
-    values = (1.0 - keep) * MIXED_AT(coarse, taps, below.share, offset);     \
-    if (keeps) values += keep * imageLoad(fine, to + offset);                \
+    values = (1.0 - keep) * MIXED_AT(coarse, taps, below.share, offset)      \
+           + keep * imageLoad(fine, to + offset);                            \
     imageStore(fine, to + offset, values);
     EACH_OTHER_PLANE(PUSH)
 }

@@ -23,7 +23,7 @@ Lists by pixel, appended by the passes that find them:
     Pixels of resolution 1 with a hole pixel among their children.
 ``("base", r)``, ``("moments", r)``
     Pixels of resolution r that push has to complete: of the base, of the chains of moments.
-``("finest", k)``
+``("halves", k)``
     Pixels of resolution k + 1 whose moments of level k are incomplete.
 """
 
@@ -49,7 +49,7 @@ RegionKey: TypeAlias = tuple[str, int] | tuple[str, int, int]
 # resolution r begins less than 2^r px from the hole: inside the ring up to r = k + 3.
 RING_REACH = 3
 FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
-TILES_AT_ONCE = 4  # of ("first", k) in one work group
+TILES_AT_ONCE = 4  # of ("first", k) in one work group: 4x4 pixels each, see tiles.glsl
 
 _GROUP = 64
 _COUNTS_STRIDE = 16  # bytes of one uvec4
@@ -253,30 +253,27 @@ class WorkLists:
         return self._stored(resolution - 1)
 
     def _plan_regions(self) -> None:
-        first = 0
+        source = source_resolution(self._levels)
         for r in range(1, len(self.sizes)):
-            tiles = self._tiles(r)
             # Push completes what it reads, beyond a chain's own region too: in the smallest that
             # it does not leave.
-            widest = min(r - RING_REACH, self._levels)  # `levels`: the source
-            source = source_resolution(self._levels)
-            for level in (*range(min(r, self._levels)), self._levels):
-                is_source = level == self._levels
-                if not is_source and level == r - FIRST_STORED:
+            widest, pulled, none = r - RING_REACH, self._pulled(r), range(0)
+            for k in range(min(r, self._levels)):
+                if k == r - FIRST_STORED:
                     continue  # stored as it was made, by the tiles of the next finer resolution
-                own: Key | None = ("source", r) if is_source else None
-                if level == r - 1 and not is_source:
-                    own = ("first", level)
-                self._regions[("source", r) if is_source else ("chain", level, r)] = _Region(
-                    resolution=r,
-                    first=first,
-                    tiles=tiles,
-                    cell_resolution=source if is_source else level,
-                    rings=SOURCE_RINGS if is_source else STATISTICS_RINGS,
-                    own=own,
-                    chains=self._pulled(r) if level == widest else range(0),
-                )
-                first += _padded(tiles)
+                own = ("first", k) if k == r - 1 else None
+                chains = pulled if k == widest else none
+                self._plan_region(("chain", k, r), k, STATISTICS_RINGS, own, chains)
+            chains = pulled if widest >= self._levels else none
+            self._plan_region(("source", r), source, SOURCE_RINGS, ("source", r), chains)
+
+    def _plan_region(
+        self, key: RegionKey, cell_resolution: int, rings: int, own: Key | None, chains: range
+    ) -> None:
+        before = list(self._regions.values())[-1:]
+        first = before[0].first + _padded(before[0].tiles) if before else 0
+        r = key[-1]
+        self._regions[key] = _Region(r, first, self._tiles(r), cell_resolution, rings, own, chains)
 
     def _plan_lists(self) -> None:
         first = 0
@@ -293,7 +290,7 @@ class WorkLists:
             pixels = width * height
             plan(("base", r), r, pixels)
             if r <= self._levels:
-                plan(("finest", r - 1), r, pixels)
+                plan(("halves", r - 1), r, pixels)
             plan(("pulled", r), r, self._tiles(r) * len(self._pulled(r)))
             plan(("moments", r), r, pixels * len(self._stored(r)))
         plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])

@@ -6,8 +6,6 @@
 #constant GROUP         // work-group size
 #constant MOST_CHAINS
 #constant CHAIN_TEXELS  // of all resolutions here together
-#constant NEARBY        // of them, how many take from any depth behind when pushed into
-#constant ANY_DEPTH_BEHIND
 
 #include "active.glsl"
 #include "guided.glsl"
@@ -73,8 +71,7 @@ void pull_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
     }
 }
 
-void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_size,
-                float behind) {
+void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_size) {
     for (int i = int(gl_LocalInvocationID.x); i < fine_size.x * fine_size.y; i += GROUP) {
         ivec2 pixel = ivec2(i % fine_size.x, i / fine_size.x);
         int place = scratch_at(fine_first, fine_size, pixel);
@@ -88,7 +85,8 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
         int d = scratch_at(coarse_first, coarse_size, far);
         Shares below_by =
             push_shares(scratch_guide[place], vec4(scratch_guide[a], scratch_guide[b],
-                                                   scratch_guide[c], scratch_guide[d]), behind);
+                                                   scratch_guide[c], scratch_guide[d]),
+                        depth_threshold);
         float keep = kept(validity, gamma, below_by.similar);
         for (int p = 0; p < PLANES; ++p) {
             vec4 below = mixed(below_by.share, scratch[a * PLANES + p], scratch[b * PLANES + p],
@@ -128,7 +126,7 @@ void main() {
             fine_size = halved(fine_size);
         }
         push_level(fine_first, fine_size, fine_first + fine_size.x * fine_size.y,
-                   halved(fine_size), level < NEARBY ? ANY_DEPTH_BEHIND : depth_threshold);
+                   halved(fine_size));
         wait();
     }
     int chain = int(gl_WorkGroupID.x);

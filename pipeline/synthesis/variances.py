@@ -24,7 +24,7 @@ from pipeline.synthesis.lacking import (
 )
 from pipeline.synthesis.settings import MetamericSettings
 
-PLANES = 3  # texels side by side: bands high, along x, along y
+BANDS = 3  # high, along x, along y: so many texels side by side
 
 
 def check_width(ctx: moderngl.Context, size: tuple[int, int]) -> None:
@@ -35,7 +35,7 @@ def check_width(ctx: moderngl.Context, size: tuple[int, int]) -> None:
     InputError
         If it is too wide.
     """
-    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"]) // PLANES * 2
+    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"]) // BANDS * 2
     if size[0] > limit:
         raise InputError(
             f"frames to fill with metamers must be at most {limit} px wide on this driver"
@@ -47,7 +47,7 @@ class VariancePass:
     """Measure the bands around the holes, carry their moments into them, say what is lacking.
 
     The result is `texels`, an image in which the levels lie as `places` says: texels of
-    resolution k + 1 for level k, `PLANES` side by side, written where hole pixels look them up.
+    resolution k + 1 for level k, `BANDS` side by side, written where hole pixels look them up.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class VariancePass:
         # Level 0 above, the others side by side below it.
         corners = [(0, 0)]
         corners += [
-            (PLANES * sum(width for width, _ in sizes[1:k]), sizes[0][1])
+            (BANDS * sum(width for width, _ in sizes[1:k]), sizes[0][1])
             for k in range(1, settings.levels)
         ]
         widest = max(sizes[0][0], sum(width for width, _ in sizes[1:]))
@@ -79,7 +79,7 @@ class VariancePass:
         self.places = np.array(
             [(*size, *corner) for size, corner in zip(sizes, corners, strict=True)], np.int32
         )
-        self.texels = create_texture(ctx, (PLANES * widest, height), "rgba32f")
+        self.texels = create_texture(ctx, (BANDS * widest, height), "rgba32f")
         self.chain = ChainPass(
             ctx,
             base.resolutions,
@@ -144,7 +144,7 @@ class VariancePass:
             shader = self._first[k == 0]
             self._bind(shader, k, level, depth_m, z_near_m)
             lists = self._base.lists
-            shader["finest_list"] = lists.appendable(("finest", k))
+            shader["halves_list"] = lists.appendable(("halves", k))
             shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
             lists.run(shader, ("first", k), k + FIRST_STORED)
         self.chain()
@@ -155,13 +155,13 @@ class VariancePass:
             self._base.chain.at(k + 1).bind_to_image(6)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
             shader["corner"] = tuple(self.places[k, 2:].tolist())
-            self._base.lists.run(shader, ("finest", k))
+            self._base.lists.run(shader, ("halves", k))
 
     def level_of(self, texels: NDArray[np.float32], k: int) -> NDArray[np.float32]:
-        """What `texels`, read back, holds of a level: (rows, columns, PLANES, 4)."""
+        """What `texels`, read back, holds of a level: (rows, columns, BANDS, 4)."""
         columns, rows, left, top = self.places[k]
-        here = texels[top : top + rows, left : left + PLANES * columns]
-        return here.reshape(rows, columns, PLANES, 4)
+        here = texels[top : top + rows, left : left + BANDS * columns]
+        return here.reshape(rows, columns, BANDS, 4)
 
     def _bind(
         self,
