@@ -49,7 +49,6 @@ class MetamericPass:
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
         check_width(ctx, size)
-        self._ctx = ctx
         self.size = size
         self.settings = settings
         levels = settings.levels
