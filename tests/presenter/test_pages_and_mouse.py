@@ -20,7 +20,7 @@ from study_app import clips
 from study_app.cli import main
 read_frame = clips.read_frame
 def slowly(*arguments):
-    time.sleep(0.02)
+    time.sleep(0.1)
     return read_frame(*arguments)
 clips.read_frame = slowly
 main()
