@@ -132,9 +132,9 @@ def lowpass_base_fill(
         smooth = interpolate(flat, guides[level], settings.depth_threshold)[0].reshape(shape)
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
-        nothing = np.zeros(own.shape[:2], np.bool_)
+        no_outline, nowhere = np.zeros(own.shape[:2], np.bool_), np.zeros(found.guide.shape)
         all_of_it = noise_variances(
-            found.values, own, nothing, np.zeros(found.guide.shape), level, cross=cross
+            found.values, own, no_outline, nowhere, nowhere, level, cross=cross
         )
         lacking.append(replace(found, values=all_of_it))
     # Averages of known background alone: a low-pass that no hole reaches into.

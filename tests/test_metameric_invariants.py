@@ -268,12 +268,17 @@ def band_ratios(one, scene, slopes, seeds):
     return deviation[0] / deviation[1], np.abs(sums[0, 0] - sums[1, 0]) / deviation[1]
 
 
-SCENES = {"56 by 80 px": (192, 40, 56), "110 by 128 px": (256, 64, 110)}
+# Edge of the frame, radius, shift, seeds. Few coarse coefficients lie in the crescent: more seeds.
+SCENES = {
+    "56 by 80 px": (192, 40, 56, 64),
+    "110 by 128 px": (256, 64, 110, 64),
+    "a crescent of 36 by 112 px": (192, 56, 36, 256),
+}
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(scene):
-    front, uncovered = behind_a_disc(*SCENES[scene])
+    front, uncovered = behind_a_disc(*SCENES[scene][:3])
     middle = len(front) // 2
     for level, whole in enumerate(whole_coefficients(front, uncovered, 4)):
         assert uncovered[middle].sum() / (1 << level) >= 4
@@ -281,35 +286,29 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
 
 
 @pytest.mark.parametrize(
-    "scene", ["56 by 80 px", pytest.param("110 by 128 px", marks=pytest.mark.full)]
+    "scene",
+    [
+        pytest.param(name, marks=[] if name == "56 by 80 px" else [pytest.mark.full])
+        for name in SCENES
+    ],
 )
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
-    """White noise and 1 / f, 64 seeds; with ``--full`` what lies between, too.
+    """White noise and 1 / f; with ``--full`` what lies between, too, and other holes.
 
     White noise's base is restless: at the coarsest level it alone has more than is wanted in
     places, and noise takes nothing away. docs/method.md, Limits, has the numbers.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
+    *geometry, seeds = SCENES[scene]
 
     ratio, offset = band_ratios(
-        one, behind_a_disc(*SCENES[scene]), (0.0, 1.0, 0.5) if full else (0.0, 1.0), 64
+        one, behind_a_disc(*geometry), (0.0, 1.0, 0.5) if full else (0.0, 1.0), seeds
     )
 
     np.testing.assert_allclose(ratio[1:], 1, atol=0.1)
     np.testing.assert_allclose(ratio[0, :3], 1, atol=0.1)
-    np.testing.assert_allclose(ratio[0, 3], 1, atol=0.2)
+    np.testing.assert_allclose(ratio[0, 3], 1, atol=0.25 if "crescent" in scene else 0.2)
     assert offset.max() < 0.1
-
-
-@pytest.mark.full
-def test_a_stationary_texture_lacks_coarse_bands_in_a_crescent(method):
-    """36 px wide at its widest: levels 0 and 1 as elsewhere, 2 and 3 at three quarters or more."""
-    one = method("metameric", z_near_m=Z_NEAR_M)
-
-    ratio, _ = band_ratios(one, behind_a_disc(192, 56, 36), (0.5, 1.0), 64)
-
-    np.testing.assert_allclose(ratio[:, :2], 1, atol=0.1)
-    np.testing.assert_allclose(ratio[:, 2:], 0.875, atol=0.125)
 
 
 # --- screen door ----------------------------------------------------------------------------

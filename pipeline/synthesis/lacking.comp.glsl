@@ -6,7 +6,10 @@
 // Twin: lacking.py, and push() in inpaint/reference.py. Change both or neither.
 
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
-#constant KNOWN_ENOUGH       // share of known background that continues a band by itself
+#constant KNOWN_ENOUGH       // share of known background that settles a band in a thin hole
+#constant MAY_BE_WIDE        // 1: holes may be wide against the level's kernels
+#constant THIN_UP_TO         // share of hole among 4x4 coefficients: thin up to,
+#constant WIDE_FROM          // wide from
 #constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
 #constant MOST_SHARED        // share of known background beyond which it is raised no more
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
@@ -27,6 +30,28 @@ layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a:
 uniform float gamma;
 uniform ivec2 coarse_size;
 uniform ivec2 corner;  // of this level's variances
+
+#if MAY_BE_WIDE
+layout(rgba32f, binding = 7) uniform readonly image2D frame;  // a: 0 hole, else 1
+
+// Of a row's four coefficients, one pixel amid each.
+float holes_in(int y, int x, ivec2 last, int chain) {
+    ivec2 end = imageSize(frame) - 1;
+    int amid = 1 << chain >> 1;
+    y = min((clamp(y, 0, last.y) << chain) + amid, end.y);
+    ivec4 xs = clamp(ivec4(x - 1, x, x + 1, x + 2), ivec4(0), ivec4(last.x));
+    xs = min((xs << chain) + amid, ivec4(end.x));
+    vec4 known = vec4(imageLoad(frame, ivec2(xs.x, y)).a, imageLoad(frame, ivec2(xs.y, y)).a,
+                      imageLoad(frame, ivec2(xs.z, y)).a, imageLoad(frame, ivec2(xs.w, y)).a);
+    return dot(1.0 - step(0.5, known), vec4(1.0));
+}
+
+float wideness(ivec2 near, ivec2 last, int chain) {
+    float holes = holes_in(near.y - 1, near.x, last, chain) + holes_in(near.y, near.x, last, chain)
+                + holes_in(near.y + 1, near.x, last, chain) + holes_in(near.y + 2, near.x, last, chain);
+    return clamp((holes / 16.0 - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0);
+}
+#endif
 
 vec3 squared(vec3 v) { return v * v; }
 
@@ -95,7 +120,11 @@ void work(ivec2 pixel, int chain) {
 
     float known = known_background(pixel, deepest);
     Held held;
-    held.share = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
+    float share = known / KNOWN_ENOUGH;
+#if MAY_BE_WIDE
+    share = mix(share, known, wideness(near, last, chain));
+#endif
+    held.share = m.outlined ? min(1.0, share) : -1.0;
     held.part = chain < SHARED_FROM_LEVEL ? 1.0 : 1.0 - min(known, MOST_SHARED);
 
 #define MEASURED(name, mean)                                                   \

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from pipeline.inpaint.reference import Level, children, means_and_variances
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
-# Share of known background around a texel from which on its continuation holds the band already.
+# Share of known background around a texel from which on its continuation holds the band already,
+# in a thin hole, which its borders settle; in a wide one it holds that share.
 KNOWN_ENOUGH = 0.2
+# Share of hole among 4x4 coefficients up to which it is thin, and from which on it is wide.
+THIN_UP_TO, WIDE_FROM = 0.625, 0.875
+WIDE_FROM_LEVEL = 2  # finer levels are settled near a hole's border only
 # From this level on noise is raised where it fills its kernels in part, by up to 1 / (1 - 1/2):
 # kernels of finer levels are small against holes.
 SHARED_FROM_LEVEL = 3
@@ -24,6 +28,7 @@ def noise_variances(
     base_bands: NDArray[np.float64],
     outlined: NDArray[np.bool_],
     known: NDArray[np.float64],
+    wide: NDArray[np.float64],
     level: int,
     *,
     cross: bool,
@@ -33,7 +38,8 @@ def noise_variances(
     The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
     coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``. A
     coefficient across the outline of something nearer measures that outline. Beside one, the
-    base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
+    base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most; in a
+    hole that is wide against the level's kernels, ``known``.
 
     Of a coefficient at the hole's border noise fills a part, and so carries that part of its
     variance alone. From level `SHARED_FROM_LEVEL` on it is divided by
@@ -52,6 +58,8 @@ def noise_variances(
         Coefficients across a jump of depth.
     known : (H, W)
         See `known_background`.
+    wide : (H, W)
+        See `wideness`.
 
     Returns
     -------
@@ -60,7 +68,8 @@ def noise_variances(
     """
     mean, variance = means_and_variances(values, cross=cross)
     measured = ((children(base_bands) - mean[:, :, None]) ** 2).mean(axis=2)
-    continued = variance * np.minimum(1.0, known / KNOWN_ENOUGH)[..., None, None]
+    share = known * ((1.0 - wide) / KNOWN_ENOUGH + wide)
+    continued = variance * np.minimum(1.0, share)[..., None, None]
     beside = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
     lacking = np.maximum(0.0, variance - np.where(beside, continued, measured))
     if level >= SHARED_FROM_LEVEL:
@@ -90,6 +99,40 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
             here = np.s_[row : row + height, column : column + width]
             total += down * right / 16 * share[here] * (base.guide - guide[here] <= threshold)
     return total
+
+
+def wideness(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
+    """How wide a hole is against a level's kernels, 0 to 1, for every 2x2 of its coefficients.
+
+    Counted on 4x4 coefficients, them and their neighbours, by one pixel amid each. A hole that
+    spans all of them is wide. Finer levels than `WIDE_FROM_LEVEL` do not ask.
+
+    Parameters
+    ----------
+    hole : (height, width) of bool
+        Of the frame.
+
+    Returns
+    -------
+    ndarray of shape (H, W)
+        H and W are those of level + 1.
+    """
+    amid = np.ix_(*(_middles(length, level) for length in hole.shape))
+    height, width = ((length + 1) // 2 for length in hole[amid].shape)
+    if level < WIDE_FROM_LEVEL:
+        return np.zeros((height, width))
+    padded = np.pad(hole[amid], ((1, 2), (1, 2)), mode="edge")  # 2: an odd border's last
+    window = [
+        padded[i : i + 2 * height : 2, j : j + 2 * width : 2] for i in range(4) for j in range(4)
+    ]
+    share = np.mean(window, axis=0)
+    return np.asarray(np.clip((share - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0))
+
+
+def _middles(length: int, level: int) -> NDArray[np.intp]:
+    """Pixels amid a level's coefficients along an axis of the frame."""
+    step = 1 << level
+    return np.minimum(np.arange(-(-length // step)) * step + step // 2, length - 1)
 
 
 def detail_gain(

@@ -26,7 +26,7 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
-from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances
+from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TILE, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
@@ -147,6 +147,7 @@ def inpainted_statistics(
             bands[level],
             outlined[level],
             known_background(base_levels[min(level + 1, last)], threshold),
+            wideness(hole, level),
             level,
             cross=cross,
         )

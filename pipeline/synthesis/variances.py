@@ -21,6 +21,9 @@ from pipeline.synthesis.lacking import (
     MOST_SHARED,
     SHARED_FROM_LEVEL,
     SMALLEST_VARIANCE,
+    THIN_UP_TO,
+    WIDE_FROM,
+    WIDE_FROM_LEVEL,
 )
 from pipeline.synthesis.settings import MetamericSettings
 
@@ -107,19 +110,23 @@ class VariancePass:
             )
             for finest in (False, True)
         ]
+        # For the finest level, those between, and those against which holes may be wide.
         self._lacking = [
             compile_compute(
                 ctx,
                 "synthesis/lacking.comp.glsl",
                 IS_FINEST=finest,
+                MAY_BE_WIDE=may_be_wide,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
+                THIN_UP_TO=THIN_UP_TO,
+                WIDE_FROM=WIDE_FROM,
                 SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
                 MOST_SHARED=MOST_SHARED,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
                 GAIN=with_gain,
                 **bands,
             )
-            for finest in (False, True)
+            for finest, may_be_wide in ((True, False), (False, False), (False, True))
         ]
         for shader in (*self._first, *self._lacking):
             shader["depth_threshold"] = settings.depth_threshold
@@ -150,7 +157,10 @@ class VariancePass:
         self.chain()
         self.texels.bind_to_image(3, read=False, write=True)
         for k, level in enumerate(levels):
-            shader = self._lacking[k == 0]
+            may_be_wide = k >= WIDE_FROM_LEVEL
+            shader = self._lacking[(k > 0) + may_be_wide]
+            if may_be_wide:
+                levels[0].bind_to_image(7, read=True, write=False)
             self._bind(shader, k, level, depth_m, z_near_m)
             self._base.chain.at(k + 1).bind_to_image(6)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]

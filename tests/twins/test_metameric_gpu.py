@@ -26,7 +26,7 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
-from pipeline.synthesis.lacking import known_background, noise_variances
+from pipeline.synthesis.lacking import known_background, noise_variances, wideness
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import (
     deviations,
@@ -469,6 +469,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
             stages.bands[k],
             outlined[k],
             known_background(base_levels[k + 1], THRESHOLD),
+            wideness(run.frame.hole, k),
             k,
             cross=cross,
         )
