@@ -81,6 +81,7 @@ def texture_origins(
     source, source_border = pixel - at(flow, pixel), np.rint(border - at(flow, border))
     distance = np.abs(source_border - source).max(axis=1, initial=0) + INSET_PX
     origin = np.zeros((len(pixel), 2))
+    found = np.zeros(len(pixel), bool)
     for step in STEPS_PX:
         jump = (step * np.ceil(distance / step)).astype(np.intp)
         place = pixel + jump[:, None] * direction
@@ -92,8 +93,8 @@ def texture_origins(
                 corner = np.stack([rows(point[:, 0]), columns(point[:, 1])], axis=1)
                 usable &= scene.is_background(corner.astype(np.intp), pixel)
         origin[usable] = point[usable]
+        found |= usable
         waiting = waiting & ~usable
-    found = origin.any(axis=1) & ~waiting
     origin_px = np.zeros((*warped.hole.shape, 2))
     origin_px[warped.hole] = np.where(found[:, None], origin[:, ::-1] + 0.5, 0.0)
     taken = np.zeros(warped.hole.shape, bool)

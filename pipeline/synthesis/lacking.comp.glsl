@@ -34,15 +34,16 @@ uniform ivec2 corner;  // of this level's variances
 #if MAY_BE_WIDE
 layout(rgba32f, binding = 7) uniform readonly image2D frame;  // a: 0 hole, else 1
 
-// Of a row's four coefficients, one pixel amid each.
+// Of a row's four coefficients. Each is asked at one pixel, another one in each row and column, so
+// that a straight border passes them one after the other.
 float holes_in(int y, int x, ivec2 last, int chain) {
     ivec2 end = imageSize(frame) - 1;
-    int amid = 1 << chain >> 1;
-    y = min((clamp(y, 0, last.y) << chain) + amid, end.y);
-    ivec4 xs = clamp(ivec4(x - 1, x, x + 1, x + 2), ivec4(0), ivec4(last.x));
-    xs = min((xs << chain) + amid, ivec4(end.x));
-    vec4 known = vec4(imageLoad(frame, ivec2(xs.x, y)).a, imageLoad(frame, ivec2(xs.y, y)).a,
-                      imageLoad(frame, ivec2(xs.z, y)).a, imageLoad(frame, ivec2(xs.w, y)).a);
+    y = clamp(y, 0, last.y);
+    ivec4 columns = clamp(ivec4(x - 1, x, x + 1, x + 2), ivec4(0), ivec4(last.x));
+    ivec4 xs = min((columns << chain) + ((2 * (y & 3) + 1) << chain >> 3), ivec4(end.x));
+    ivec4 ys = min((y << chain) + ((2 * (columns & 3) + 1) << chain >> 3), ivec4(end.y));
+    vec4 known = vec4(imageLoad(frame, ivec2(xs.x, ys.x)).a, imageLoad(frame, ivec2(xs.y, ys.y)).a,
+                      imageLoad(frame, ivec2(xs.z, ys.z)).a, imageLoad(frame, ivec2(xs.w, ys.w)).a);
     return dot(1.0 - step(0.5, known), vec4(1.0));
 }
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pipeline.inpaint.reference import Level, children, means_and_variances
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
-# Share of known background around a texel from which on its continuation holds the band already,
-# in a thin hole, which its borders settle; in a wide one it holds that share.
+# Share of known background around a texel from which on a thin hole's base holds the whole band.
+# A wide hole's base holds that share itself.
 KNOWN_ENOUGH = 0.2
 # Share of hole among 4x4 coefficients up to which it is thin, and from which on it is wide.
 THIN_UP_TO, WIDE_FROM = 0.625, 0.875
@@ -39,7 +39,7 @@ def noise_variances(
     coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``. A
     coefficient across the outline of something nearer measures that outline. Beside one, the
     base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most; in a
-    hole that is wide against the level's kernels, ``known``.
+    hole that is wide against the level's kernels, ``known``. ``wide`` mixes the two.
 
     Of a coefficient at the hole's border noise fills a part, and so carries that part of its
     variance alone. From level `SHARED_FROM_LEVEL` on it is divided by
@@ -102,37 +102,40 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
 
 
 def wideness(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
-    """How wide a hole is against a level's kernels, 0 to 1, for every 2x2 of its coefficients.
+    """How wide a hole is against a level's kernels, for every 2x2 of its coefficients.
 
-    Counted on 4x4 coefficients, them and their neighbours, by one pixel amid each. A hole that
-    spans all of them is wide. Finer levels than `WIDE_FROM_LEVEL` do not ask.
+    Not in the paper: docs/decisions/0036. Counted on 4x4 coefficients, them and their
+    neighbours, borders repeated. Each is asked at one pixel, another one in each row and
+    column, so that a straight border passes them one after the other.
 
     Parameters
     ----------
     hole : (height, width) of bool
         Of the frame.
+    level : int
+        Those finer than `WIDE_FROM_LEVEL` do not ask: 0 everywhere.
 
     Returns
     -------
     ndarray of shape (H, W)
-        H and W are those of level + 1.
+        Of level + 1. From 0, thin, where at most `THIN_UP_TO` of the coefficients are hole, to
+        1, wide, from `WIDE_FROM` on.
     """
-    amid = np.ix_(*(_middles(length, level) for length in hole.shape))
-    height, width = ((length + 1) // 2 for length in hole[amid].shape)
+    rows, columns = (-(-length // (1 << level)) for length in hole.shape)
+    height, width = (rows + 1) // 2, (columns + 1) // 2
     if level < WIDE_FROM_LEVEL:
         return np.zeros((height, width))
-    padded = np.pad(hole[amid], ((1, 2), (1, 2)), mode="edge")  # 2: an odd border's last
+    row, column = np.mgrid[:rows, :columns]
+    y, x = (
+        np.minimum((own << level) + ((2 * (other & 3) + 1) << level >> 3), length - 1)
+        for own, other, length in zip((row, column), (column, row), hole.shape, strict=True)
+    )
+    asked = np.pad(hole[y, x], ((1, 2), (1, 2)), mode="edge")  # 2: an odd border's last
     window = [
-        padded[i : i + 2 * height : 2, j : j + 2 * width : 2] for i in range(4) for j in range(4)
+        asked[i : i + 2 * height : 2, j : j + 2 * width : 2] for i in range(4) for j in range(4)
     ]
     share = np.mean(window, axis=0)
     return np.asarray(np.clip((share - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0))
-
-
-def _middles(length: int, level: int) -> NDArray[np.intp]:
-    """Pixels amid a level's coefficients along an axis of the frame."""
-    step = 1 << level
-    return np.minimum(np.arange(-(-length // step)) * step + step // 2, length - 1)
 
 
 def detail_gain(

@@ -110,9 +110,10 @@ class VariancePass:
             )
             for finest in (False, True)
         ]
-        # For the finest level, those between, and those against which holes may be wide.
-        self._lacking = [
-            compile_compute(
+        # By whether it is the finest level, and whether holes may be wide against it.
+        kinds = {(k == 0, k >= WIDE_FROM_LEVEL) for k in range(settings.levels)}
+        self._lacking = {
+            (finest, may_be_wide): compile_compute(
                 ctx,
                 "synthesis/lacking.comp.glsl",
                 IS_FINEST=finest,
@@ -126,11 +127,11 @@ class VariancePass:
                 GAIN=with_gain,
                 **bands,
             )
-            for finest, may_be_wide in ((True, False), (False, False), (False, True))
-        ]
-        for shader in (*self._first, *self._lacking):
+            for finest, may_be_wide in kinds
+        }
+        for shader in (*self._first, *self._lacking.values()):
             shader["depth_threshold"] = settings.depth_threshold
-        for shader in self._lacking:
+        for shader in self._lacking.values():
             shader["gamma"] = settings.gamma
 
     @property
@@ -158,7 +159,7 @@ class VariancePass:
         self.texels.bind_to_image(3, read=False, write=True)
         for k, level in enumerate(levels):
             may_be_wide = k >= WIDE_FROM_LEVEL
-            shader = self._lacking[(k > 0) + may_be_wide]
+            shader = self._lacking[k == 0, may_be_wide]
             if may_be_wide:
                 levels[0].bind_to_image(7, read=True, write=False)
             self._bind(shader, k, level, depth_m, z_near_m)
@@ -197,5 +198,5 @@ class VariancePass:
         """Free everything this pass made."""
         self.chain.release()
         self.texels.release()
-        for shader in (*self._first, *self._lacking):
+        for shader in (*self._first, *self._lacking.values()):
             shader.release()

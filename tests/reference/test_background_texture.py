@@ -53,6 +53,17 @@ def fill(warped, settings=BACKGROUND, seed=1):
     return metameric_fill(warped, settings, seed=seed, z_near_m=Z_NEAR_M)
 
 
+def test_the_first_pixel_of_the_frame_is_a_place_to_take_texture_from():
+    hole = np.arange(9)[None] >= 4
+    flat, still = np.zeros((1, 9, 3), np.float32), np.zeros((1, 9, 2), np.float32)
+    frame = WarpedFrame(flat, np.full((1, 9), 5, np.float32), hole, still)
+
+    origin_px, found = texture_origins(frame, np.full((1, 9), 0.8), THRESHOLD)
+
+    assert found[0, 8]
+    np.testing.assert_array_equal(origin_px[0, 8], [0.5, 0.5])
+
+
 def test_texture_lies_whole_steps_ahead_on_the_background_side(rng):
     """By hand: the border is column 47, and 32 px is more than the hole is wide."""
     origin_px, found = origins(uncovered(grey(rng)))

@@ -97,15 +97,16 @@ def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
     assert behind[1, 2] == (12 + 0.25) / 16
 
 
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(
-    ("columns", "wide"), [(16, 1.0), (15, 1.0), (14, 0.5), (12, 0.5), (10, 0.0), (0, 0.0)]
+    ("edge_px", "wide"), [(16, 1), (14, 1), (13, 0.75), (12, 0.5), (11, 0.25), (10, 0), (0, 0)]
 )
-def test_a_hole_is_wide_that_spans_four_coefficients(columns, wide):
-    """Level 2, coefficients of 4 px, one pixel amid each: columns 6, 10, 14 and 18 here."""
+def test_a_hole_is_wide_that_spans_four_coefficients(edge_px, wide, turned):
+    """Level 2, coefficients of 4 px, 1 to 4 of each axis: a border passes one of 16 per pixel."""
     hole = np.zeros((20, 24), bool)
-    hole[:, 4 : 4 + columns] = True
+    hole[:, 4 : 4 + edge_px] = True
 
-    assert wideness(hole, 2)[1, 1] == wide
+    assert wideness(hole.T if turned else hole, 2)[1, 1] == wide
 
 
 def test_borders_repeat_for_how_wide_a_hole_is_and_odd_ones_too():
