@@ -72,7 +72,12 @@ def remove_strangers(out: Path, clips: Sequence[ClipName]) -> None:
 
 
 def move_over(source: Path, target: Path) -> None:
-    """Move a folder to its place; what was there goes first."""
+    """Move a complete folder to its place; what was there goes first.
+
+    So do files in `source` that a build was killed while it wrote.
+    """
+    for unfinished in source.glob(f".*{PART}"):
+        unfinished.unlink()
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.exists():
         shutil.rmtree(target)

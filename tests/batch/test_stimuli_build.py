@@ -22,6 +22,7 @@ import stimuli.records
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.manifest import check_manifest, read_manifest
+from stimuli.batch_folder import move_over
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
@@ -213,6 +214,18 @@ def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, 
     assert not (out / ".build").exists()
     assert not list(out.rglob("*.part"))
     print(f"{killed} kills, {finished} builds finished between them")
+
+
+def test_a_frame_that_a_kill_cut_short_does_not_reach_the_clip(tmp_path):
+    """The next build writes that frame anew, under another name: its process has another id."""
+    source, target = tmp_path / "work", tmp_path / "clips" / "clip"
+    source.mkdir()
+    (source / "000000.png").write_bytes(b"whole")
+    (source / ".000000.png.3971.part").write_bytes(b"wh")
+
+    move_over(source, target)
+
+    assert [entry.name for entry in target.iterdir()] == ["000000.png"]
 
 
 def test_a_second_build_into_one_folder_is_refused(orders, tmp_path, inline_class):
