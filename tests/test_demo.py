@@ -282,6 +282,32 @@ def test_a_watcher_reports_whole_pictures_once_and_torn_ones_never():
     assert watcher.take([7, 8]) == {}
 
 
+class DrawnWhileCopied(np.ndarray):
+    """A screen whose lower part is drawn the moment after its pixels were copied."""
+
+    def __getitem__(self, key):
+        part = super().__getitem__(key)
+        if key == (..., slice(2, None, -1)):
+            part = np.array(part)
+            self[20:26, 10:18, :3] = 8
+            draw_strips(self, 8, 8)
+        return part
+
+
+def test_a_picture_that_is_drawn_to_its_end_while_it_is_copied_counts_as_torn():
+    screen = np.full((64, 400, 4), 128, np.uint8).view(DrawnWhileCopied)
+    draw_strips(screen, 8, 7)  # the upper part of flip 8 is there, the clip is still flip 7's
+    with Watcher(screen, Place(10, 20, 8, 6)) as watcher:
+        wait_until(lambda: bool(watcher.seen), timeout_s=0.05)
+        draw_strips(screen, 8, 8)
+        screen[20:26, 10:18, :3] = 8
+        wait_until(lambda: bool(watcher.seen))
+        pictures = watcher.take([8])
+
+    assert [one.number for one in watcher.seen] == [8]
+    assert (pictures[8][20:26, 10:18] == 8).all()
+
+
 def draw_strips(screen: np.ndarray, upper: int, lower: int) -> None:
     for rows, number in ((slice(0, BLOCK_PX), upper), (slice(-BLOCK_PX, None), lower)):
         bits = [*GUARD, *(int(bit) for bit in f"{code_of(number):032b}")]

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from study_app.strip import BLOCK_PX, BLOCKS, read_strip
+from study_app.strip import read_both_strips
 
 SCREEN_WIDTH, SCREEN_HEIGHT = 640, 480
 
@@ -31,8 +31,6 @@ def main() -> None:
     start = int.from_bytes(memory[:4], "big") + 12 * int.from_bytes(memory[76:80], "big")
     pixels = np.frombuffer(memory, np.uint8, SCREEN_WIDTH * SCREEN_HEIGHT * 4, start)
     screen = pixels.reshape(SCREEN_HEIGHT, SCREEN_WIDTH, 4)
-    upper = screen[BLOCK_PX // 2, : BLOCKS * BLOCK_PX, 1]
-    lower = screen[SCREEN_HEIGHT - BLOCK_PX // 2, : BLOCKS * BLOCK_PX, 1]
     clip = screen[y : y + height, x : x + width, 2::-1]
     print("ready", flush=True)
     last = None
@@ -42,13 +40,12 @@ def main() -> None:
         polls += 1
         if polls % 50 == 0 and select.select([sys.stdin], [], [], 0)[0]:
             break
-        number = read_strip(upper.copy())
+        number = read_both_strips(screen[..., 1])
         if number is None or number == last:
             time.sleep(0.001)
             continue
         content = clip.tobytes()
-        # Torn where the two strips differ, or where the number changed meanwhile.
-        if read_strip(lower.copy()) != number or read_strip(upper.copy()) != number:
+        if read_both_strips(screen[..., 1]) != number:
             continue
         last = number
         done[:8] = struct.pack("<q", number)

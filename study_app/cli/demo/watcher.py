@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from study_app.strip import BLOCK_PX, BLOCKS, Seen, read_strip
+from study_app.strip import BLOCK_PX, Seen, read_both_strips
 
 POLL_S = 0.002
 Image = NDArray[np.uint8]
@@ -87,16 +87,13 @@ class Watcher:
         return found
 
     def _run(self) -> None:
-        upper = self._pixels[BLOCK_PX // 2, : BLOCKS * BLOCK_PX, 1]
-        lower = self._pixels[-(BLOCK_PX // 2), : BLOCKS * BLOCK_PX, 1]
         last: int | None = None
         while not self._stop.wait(POLL_S):
-            number = read_strip(upper.copy())
+            number = read_both_strips(self._pixels[..., 1])
             if number is None or number == last:
                 continue
             picture = self._pixels[..., 2::-1].copy()
-            # Torn where the two strips differ, or where the number changed meanwhile.
-            if read_strip(lower.copy()) != number or read_strip(upper.copy()) != number:
+            if read_both_strips(self._pixels[..., 1]) != number:
                 continue
             last = number
             self._keep(number, picture)
