@@ -44,7 +44,7 @@ Six row(int y, int x) {
 // Moments of one of the 2x2 texels that make up the pixel.
 Moments half_moments(Window window, WindowGuide guide, ivec2 texel, float deepest, int chain) {
     ivec2 size = imageSize(level);
-    Moments found = measure(window, guide, lessThan(2 * texel + 1, size), deepest).moments;
+    Moments found = measure(window, guide, 2 * texel, size, deepest).moments;
     if (found.plane_0.w < 1.0 && all(lessThan(2 * texel, size))) {
         append(halves_list.x, halves_list.y, texel, chain);
     }

@@ -4,6 +4,7 @@
 
 #constant CROSS             // 1: second moments are products with luma, else squares
 #constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing
+#constant BORDER_TRUST      // validity of the outermost coefficients
 
 #include "bands.glsl"
 
@@ -44,11 +45,19 @@ vec4 across_a_jump(WindowGuide g) {
                 jumps(left_1, left_2, left_3, g.r2.y), jumps(right_1, right_2, right_3, g.r2.z));
 }
 
+// Of 2x2 children: the outermost coefficients see the frame's border repeated.
+vec4 trust(ivec2 first, ivec2 last) {
+    bvec2 near = bvec2(first.x == 0 || first.x == last.x, first.y == 0 || first.y == last.y);
+    bvec2 far = equal(first + 1, last);
+    bvec4 outermost = bvec4(near.x || near.y, far.x || near.y, near.x || far.y, far.x || far.y);
+    return mix(vec4(1.0), vec4(BORDER_TRUST), outermost);
+}
+
 vec3 second_moment(vec3 band) { return band * (CROSS == 1 ? band.xxx : band); }
 
 // `window`: rgb filled; a 1 clean, 0 reached by a hole, below that mixed from two depths.
-// `whole`: whether there is a second column, a second row of children. `deepest`: their guide.
-Measured measure(Window w, WindowGuide g, bvec2 whole, float deepest) {
+// `first`: the first child, of a level of `size`. `deepest`: the guide of all four.
+Measured measure(Window w, WindowGuide g, ivec2 first, ivec2 size, float deepest) {
     // Clean of holes, row by row for the left and the right children.
     vec4 left = vec4(least(vec3(w.r0.a.a, w.r0.b.a, w.r0.c.a)), least(vec3(w.r1.a.a, w.r1.b.a, w.r1.c.a)),
                      least(vec3(w.r2.a.a, w.r2.b.a, w.r2.c.a)), least(vec3(w.r3.a.a, w.r3.b.a, w.r3.c.a)));
@@ -63,7 +72,9 @@ Measured measure(Window w, WindowGuide g, bvec2 whole, float deepest) {
     vec4 both = min(left, right);
     m.outlined = across != vec4(0.0) || min(least(both.xyz), both.w) < -0.5;
 #endif
+    valid *= trust(first, size - 1);
     // The first child stands for one that is not there.
+    bvec2 whole = lessThan(first + 1, size);
     if (!whole.x) valid.yw = valid.xz;
     if (!whole.y) valid.zw = valid.xy;
     Pull p = pull_shares(valid, vec4(g.r1.yz, g.r2.yz), deepest);

@@ -107,7 +107,7 @@ void work(ivec2 pixel, int chain) {
         WindowGuide(guide_row(near.y - 1, near.x, last), guide_row(near.y, near.x, last),
                     guide_row(near.y + 1, near.x, last), guide_row(near.y + 2, near.x, last));
     float deepest = imageLoad(half_guide, pixel).r;
-    Measured m = measure(window, guides, lessThan(near + 1, size), deepest);
+    Measured m = measure(window, guides, near, size, deepest);
 
     Taps taps = parents_of(pixel, coarse_size);
     Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps), depth_threshold);

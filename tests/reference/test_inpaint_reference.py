@@ -6,11 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from pipeline.features.reference import analyse
 from pipeline.inpaint.reference import (
     ANY_DEPTH_BEHIND,
     ONLY_NEARER,
     Level,
     band_statistics,
+    border_trust,
     guide_from_depth,
     guided_base,
     interpolate,
@@ -458,6 +460,41 @@ def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
     guides = [np.full(size, 0.3) for size in ((3, 4), (2, 2), (1, 1))]
 
     assert not any(mask.any() for mask in outlined_levels(guides, 5, THRESHOLD))
+
+
+def test_the_outermost_coefficients_count_for_a_sixteenth():
+    """By hand: 4x6, a corner block holds three of them and one that never sees the border."""
+    trust = border_trust(4, 6)
+    bands = np.zeros((4, 6, 3, 3))
+    bands[1, 1] = 1.0
+    bands[0, :2] = bands[1, 0] = 2.0
+
+    found = statistics(bands, np.ones((4, 6), bool), np.full((4, 6), 0.5))
+
+    assert trust.sum() == 2 * 4 + 16 / 16
+    assert (trust[1:-1, 1:-1] == 1).all()
+    assert found.validity.tolist() == [[19 / 64, 34 / 64, 19 / 64]] * 2
+    assert (border_trust(1, 1), border_trust(2, 2).max()) == (1 / 16, 1 / 16)
+    halves = pull(Level(bands[..., 0], trust, np.full((4, 6), 0.5)), THRESHOLD)
+    np.testing.assert_allclose(halves.values[0, 0], (1 + 3 * 2 / 16) / (19 / 16), rtol=1e-15)
+
+
+def test_statistics_at_the_border_are_those_inside(rng):
+    """White noise: the repeated border makes bands along it 1.6 times as strong.
+
+    Averaged with the next row that is 1.3; the border's row counted as a sixteenth, 1.01.
+    """
+    size, energies = (32, 32), []
+    for _ in range(200):
+        noise = rng.normal(size=(*size, 1)).repeat(3, axis=2)
+        bands = analyse(noise, 1).bands[0]
+        found = statistics(bands, np.ones(size, bool), np.full(size, 0.5))
+        _, second = np.split(found.values.reshape(16, 16, 3, 6), 2, axis=-1)
+        energies.append([second[0, 1:-1, 1, 0].mean(), (bands[4:-4, 4:-4, 1, 0] ** 2).mean()])
+
+    at_border, inside = np.mean(energies, axis=0)
+
+    assert at_border / inside == pytest.approx(1.01, abs=0.06)
 
 
 def test_statistics_ignore_what_is_not_valid(rng):
