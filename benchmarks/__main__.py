@@ -8,6 +8,7 @@ BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
     "warp": "the warp against a plain copy of its frame",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
+    "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",
     "pictures": "the pictures of README and docs, from our own scenes",
     "readme": "nothing: puts what was measured into the README",

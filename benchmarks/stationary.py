@@ -1,0 +1,208 @@
+"""Band statistics of stationary textures in holes behind a disc: `script/bench stationary --help`.
+
+A plane of amplitudes 1 / f^e, and a disc in front that has moved right. What the fill's bands
+measure in the uncovered hole is compared with what the plane's own measure there, over many
+seeds of texture and noise. Seeds from 1000 on, which no setting was chosen on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.quality import write_into
+from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.frame import WarpedFrame
+from pipeline.gl.context import create_context, describe, release_context
+from pipeline.methods.registry import create_method
+from protocols.revision import code_revision, package_version
+
+LEVELS = 4
+Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
+FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
+FIRST_SEED = 1000
+EXPONENTS = (0.0, 0.5, 1.0)
+RESULTS = Path(__file__).parent / "results" / "stationary.json"
+BEGIN, END = "<!-- stationary table: begin -->", "<!-- stationary table: end -->"
+
+Mask = NDArray[np.bool_]
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A disc in a square frame, in pixels."""
+
+    edge_px: int
+    radius_px: int
+    shift_px: int
+
+    @property
+    def label(self) -> str:
+        """The hole's width and height, and the frame's edge."""
+        return f"{self.shift_px} by {2 * self.radius_px} px, in {self.edge_px} px"
+
+    def masks(self) -> tuple[Mask, Mask]:
+        """The disc, and what of its old place it has uncovered, each (edge, edge)."""
+        middle = self.edge_px / 2
+        rows, columns = np.mgrid[: self.edge_px, : self.edge_px] + 0.5
+        front, before = (
+            np.hypot(columns - x, rows - middle) < self.radius_px
+            for x in (middle + self.shift_px / 2, middle - self.shift_px / 2)
+        )
+        return front, before & ~front
+
+
+SCENES = (
+    Scene(320, 40, 56),
+    Scene(256, 64, 110),
+    Scene(192, 48, 48),
+    Scene(192, 64, 44),
+    Scene(320, 64, 44),
+    Scene(192, 56, 36),
+    Scene(320, 56, 36),
+    Scene(192, 56, 32),
+)
+
+
+class Fills(Protocol):
+    """A fill method."""
+
+    def fill(self, frame: WarpedFrame, *, seed: int) -> NDArray[np.float32]:
+        """Return the frame with its holes filled."""
+
+
+def stationary(edge_px: int, seed: int, exponent: float) -> NDArray[np.float32]:
+    """Make a grey texture of amplitude 1 / f^exponent, deviation 0.12: (edge, edge, 1)."""
+    axis = np.fft.fftfreq(edge_px)
+    frequency = np.hypot(axis[:, None], axis)
+    white = np.random.default_rng(seed).standard_normal((edge_px, edge_px))
+    spectrum = np.fft.fft2(white) / np.maximum(frequency, 1 / 32) ** exponent
+    texture = np.fft.ifft2(spectrum).real
+    shown = (0.5 + 0.12 * texture[..., None] / texture.std()).clip(0, 1)
+    return np.asarray(shown, np.float32)
+
+
+def whole_coefficients(front: Mask, uncovered: Mask, levels: int) -> list[Mask]:
+    """Tell which coefficients lie in the hole and never see the disc in front."""
+    clean = [~mask for mask in spoiled_levels(front, levels)]
+    inside = [uncovered]
+    for _ in range(1, levels):
+        half = len(inside[-1]) // 2
+        inside.append(np.asarray(inside[-1].reshape(half, 2, half, 2).all(axis=(1, 3))))
+    return [a & b for a, b in zip(inside, clean, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """What the fill's bands measure against the plane's, each (exponents, levels, 3)."""
+
+    ratio: Numbers  # of deviations
+    offset: Numbers  # of means, in the plane's deviations
+    control_ratio: Numbers  # of deviations, the plane of other seeds in place of the fill
+    control_offset: Numbers
+
+
+def measure(method: Fills, scene: Scene, exponents: Sequence[float], seeds: Sequence[int]) -> Bands:
+    """Fill behind the disc, once per exponent and seed, of texture and noise alike."""
+    front, uncovered = scene.masks()
+    places = whole_coefficients(front, uncovered, LEVELS)
+    apart = max(seeds) + 1 - min(seeds)
+    # Fill, plane, other plane; first or second moment.
+    sums = np.zeros((3, 2, len(exponents), LEVELS, 3))
+    for seed in seeds:
+        for which, exponent in enumerate(exponents):
+            plane = stationary(scene.edge_px, seed, exponent)
+            frame = WarpedFrame(
+                np.where(front[..., None], FRONT_COLOUR, plane),
+                np.where(front, FRONT_M, BACK_M).astype(np.float32),
+                uncovered,
+                np.zeros((*front.shape, 2), np.float32),
+            )
+            other = stationary(scene.edge_px, seed + apart, exponent)
+            shown = (method.fill(frame, seed=seed)[..., 1:2], plane, other)
+            for image, total in zip(shown, sums, strict=True):
+                for level, bands in enumerate(analyse(image.astype(np.float64), LEVELS).bands):
+                    values = bands[places[level]][..., 0]
+                    total[0, which, level] += values.mean(axis=0) / len(seeds)
+                    total[1, which, level] += (values**2).mean(axis=0) / len(seeds)
+    mean = sums[:, 0]
+    deviation = np.sqrt(sums[:, 1] - mean**2)
+    ratio = deviation / deviation[1]
+    offset = np.abs(mean - mean[1]) / deviation[1]
+    return Bands(ratio[0], offset[0], ratio[2], offset[2])
+
+
+def row(scene: Scene, found: Bands) -> str:
+    """One line of the table."""
+    front, uncovered = scene.masks()
+    coarsest = int(whole_coefficients(front, uncovered, LEVELS)[-1].sum())
+    ranges = [f"{ratio.min():.2f} to {ratio.max():.2f}" for ratio in found.ratio]
+    control = f"{found.control_ratio.min():.2f} to {found.control_ratio.max():.2f}"
+    cells = [scene.label, str(coarsest), *ranges, f"{found.offset.max():.2f}"]
+    return f"| {' | '.join([*cells, control, f'{found.control_offset.max():.2f}'])} |"
+
+
+def header(exponents: Sequence[float]) -> str:
+    """Head of the table."""
+    columns = ["hole", "coefficients at level 3", *(f"e = {e:g}" for e in exponents)]
+    columns += ["mean off", "control", "control's mean off"]
+    rule = "| --- |" + " ---: |" * (len(columns) - 1)
+    return f"| {' | '.join(columns)} |\n{rule}"
+
+
+def main(argv: list[str]) -> int:
+    """Measure, print, and store with what the numbers depend on."""
+    parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=128, help="how many, for each exponent")
+    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
+    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    arguments = parser.parse_args(argv)
+    if arguments.seeds < 1:
+        parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")
+    seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+    lines, record = [header(EXPONENTS)], []
+    print(lines[0])
+    ctx = create_context()
+    try:
+        renderer = str(describe(ctx))
+        method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M})
+        for scene in SCENES:
+            found = measure(method, scene, EXPONENTS, seeds)
+            lines.append(row(scene, found))
+            print(lines[-1], flush=True)
+            numbers = {name: value.tolist() for name, value in vars(found).items()}
+            record.append({**asdict(scene), **numbers})
+        method.release()
+    finally:
+        release_context(ctx)
+    arguments.json.write_text(
+        json.dumps(
+            {
+                "version": package_version(),
+                "revision": code_revision(),
+                "renderer": renderer,
+                "seeds": [seeds.start, seeds.stop],
+                "exponents": EXPONENTS,
+                "scenes": record,
+            },
+            indent=2,
+        )
+        + "\n",
+        encoding="utf-8",
+    )
+    if arguments.docs is not None:
+        write_into(arguments.docs, "\n".join(lines), BEGIN, END)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,99 @@
+"""The measure of stationary textures says 1 and 0 of the truth, and notices what is not."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.stationary import (
+    BEGIN,
+    END,
+    LEVELS,
+    Scene,
+    header,
+    main,
+    measure,
+    row,
+    stationary,
+    whole_coefficients,
+)
+
+SCENE = Scene(64, 20, 28)
+
+
+class Truth:
+    """Shows the plane itself, its contrast changed."""
+
+    def __init__(self, contrast=1.0, shift=0.0):
+        self.contrast, self.shift = contrast, shift
+
+    def fill(self, frame, *, seed):
+        texture = stationary(len(frame.hole), seed, 0.5)
+        return (0.5 + self.contrast * (texture - 0.5)).repeat(3, axis=2) + self.shift
+
+
+def test_the_truth_itself_measures_one_and_its_contrast_what_it_is():
+    right, strong = (measure(Truth(c, 0.1), SCENE, (0.5,), range(4)) for c in (1.0, 1.5))
+
+    np.testing.assert_allclose(right.ratio, 1, rtol=1e-5)
+    np.testing.assert_allclose(right.offset, 0, atol=1e-5)  # bands know no brightness
+    np.testing.assert_allclose(strong.ratio, 1.5, rtol=1e-5)
+    assert right.ratio.shape == (1, LEVELS, 3)
+
+
+def test_the_control_is_another_texture_and_closer_over_more_seeds():
+    few, many = (measure(Truth(), SCENE, (0.0,), range(n)) for n in (2, 40))
+
+    assert 0.01 < np.abs(many.control_ratio - 1).max() < np.abs(few.control_ratio - 1).max()
+    assert 0 < many.control_offset.max() < few.control_offset.max()
+
+
+def test_coefficients_that_see_the_disc_are_left_out():
+    """By hand: a wall from column 8 on; a 3x3 kernel at level 0 sees one pixel, so 7 are left.
+
+    Low bands of level 1 take four pixels, two of them its own: column 3 sees the wall, and the
+    kernel beside it, column 2. Columns 0 and 1 are left.
+    """
+    front = np.zeros((16, 16), bool)
+    front[:, 8:] = True
+
+    places = whole_coefficients(front, ~front, 2)
+
+    assert [mask.any(axis=0).sum() for mask in places] == [7, 2]
+    assert all(mask[:, 0].all() for mask in places)
+
+
+def test_a_texture_has_its_slope_and_its_deviation():
+    texture = stationary(128, 3, 1.0)[..., 0]
+    power = np.abs(np.fft.fft2(texture - texture.mean())) ** 2
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
+    low, high = (power[(frequency > f) & (frequency < 1.2 * f)].mean() for f in (1 / 16, 1 / 4))
+
+    assert texture.std() == pytest.approx(0.12, rel=0.01)
+    assert low / high == pytest.approx(16, rel=0.3)  # power 1 / f^2, a factor of 4 apart
+
+
+def test_a_row_has_a_cell_for_every_column():
+    found = measure(Truth(), SCENE, (0.5, 1.0), range(2))
+
+    line = row(SCENE, found)
+
+    assert line.startswith("| 28 by 40 px, in 64 px |")
+    assert len({text.count("|") for text in [line, *header((0.5, 1.0)).splitlines()]}) == 1
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_the_command_measures_prints_and_renews_the_document(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("benchmarks.stationary.SCENES", (SCENE,))
+    document = tmp_path / "page.md"
+    document.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    stored = tmp_path / "numbers.json"
+
+    assert main(["--seeds", "1", "--docs", str(document), "--json", str(stored)]) == 0
+
+    assert "28 by 40 px" in capsys.readouterr().out
+    assert "28 by 40 px" in document.read_text(encoding="utf-8")
+    assert json.loads(stored.read_text(encoding="utf-8"))["seeds"] == [1000, 1001]
+    with pytest.raises(SystemExit):
+        main(["--seeds", "0"])
+    assert "at least 1 (got 0)" in capsys.readouterr().err
