@@ -1,8 +1,8 @@
 """Band statistics of stationary textures in holes behind a disc: `script/bench stationary --help`.
 
-A plane of amplitudes 1 / f^e, and a disc in front that has moved right. What the fill's bands
-measure in the uncovered hole is compared with what the plane's own measure there, over many
-seeds of texture and noise. Seeds from 1000 on, which no setting was chosen on.
+A plane of amplitudes 1 / f^e, blurred or not, and a disc in front that has moved right. What the
+fill's bands measure in the uncovered hole is compared with what the plane's own measure there,
+over many seeds of texture and noise. Seeds from 1000 on, which no setting was chosen on.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ LEVELS = 4
 Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
 FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
 FIRST_SEED = 1000
-EXPONENTS = (0.0, 0.5, 1.0)
 RESULTS = Path(__file__).parent / "results" / "stationary.json"
 BEGIN, END = "<!-- stationary table: begin -->", "<!-- stationary table: end -->"
 
@@ -73,22 +72,38 @@ SCENES = (
 )
 
 
+@dataclass(frozen=True)
+class Texture:
+    """Grey, of amplitude 1 / f^exponent, then blurred by a Gaussian of deviation `blur_px`."""
+
+    exponent: float
+    blur_px: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """For a column's head."""
+        return f"e = {self.exponent:g}" + (f", blur {self.blur_px:g} px" if self.blur_px else "")
+
+    def picture(self, edge_px: int, seed: int) -> NDArray[np.float32]:
+        """Make it periodic, mean 0.5, deviation 0.12: (edge, edge, 1)."""
+        axis = np.fft.fftfreq(edge_px)
+        frequency = np.hypot(axis[:, None], axis)
+        white = np.random.default_rng(seed).standard_normal((edge_px, edge_px))
+        amplitude = np.maximum(frequency, 1 / 32) ** -self.exponent
+        amplitude = amplitude * np.exp(-2 * (np.pi * self.blur_px * frequency) ** 2)
+        texture = np.fft.ifft2(np.fft.fft2(white) * amplitude).real
+        shown = (0.5 + 0.12 * texture[..., None] / texture.std()).clip(0, 1)
+        return np.asarray(shown, np.float32)
+
+
+TEXTURES = (Texture(0.0), Texture(0.5), Texture(1.0), Texture(1.5), Texture(0.0, 1.0))
+
+
 class Fills(Protocol):
     """A fill method."""
 
     def fill(self, frame: WarpedFrame, *, seed: int) -> NDArray[np.float32]:
         """Return the frame with its holes filled."""
-
-
-def stationary(edge_px: int, seed: int, exponent: float) -> NDArray[np.float32]:
-    """Make a grey texture of amplitude 1 / f^exponent, deviation 0.12: (edge, edge, 1)."""
-    axis = np.fft.fftfreq(edge_px)
-    frequency = np.hypot(axis[:, None], axis)
-    white = np.random.default_rng(seed).standard_normal((edge_px, edge_px))
-    spectrum = np.fft.fft2(white) / np.maximum(frequency, 1 / 32) ** exponent
-    texture = np.fft.ifft2(spectrum).real
-    shown = (0.5 + 0.12 * texture[..., None] / texture.std()).clip(0, 1)
-    return np.asarray(shown, np.float32)
 
 
 def whole_coefficients(front: Mask, uncovered: Mask, levels: int) -> list[Mask]:
@@ -103,7 +118,7 @@ def whole_coefficients(front: Mask, uncovered: Mask, levels: int) -> list[Mask]:
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """What the fill's bands measure against the plane's, each (exponents, levels, 3)."""
+    """What the fill's bands measure against the plane's, each (textures, levels, 3)."""
 
     ratio: Numbers  # of deviations
     offset: Numbers  # of means, in the plane's deviations
@@ -111,23 +126,25 @@ class Bands:
     control_offset: Numbers
 
 
-def measure(method: Fills, scene: Scene, exponents: Sequence[float], seeds: Sequence[int]) -> Bands:
-    """Fill behind the disc, once per exponent and seed, of texture and noise alike."""
+def measure(
+    method: Fills, scene: Scene, textures: Sequence[Texture], seeds: Sequence[int]
+) -> Bands:
+    """Fill behind the disc, once per texture and seed, of plane and noise alike."""
     front, uncovered = scene.masks()
     places = whole_coefficients(front, uncovered, LEVELS)
     apart = max(seeds) + 1 - min(seeds)
     # Fill, plane, other plane; first or second moment.
-    sums = np.zeros((3, 2, len(exponents), LEVELS, 3))
+    sums = np.zeros((3, 2, len(textures), LEVELS, 3))
     for seed in seeds:
-        for which, exponent in enumerate(exponents):
-            plane = stationary(scene.edge_px, seed, exponent)
+        for which, texture in enumerate(textures):
+            plane = texture.picture(scene.edge_px, seed)
             frame = WarpedFrame(
                 np.where(front[..., None], FRONT_COLOUR, plane),
                 np.where(front, FRONT_M, BACK_M).astype(np.float32),
                 uncovered,
                 np.zeros((*front.shape, 2), np.float32),
             )
-            other = stationary(scene.edge_px, seed + apart, exponent)
+            other = texture.picture(scene.edge_px, seed + apart)
             shown = (method.fill(frame, seed=seed)[..., 1:2], plane, other)
             for image, total in zip(shown, sums, strict=True):
                 for level, bands in enumerate(analyse(image.astype(np.float64), LEVELS).bands):
@@ -151,9 +168,9 @@ def row(scene: Scene, found: Bands) -> str:
     return f"| {' | '.join([*cells, control, f'{found.control_offset.max():.2f}'])} |"
 
 
-def header(exponents: Sequence[float]) -> str:
+def header(textures: Sequence[Texture]) -> str:
     """Head of the table."""
-    columns = ["hole", "coefficients at level 3", *(f"e = {e:g}" for e in exponents)]
+    columns = ["hole", "coefficients at level 3", *(texture.label for texture in textures)]
     columns += ["mean off", "control", "control's mean off"]
     rule = "| --- |" + " ---: |" * (len(columns) - 1)
     return f"| {' | '.join(columns)} |\n{rule}"
@@ -162,21 +179,21 @@ def header(exponents: Sequence[float]) -> str:
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=128, help="how many, for each exponent")
+    parser.add_argument("--seeds", type=int, default=128, help="how many, for each texture")
     parser.add_argument("--docs", type=Path, help="document whose table is replaced")
     parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")
     seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
-    lines, record = [header(EXPONENTS)], []
+    lines, record = [header(TEXTURES)], []
     print(lines[0])
     ctx = create_context()
     try:
         renderer = str(describe(ctx))
         method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M})
         for scene in SCENES:
-            found = measure(method, scene, EXPONENTS, seeds)
+            found = measure(method, scene, TEXTURES, seeds)
             lines.append(row(scene, found))
             print(lines[-1], flush=True)
             numbers = {name: value.tolist() for name, value in vars(found).items()}
@@ -191,7 +208,7 @@ def main(argv: list[str]) -> int:
                 "revision": code_revision(),
                 "renderer": renderer,
                 "seeds": [seeds.start, seeds.stop],
-                "exponents": EXPONENTS,
+                "textures": [asdict(texture) for texture in TEXTURES],
                 "scenes": record,
             },
             indent=2,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from benchmarks.stationary import Scene, measure, whole_coefficients
+from benchmarks.stationary import Scene, Texture, measure, whole_coefficients
 from pipeline.camera import Camera, flow_between, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
@@ -252,7 +252,8 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     one = method("metameric", z_near_m=Z_NEAR_M)
     place, seeds, white_bound = SCENES[scene]
 
-    found = measure(one, place, (0.0, 1.0, 0.5) if full else (0.0, 1.0), range(seeds))
+    slopes = (0.0, 1.0, 0.5) if full else (0.0, 1.0)
+    found = measure(one, place, [Texture(slope) for slope in slopes], range(seeds))
 
     np.testing.assert_allclose(found.ratio[1:], 1, atol=0.1)
     np.testing.assert_allclose(found.ratio[0, :3], 1, atol=0.1)

@@ -4,17 +4,18 @@ import json
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from benchmarks.stationary import (
     BEGIN,
     END,
     LEVELS,
     Scene,
+    Texture,
     header,
     main,
     measure,
     row,
-    stationary,
     whole_coefficients,
 )
 
@@ -28,12 +29,12 @@ class Truth:
         self.contrast, self.shift = contrast, shift
 
     def fill(self, frame, *, seed):
-        texture = stationary(len(frame.hole), seed, 0.5)
+        texture = Texture(0.5).picture(len(frame.hole), seed)
         return (0.5 + self.contrast * (texture - 0.5)).repeat(3, axis=2) + self.shift
 
 
 def test_the_truth_itself_measures_one_and_its_contrast_what_it_is():
-    right, strong = (measure(Truth(c, 0.1), SCENE, (0.5,), range(4)) for c in (1.0, 1.5))
+    right, strong = (measure(Truth(c, 0.1), SCENE, [Texture(0.5)], range(4)) for c in (1.0, 1.5))
 
     np.testing.assert_allclose(right.ratio, 1, rtol=1e-5)
     np.testing.assert_allclose(right.offset, 0, atol=1e-5)  # bands know no brightness
@@ -42,7 +43,7 @@ def test_the_truth_itself_measures_one_and_its_contrast_what_it_is():
 
 
 def test_the_control_is_another_texture_and_closer_over_more_seeds():
-    few, many = (measure(Truth(), SCENE, (0.0,), range(n)) for n in (2, 40))
+    few, many = (measure(Truth(), SCENE, [Texture(0.0)], range(n)) for n in (2, 40))
 
     assert 0.01 < np.abs(many.control_ratio - 1).max() < np.abs(few.control_ratio - 1).max()
     assert 0 < many.control_offset.max() < few.control_offset.max()
@@ -64,7 +65,7 @@ def test_coefficients_that_see_the_disc_are_left_out():
 
 
 def test_a_texture_has_its_slope_and_its_deviation():
-    texture = stationary(128, 3, 1.0)[..., 0]
+    texture = Texture(1.0).picture(128, 3)[..., 0]
     power = np.abs(np.fft.fft2(texture - texture.mean())) ** 2
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
     low, high = (power[(frequency > f) & (frequency < 1.2 * f)].mean() for f in (1 / 16, 1 / 4))
@@ -73,13 +74,23 @@ def test_a_texture_has_its_slope_and_its_deviation():
     assert low / high == pytest.approx(16, rel=0.3)  # power 1 / f^2, a factor of 4 apart
 
 
+def test_a_blurred_texture_is_what_a_gaussian_filter_makes():
+    sharp, soft = (Texture(0.5, blur).picture(96, 2)[..., 0] - 0.5 for blur in (0.0, 1.5))
+
+    expected = ndimage.gaussian_filter(sharp, 1.5, mode="wrap", truncate=8)
+
+    np.testing.assert_allclose(soft, expected * 0.12 / expected.std(), atol=2e-3)
+
+
 def test_a_row_has_a_cell_for_every_column():
-    found = measure(Truth(), SCENE, (0.5, 1.0), range(2))
+    found = measure(Truth(), SCENE, [Texture(0.5), Texture(1.0, 2.0)], range(2))
 
     line = row(SCENE, found)
 
+    head = header([Texture(0.5), Texture(1.0, 2.0)])
     assert line.startswith("| 28 by 40 px, in 64 px |")
-    assert len({text.count("|") for text in [line, *header((0.5, 1.0)).splitlines()]}) == 1
+    assert len({text.count("|") for text in [line, *head.splitlines()]}) == 1
+    assert "e = 1, blur 2 px" in head
 
 
 @pytest.mark.usefixtures("gl_context")
