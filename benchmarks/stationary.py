@@ -2,7 +2,12 @@
 
 A plane of amplitudes 1 / f^e, blurred or not, and a disc in front that has moved right. What the
 fill's bands measure in the uncovered hole is compared with what the plane's own measure there,
-over many seeds of texture and noise. Seeds from 1000 on, which no setting was chosen on.
+over many seeds of texture and noise, from 1000 on; the tests and all fitting use those from 0 on.
+One seed's textures are all filtered from one white noise.
+
+The control is the plane of another seed in place of the fill. A fill shares its surroundings with
+the plane it is compared with, the control shares nothing: it says how far apart two samples of
+one texture lie, not the error of the fill's numbers.
 """
 
 from __future__ import annotations
@@ -38,11 +43,17 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """A disc in a square frame, in pixels."""
+    """A disc in a square frame, in pixels; the edge is a multiple of the coarsest coefficient."""
 
     edge_px: int
     radius_px: int
     shift_px: int
+
+    def __post_init__(self) -> None:
+        if self.edge_px % (1 << (LEVELS - 1)):
+            raise ValueError(
+                f"edge_px must be a multiple of {1 << (LEVELS - 1)} (got {self.edge_px})"
+            )
 
     @property
     def label(self) -> str:
@@ -96,7 +107,14 @@ class Texture:
         return np.asarray(shown, np.float32)
 
 
-TEXTURES = (Texture(0.0), Texture(0.5), Texture(1.0), Texture(1.5), Texture(0.0, 1.0))
+TEXTURES = (
+    Texture(0.0),
+    Texture(0.5),
+    Texture(1.0),
+    Texture(1.5),
+    Texture(0.0, 1.0),
+    Texture(1.0, 1.0),
+)
 
 
 class Fills(Protocol):
@@ -122,7 +140,7 @@ class Bands:
 
     ratio: Numbers  # of deviations
     offset: Numbers  # of means, in the plane's deviations
-    control_ratio: Numbers  # of deviations, the plane of other seeds in place of the fill
+    control_ratio: Numbers  # of deviations; planes of other seeds in place of the fills
     control_offset: Numbers
 
 
@@ -192,13 +210,15 @@ def main(argv: list[str]) -> int:
     try:
         renderer = str(describe(ctx))
         method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M})
-        for scene in SCENES:
-            found = measure(method, scene, TEXTURES, seeds)
-            lines.append(row(scene, found))
-            print(lines[-1], flush=True)
-            numbers = {name: value.tolist() for name, value in vars(found).items()}
-            record.append({**asdict(scene), **numbers})
-        method.release()
+        try:
+            for scene in SCENES:
+                found = measure(method, scene, TEXTURES, seeds)
+                lines.append(row(scene, found))
+                print(lines[-1], flush=True)
+                numbers = {name: value.tolist() for name, value in vars(found).items()}
+                record.append({**asdict(scene), **numbers})
+        finally:
+            method.release()
     finally:
         release_context(ctx)
     arguments.json.write_text(
@@ -207,7 +227,8 @@ def main(argv: list[str]) -> int:
                 "version": package_version(),
                 "revision": code_revision(),
                 "renderer": renderer,
-                "seeds": [seeds.start, seeds.stop],
+                "first_seed": seeds.start,
+                "seeds": len(seeds),
                 "textures": [asdict(texture) for texture in TEXTURES],
                 "scenes": record,
             },

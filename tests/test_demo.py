@@ -283,29 +283,56 @@ def test_a_watcher_reports_whole_pictures_once_and_torn_ones_never():
 
 
 class DrawnWhileCopied(np.ndarray):
-    """A screen whose lower part is drawn the moment after its pixels were copied."""
+    """A screen of which `draw` draws a part each time, the moment after its pixels were copied."""
+
+    draw = staticmethod(lambda _: None)
 
     def __getitem__(self, key):
         part = super().__getitem__(key)
         if key == (..., slice(2, None, -1)):
             part = np.array(part)
-            self[20:26, 10:18, :3] = 8
-            draw_strips(self, 8, 8)
+            self.draw(self)
         return part
 
 
-def test_a_picture_that_is_drawn_to_its_end_while_it_is_copied_counts_as_torn():
+def screen_with(number: int, draw) -> np.ndarray:
     screen = np.full((64, 400, 4), 128, np.uint8).view(DrawnWhileCopied)
-    draw_strips(screen, 8, 7)  # the upper part of flip 8 is there, the clip is still flip 7's
-    with Watcher(screen, Place(10, 20, 8, 6)) as watcher:
-        wait_until(lambda: bool(watcher.seen), timeout_s=0.05)
-        draw_strips(screen, 8, 8)
-        screen[20:26, 10:18, :3] = 8
-        wait_until(lambda: bool(watcher.seen))
-        pictures = watcher.take([8])
+    screen.draw = draw
+    screen[20:26, 10:18, :3] = number
+    draw_strips(screen, number, number)
+    return screen
 
-    assert [one.number for one in watcher.seen] == [8]
-    assert (pictures[8][20:26, 10:18] == 8).all()
+
+def seen_whole(screen: np.ndarray, last: int) -> list[int]:
+    """Numbers of the pictures, whose clips show them, that a watcher reports until `last`."""
+    with Watcher(screen, Place(10, 20, 8, 6)) as watcher:
+        wait_until(lambda: bool(watcher.seen), timeout_s=0.1)
+        screen.draw = lambda _: None
+        screen[20:26, 10:18, :3] = last
+        draw_strips(screen, last, last)
+        wait_until(lambda: last in {one.number for one in watcher.seen})
+        numbers = [one.number for one in watcher.seen]
+        pictures = watcher.take(numbers)
+    assert all((pictures[number][20:26, 10:18] == number).all() for number in numbers)
+    return numbers
+
+
+def test_a_picture_that_is_drawn_to_its_end_while_it_is_copied_counts_as_torn():
+    def finish(screen: np.ndarray) -> None:
+        screen[20:26, 10:18, :3] = 8
+        draw_strips(screen, 8, 8)
+
+    screen = screen_with(7, finish)
+    draw_strips(screen, 8, 7)  # the upper part of flip 8 is there, the clip is still flip 7's
+
+    assert seen_whole(screen, 9) == [9]
+
+
+def test_a_picture_that_the_next_begins_to_replace_while_it_is_copied_counts_as_torn():
+    def begin(screen: np.ndarray) -> None:
+        draw_strips(screen, 8, 7)
+
+    assert seen_whole(screen_with(7, begin), 9) == [9]
 
 
 def draw_strips(screen: np.ndarray, upper: int, lower: int) -> None:

@@ -252,8 +252,8 @@ class GuidedBasePass:
         ctx: moderngl.Context,
         size: tuple[int, int],
         *,
+        gamma: float,
         levels: int = 1,
-        gamma: float = 0.25,
         depth_threshold: float = 0.04,
     ) -> None:
         check_size(ctx, size)

@@ -27,8 +27,8 @@ ONLY_NEARER = -1.0
 # comes from spans 2 << resolution pixels at most, so what lies behind is the hole's neighbour.
 NEARBY_RESOLUTIONS = 2
 ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
-# Validity of a level's outermost coefficients. They see the frame's border repeated, which in
-# white noise makes bands along it up to 1.7 times as strong, and at 1 / f halves those across.
+# Validity of a level's outermost coefficients. They see the frame's border repeated: in white noise
+# bands along it have up to 1.7 times their energy, and at 1 / f those across have half of it.
 BORDER_TRUST = 1 / 16
 
 

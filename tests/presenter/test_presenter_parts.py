@@ -26,7 +26,16 @@ from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import Pages
 from study_app.sittings import find_sittings, next_slot
 from study_app.stage import Page
-from study_app.strip import BLOCK_PX, BLOCKS, Seen, code_of, compare, crc8, read_strip
+from study_app.strip import (
+    BLOCK_PX,
+    BLOCKS,
+    Seen,
+    code_of,
+    compare,
+    crc8,
+    read_both_strips,
+    read_strip,
+)
 from study_app.target import target_image
 from study_app.text_image import is_right_to_left, text_image, typeface_for, wrap, writable
 from study_app.validation import (
@@ -64,6 +73,18 @@ def test_a_strip_reads_back_and_no_single_wrong_block_passes(number, wrong):
 
     assert read_strip(row) is None
     assert len(row) == BLOCKS * BLOCK_PX
+
+
+def test_both_strips_are_read_at_the_edges_and_must_agree():
+    screen = np.full((40, BLOCKS * BLOCK_PX + 9), 128, np.uint8)
+    strips = (screen[:BLOCK_PX, :-9], screen[-BLOCK_PX:, :-9])
+    for upper, lower, read in ((7, 7, 7), (8, 7, None), (7, 8, None), (8, 8, 8)):
+        for strip, number in zip(strips, (upper, lower), strict=True):
+            strip[:] = drawn(number)
+        assert read_both_strips(screen) == read
+
+    strips[0][:] = 128
+    assert read_both_strips(screen) is None
 
 
 def test_comparing_names_every_flip_that_differs_and_no_other():

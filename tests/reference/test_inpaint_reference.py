@@ -480,7 +480,7 @@ def test_the_outermost_coefficients_count_for_a_sixteenth():
 
 
 def test_statistics_at_the_border_are_those_inside(rng):
-    """White noise: the repeated border makes bands along it 1.6 times as strong.
+    """White noise: bands along the repeated border have 1.6 times their energy.
 
     Averaged with the next row that is 1.3; the border's row counted as a sixteenth, 1.01.
     """

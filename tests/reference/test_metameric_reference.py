@@ -1,5 +1,7 @@
 """Shaping the noise, worked by hand, and what settings refuse."""
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level, guided_base, means_and_variances
+from pipeline.methods.metameric import PushPullDepth
 from pipeline.synthesis.lacking import known_background, noise_variances, wideness
 from pipeline.synthesis.reference import deviations, inpainted_statistics, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
@@ -227,6 +230,16 @@ def test_amplitudes_are_interpolated_between_texel_centres():
 def test_settings_out_of_range_are_refused_by_name(name, value):
     with pytest.raises(InputError, match=rf"^{name} must .*\(got "):
         MetamericSettings(**{name: value})
+
+
+def test_the_defaults_are_those_of_the_decisions():
+    """docs/decisions/0016 and 0037; push-pull-depth is metameric's base."""
+    settings = MetamericSettings()
+    of_depth_alone = inspect.signature(PushPullDepth).parameters
+
+    assert (settings.levels, settings.gamma, settings.base_gamma) == (4, 0.25, 0.5)
+    assert of_depth_alone["gamma"].default == settings.base_gamma
+    assert of_depth_alone["depth_threshold"].default == settings.depth_threshold
 
 
 @pytest.mark.parametrize("seed", [0, 2**63 - 1, np.int64(7), np.uint8(7)])

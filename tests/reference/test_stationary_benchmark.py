@@ -23,14 +23,19 @@ SCENE = Scene(64, 20, 28)
 
 
 class Truth:
-    """Shows the plane itself, its contrast changed."""
+    """Shows the plane itself, its contrast changed, and a ramp to the right."""
 
-    def __init__(self, contrast=1.0, shift=0.0):
-        self.contrast, self.shift = contrast, shift
+    def __init__(self, contrast=1.0, shift=0.0, ramp=0.0):
+        self.contrast, self.shift, self.ramp = contrast, shift, ramp
 
     def fill(self, frame, *, seed):
-        texture = Texture(0.5).picture(len(frame.hole), seed)
-        return (0.5 + self.contrast * (texture - 0.5)).repeat(3, axis=2) + self.shift
+        assert seed >= 0
+        front, uncovered = SCENE.masks()
+        np.testing.assert_array_equal(frame.hole, uncovered)
+        assert (frame.colour[front] == np.float32((0.8, 0.1, 0.1))).all()
+        np.testing.assert_array_equal(frame.depth_m, np.where(front, 2, 5))
+        shown = 0.5 + self.contrast * (frame.colour.astype(np.float64) - 0.5) + self.shift
+        return shown + self.ramp * np.arange(len(front))[:, None]
 
 
 def test_the_truth_itself_measures_one_and_its_contrast_what_it_is():
@@ -42,11 +47,48 @@ def test_the_truth_itself_measures_one_and_its_contrast_what_it_is():
     assert right.ratio.shape == (1, LEVELS, 3)
 
 
+def test_a_mean_is_no_deviation_and_is_told_in_the_planes_deviations():
+    """A ramp adds a mean to the band along x, and changes nothing else."""
+    plain, ramp, strong = (
+        measure(Truth(c, ramp=r), SCENE, [Texture(0.5)], range(4))
+        for c, r in ((1.0, 0.0), (1.0, 0.01), (3.0, 0.01))
+    )
+
+    # But where the ramp ends: its border reaches some coefficients.
+    np.testing.assert_allclose(ramp.ratio, plain.ratio, rtol=0.05)
+    assert (ramp.offset[0, :, 1] > 0.1).all()
+    np.testing.assert_allclose(ramp.offset[0, :, 2], 0, atol=1e-6)
+    # Three times the contrast: the same ramp, in the same plane's deviations.
+    np.testing.assert_allclose(strong.offset[0, :, 1], ramp.offset[0, :, 1], rtol=0.3)
+
+
+def test_the_control_has_seeds_of_its_own(monkeypatch):
+    asked = []
+    picture = Texture.picture
+    monkeypatch.setattr(
+        Texture, "picture", lambda self, edge, seed: asked.append(seed) or picture(self, edge, seed)
+    )
+
+    class Nothing:
+        def fill(self, frame, *, seed):
+            assert seed in range(5, 8)
+            return frame.colour
+
+    measure(Nothing(), SCENE, [Texture(0.0)], range(5, 8))
+
+    assert sorted(asked) == list(range(5, 11))
+
+
 def test_the_control_is_another_texture_and_closer_over_more_seeds():
     few, many = (measure(Truth(), SCENE, [Texture(0.0)], range(n)) for n in (2, 40))
 
     assert 0.01 < np.abs(many.control_ratio - 1).max() < np.abs(few.control_ratio - 1).max()
     assert 0 < many.control_offset.max() < few.control_offset.max()
+
+
+def test_an_edge_that_does_not_halve_is_refused():
+    with pytest.raises(ValueError, match="edge_px must be a multiple of 8 \\(got 60\\)"):
+        Scene(60, 20, 28)
 
 
 def test_coefficients_that_see_the_disc_are_left_out():
@@ -89,6 +131,9 @@ def test_a_row_has_a_cell_for_every_column():
 
     head = header([Texture(0.5), Texture(1.0, 2.0)])
     assert line.startswith("| 28 by 40 px, in 64 px |")
+    ends = [f"{text.min():.2f} to {text.max():.2f}" for text in (*found.ratio, found.control_ratio)]
+    offsets = [f"{offset.max():.2f}" for offset in (found.offset, found.control_offset)]
+    assert line.strip("| ").split(" | ")[2:] == [*ends[:2], offsets[0], ends[2], offsets[1]]
     assert len({text.count("|") for text in [line, *head.splitlines()]}) == 1
     assert "e = 1, blur 2 px" in head
 
@@ -104,7 +149,7 @@ def test_the_command_measures_prints_and_renews_the_document(monkeypatch, tmp_pa
 
     assert "28 by 40 px" in capsys.readouterr().out
     assert "28 by 40 px" in document.read_text(encoding="utf-8")
-    assert json.loads(stored.read_text(encoding="utf-8"))["seeds"] == [1000, 1001]
+    assert json.loads(stored.read_text(encoding="utf-8"))["seeds"] == 1
     with pytest.raises(SystemExit):
         main(["--seeds", "0"])
     assert "at least 1 (got 0)" in capsys.readouterr().err

@@ -24,7 +24,7 @@ def low_bands(gl_context):
 
     def run(image, levels, depth=None):
         size = (image.shape[1], image.shape[0])
-        base = GuidedBasePass(gl_context, size, levels=levels)
+        base = GuidedBasePass(gl_context, size, gamma=0.25, levels=levels)
         skip = depth is not None
         depth = np.ones(image.shape[:2], np.float32) if depth is None else depth
         lows = LowBandPass(

@@ -305,7 +305,7 @@ def test_dispatches_are_counted_right(fill, rng, monkeypatch, size):
 
 @pytest.mark.parametrize("argument", ["image", "depth_m"])
 def test_textures_of_another_size_are_refused(gl_context, argument):
-    base = GuidedBasePass(gl_context, (8, 9))
+    base = GuidedBasePass(gl_context, (8, 9), gamma=0.25)
     textures = {
         "image": create_texture(gl_context, (8, 9), "rgba32f"),
         "depth_m": create_texture(gl_context, (8, 9), "r32f"),
@@ -320,4 +320,4 @@ def test_textures_of_another_size_are_refused(gl_context, argument):
 
 def test_a_size_no_texture_can_have_is_refused(gl_context):
     with pytest.raises(InputError, match="texture edges must lie in"):
-        GuidedBasePass(gl_context, (0, 4))
+        GuidedBasePass(gl_context, (0, 4), gamma=0.25)
