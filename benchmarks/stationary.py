@@ -194,6 +194,11 @@ def header(textures: Sequence[Texture]) -> str:
     return f"| {' | '.join(columns)} |\n{rule}"
 
 
+def _has_markers(document: Path) -> bool:
+    text = document.read_text(encoding="utf-8") if document.is_file() else ""
+    return END in text.partition(BEGIN)[2]
+
+
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
@@ -203,6 +208,12 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")
+    # What would fail after minutes of measuring fails now.
+    json_file, document = arguments.json, arguments.docs
+    if json_file.is_dir() or not json_file.parent.is_dir():
+        parser.error(f"--json must be a file in a folder that exists (got {json_file})")
+    if document is not None and not _has_markers(document):
+        parser.error(f"--docs must be a page with the lines {BEGIN} and {END} (got {document})")
     seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
     lines, record = [header(TEXTURES)], []
     print(lines[0])
@@ -221,7 +232,7 @@ def main(argv: list[str]) -> int:
             method.release()
     finally:
         release_context(ctx)
-    arguments.json.write_text(
+    json_file.write_text(
         json.dumps(
             {
                 "version": package_version(),
@@ -237,8 +248,8 @@ def main(argv: list[str]) -> int:
         + "\n",
         encoding="utf-8",
     )
-    if arguments.docs is not None:
-        write_into(arguments.docs, "\n".join(lines), BEGIN, END)
+    if document is not None:
+        write_into(document, "\n".join(lines), BEGIN, END)
     return 0
 
 

@@ -218,8 +218,7 @@ def test_a_single_known_pixel_fills_the_whole_frame():
 # --- statistics of a stationary texture -----------------------------------------------------
 
 
-# Seeds: few coarse coefficients lie in the crescent; bound on
-# white noise at level 3.
+# Seeds: few coarse coefficients lie in the crescent. Last, the bound on white noise at level 3.
 SCENES = {
     "56 by 80 px": (Scene(192, 40, 56), 64, 0.1),
     "110 by 128 px": (Scene(256, 64, 110), 64, 0.1),
@@ -259,7 +258,7 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     np.testing.assert_allclose(found.ratio[0, :3], 1, atol=0.1)
     np.testing.assert_allclose(found.ratio[0, 3], 1, atol=white_bound)
     assert found.offset.max() < 0.1
-    # What the measure itself leaves open: the plane of other seeds in place of the fill.
+    # Two unrelated planes: so few samples tell no more apart.
     np.testing.assert_allclose(found.control_ratio, 1, atol=0.08)
 
 

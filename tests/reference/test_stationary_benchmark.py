@@ -150,6 +150,22 @@ def test_the_command_measures_prints_and_renews_the_document(monkeypatch, tmp_pa
     assert "28 by 40 px" in capsys.readouterr().out
     assert "28 by 40 px" in document.read_text(encoding="utf-8")
     assert json.loads(stored.read_text(encoding="utf-8"))["seeds"] == 1
-    with pytest.raises(SystemExit):
-        main(["--seeds", "0"])
-    assert "at least 1 (got 0)" in capsys.readouterr().err
+
+
+def test_what_could_not_be_stored_is_refused_before_anything_is_measured(
+    monkeypatch, tmp_path, capsys
+):
+    monkeypatch.delattr("benchmarks.stationary.create_context")
+    (tmp_path / "page.md").write_text(f"{END}\n{BEGIN}\n", encoding="utf-8")
+
+    for arguments, told in (
+        (["--seeds", "0"], "--seeds must be at least 1 (got 0)"),
+        (["--json", f"{tmp_path}/none/x.json"], "--json must be a file in a folder that exists"),
+        (["--json", str(tmp_path)], "--json must be a file in a folder that exists"),
+        (["--docs", f"{tmp_path}/none.md"], "--docs must be a page with the lines"),
+        (["--docs", f"{tmp_path}/page.md"], "--docs must be a page with the lines"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 2
+        assert told in capsys.readouterr().err
