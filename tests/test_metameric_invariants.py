@@ -341,21 +341,19 @@ def test_the_camera_s_matrix_agrees_with_its_flow():
     np.testing.assert_allclose(back[..., :2] / back[..., 2:3], start, atol=1e-4)
 
 
-@pytest.mark.parametrize(("blur_px", "most"), [(0.0, 1.05), (0.6, 1.13)])
-def test_variance_does_not_pulse_with_sub_pixel_motion(blur_px, most):
-    """To half a pixel both ways: the same colours, only the noise glides below them.
-
-    A texture with its finest band taken away pulses more: the gains suit all bands at once.
-    """
+@pytest.mark.parametrize("blur_px", [0.0, 0.6, 1.0, 2.0])
+def test_variance_does_not_pulse_with_sub_pixel_motion(blur_px):
+    """To a pixel both ways: the same colours, only the noise glides below them."""
     texture = np.random.default_rng(3).standard_normal((96, 160, 1))
-    texture = 0.5 + 0.1 * ndimage.gaussian_filter(texture, (blur_px, blur_px, 0))
+    texture = ndimage.gaussian_filter(texture, (blur_px, blur_px, 0))
+    texture = 0.5 + 0.1 * texture / texture.std()
     variances = []
-    for part in (0.0, 0.2, 0.35, 0.5, 0.75, 1.0):
+    for part in (0.0, 0.1, 0.2, 0.25, 0.35, 0.5, 0.75, 1.0):
         frame = frame_of(texture.clip(0, 1), HOLE, 5.0, (part, part))
         found = fill(frame, seed=5)
         variances.append(np.var((found.colour - found.base)[HOLE][:, 1]))
 
-    assert max(variances) / min(variances) < most
+    assert max(variances) / min(variances) < 1.05
 
 
 # --- quality on a real pair -----------------------------------------------------------------

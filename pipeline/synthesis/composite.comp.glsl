@@ -6,7 +6,8 @@
 
 #constant LEVELS
 #constant CHANNELS  // of noise: 1 or 3
-#constant NOISE_TILE
+#constant NOISE_TEXELS         // along an edge of the tile
+#constant NOISE_TEXELS_PER_PX
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
@@ -59,7 +60,7 @@ vec2 anchor(ivec2 pixel, float depth) {
 }
 
 ivec2 noise_texel(ivec2 place) {
-    return (place & (NOISE_TILE - 1)) * ivec2(LEVELS * CHANNELS, 1);
+    return (place & (NOISE_TEXELS - 1)) * ivec2(LEVELS * CHANNELS, 1);
 }
 
 // A hole pixel and where its noise comes from.
@@ -89,7 +90,7 @@ Pixel pixel_at(ivec2 place) {
     p.colour = texel.rgb;
     float depth = imageLoad(depth_m, place).r;
     p.guide = max(0.0, 1.0 - z_near_m / depth);
-    vec2 noise_place = anchor(place, depth) - 0.5;
+    vec2 noise_place = float(NOISE_TEXELS_PER_PX) * (anchor(place, depth) - 0.5);
     p.noise_corner = ivec2(floor(noise_place));
     p.noise_share = bilinear(noise_place - floor(noise_place));
 #if BACKGROUND

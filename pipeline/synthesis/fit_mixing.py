@@ -33,6 +33,7 @@ from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
 from pipeline.synthesis.mixing import LAGS
+from pipeline.synthesis.noise import TEXELS_PER_PX
 
 EDGE = 256  # of the noise that is measured, pixels
 SEEDS = 16
@@ -48,7 +49,7 @@ SHARES = (
 TOGETHER = (1.0, 0.97, 0.88)  # correlation of two bands' energies from place to place, per step
 JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.3  # how many, deviation of log, weight
 RIDGE_MATRIX, RIDGE_LAG = 0.2, 0.1
-OFFSETS = (0.0, 0.15, 0.3, 0.5, 0.7, 0.85)  # pixels, along each axis
+OFFSETS = (0.0, 0.15, 0.3, 0.5, 0.7, 0.85)  # texels, along each axis
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -89,12 +90,13 @@ def noise_statistics(levels: int) -> tuple[Array, Array]:
     covariances : ndarray, shape (B, B, B)
         ``[b, i, j]``: of what analysis finds in band b of noise bands i and j; B = 3 * levels.
     lagged : ndarray, shape (1 + len(LAGS), B, B)
-        Covariance of noise bands i and j at lag 0 and `LAGS`.
+        Covariance of noise bands i and j at lag 0 and `LAGS`, in texels of the tile.
     """
     filters = responses(levels)
     count = len(filters)
     frequency = np.asarray(2 * np.pi * np.fft.fftfreq(EDGE), np.float64)
-    turns = [np.cos(frequency[:, None] * y + frequency * x).ravel() for y, x in ((0, 0), *LAGS)]
+    per_texel = frequency / TEXELS_PER_PX
+    turns = [np.cos(per_texel[:, None] * y + per_texel * x).ravel() for y, x in ((0, 0), *LAGS)]
     covariances, lagged = np.zeros((count,) * 3), np.zeros((len(turns), count, count))
     for seed in range(SEEDS):
         white = np.fft.fft2(np.random.default_rng(seed).standard_normal((EDGE, EDGE)))

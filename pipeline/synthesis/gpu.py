@@ -13,8 +13,7 @@ from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.synthesis.mixing import LAGS
-from pipeline.synthesis.noise import TILE as NOISE_TILE
-from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
 from pipeline.synthesis.seek import SeekPass
 from pipeline.synthesis.settings import (
@@ -76,7 +75,8 @@ class MetamericPass:
             "synthesis/composite.comp.glsl",
             LEVELS=levels,
             CHANNELS=self._channels,
-            NOISE_TILE=NOISE_TILE,
+            NOISE_TEXELS=TILE_TEXELS,
+            NOISE_TEXELS_PER_PX=TEXELS_PER_PX,
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
@@ -89,7 +89,7 @@ class MetamericPass:
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
         self._noise = create_texture(
-            ctx, (NOISE_TILE * levels * self._channels, NOISE_TILE), "rgba32f"
+            ctx, (TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f"
         )
         self._seed: int | None = None
 

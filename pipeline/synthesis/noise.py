@@ -9,6 +9,10 @@ per frame is to weigh the bands, for deviations vary slowly against the kernels.
 All bands come from the same white noise, so that equal weights give white noise back:
 weighing is a graphic equaliser. Bands overlap, so that each is mixed with its neighbours
 first (mixing.py), or textures other than white would not get what they were weighed for.
+
+The tile holds two texels per pixel along each axis: what lies halfway between two pixels of
+noise is not their mean, which is softer, but the noise moved by half a pixel. A look-up
+between texels then softens little, whatever the texture's spectrum.
 """
 
 from dataclasses import dataclass
@@ -21,14 +25,19 @@ from pipeline.features.reference import Kernels, analyse, band, double, fitted_k
 from pipeline.synthesis.mixing import fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
+TEXELS_PER_PX = 2  # along each axis
+TILE_TEXELS = TEXELS_PER_PX * TILE
+# Rounded to this what lies between pixels does not depend on how a library sums.
+GRAIN = 2.0**-20
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBands:
     """One seed's noise, mixed: weigh it by deviations and sum.
 
-    `tiles`: (levels, channels, TILE, TILE, 3 bands); `lag_correlation`:
-    (levels, 3 bands, 4 lags of `mixing.LAGS`), of neighbouring texels.
+    `tiles`: (levels, channels, TILE_TEXELS, TILE_TEXELS, 3 bands), a pixel's centre at every
+    even texel; `lag_correlation`: (levels, 3 bands, 4 lags of `mixing.LAGS`), of
+    neighbouring texels.
     """
 
     tiles: NDArray[np.float32]
@@ -50,11 +59,27 @@ def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     for row, weights in zip(rows, mixing.matrix, strict=True):
         for index in np.flatnonzero(weights):
             mixed[index] += weights[index] * row
-    tiles = np.moveaxis(mixed.reshape(levels, 3, channels, TILE, TILE), 1, -1)
+    dense = between(between(mixed.reshape(levels, 3, channels, TILE, TILE), -2), -1)
+    tiles = np.moveaxis(dense, 1, -1)
     noise = NoiseBands(np.ascontiguousarray(tiles, np.float32), mixing.lag_correlation)
     for array in (noise.tiles, noise.lag_correlation):
         array.flags.writeable = False
     return noise
+
+
+def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Put a texel halfway between any two along `axis`: the periodic tile moved by half a texel.
+
+    Every frequency keeps its amplitude, but the highest, which has no value there.
+    """
+    length = tile.shape[axis]
+    turn = np.exp(1j * np.pi / length * np.arange(length // 2 + 1))
+    spectrum = np.moveaxis(np.fft.rfft(tile, axis=axis), axis, -1) * turn
+    moved = np.moveaxis(np.fft.irfft(spectrum, length), -1, axis)
+    both = np.stack([tile, GRAIN * np.rint(moved / GRAIN)], axis=axis % tile.ndim + 1)
+    shape = list(tile.shape)
+    shape[axis] *= 2
+    return both.reshape(shape)
 
 
 def unit_bands(seed: int, levels: int, channels: int) -> NDArray[np.float64]:

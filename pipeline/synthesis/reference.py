@@ -28,7 +28,7 @@ from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
 from pipeline.synthesis.mixing import LAGS
-from pipeline.synthesis.noise import TILE, NoiseBands, noise_bands
+from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -216,7 +216,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
     Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its
     root keeps the texture from pulsing as it glides (3.4.1).
     """
-    place = anchor_px - 0.5
+    place = TEXELS_PER_PX * (anchor_px - 0.5)
     corner = np.floor(place)
     fraction = place - corner
     column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
@@ -229,7 +229,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
         ((1, 1), x * y),
     ]
     mixed = sum(
-        weight[..., None] * tiles[:, (row + down) % TILE, (column + right) % TILE]
+        weight[..., None] * tiles[:, (row + down) % TILE_TEXELS, (column + right) % TILE_TEXELS]
         for (down, right), weight in taps
     )
     (_, a), (_, b), (_, c), (_, d) = taps

@@ -28,7 +28,7 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import known_background, noise_variances, wideness
-from pipeline.synthesis.noise import noise_bands
+from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     deviations,
     metameric_fill,
@@ -208,11 +208,11 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
     for k, level in enumerate(lacking):
-        tallest = 2 * np.abs(noise.tiles[k]).max()  # the look-up's gain is at most 2
+        tallest = 1.5 * np.abs(noise.tiles[k]).max()  # the look-up's gain is at most 1.5
         size = Level(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
-        texel = (LOOK_UP + SHARES + 10) * ROUNDOFF + 4 * moved_px
+        texel = (LOOK_UP + SHARES + 10) * ROUNDOFF + 4 * TEXELS_PER_PX * moved_px
         total += tallest * texel * here.sum(axis=2)
     return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
 
