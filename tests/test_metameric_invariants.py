@@ -243,20 +243,27 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
     ],
 )
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
-    """White noise and 1 / f; with ``--full`` what lies between, too, and other holes.
+    """White noise, 1 / f and a blurred one; with ``--full`` what lies between, and other holes.
 
-    White noise's base is restless: in the crescent, it alone has more than is wanted at the
-    coarsest level in places, and noise takes nothing away. docs/method.md, Limits.
+    All of sharp textures within a tenth but for one: white noise's base is restless, and in the
+    crescent it alone has more than is wanted at the coarsest level in places; noise takes
+    nothing away. A blur leaves the finest high band nearly empty. docs/method.md, Limits.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
     place, seeds, white_bound = SCENES[scene]
+    white, blurred, soft = Texture(0.0), Texture(0.0, blur_px=1.0), Texture(1.0, blur_px=1.0)
+    textures = [white, Texture(1.0), soft]
+    if full:
+        textures += [Texture(0.5), Texture(1.5), blurred]
 
-    slopes = (0.0, 1.0, 0.5) if full else (0.0, 1.0)
-    found = measure(one, place, [Texture(slope) for slope in slopes], range(seeds))
+    found = measure(one, place, textures, range(seeds))
 
-    np.testing.assert_allclose(found.ratio[1:], 1, atol=0.1)
-    np.testing.assert_allclose(found.ratio[0, :3], 1, atol=0.1)
-    np.testing.assert_allclose(found.ratio[0, 3], 1, atol=white_bound)
+    bound = np.full(found.ratio.shape, 0.1)
+    bound[textures.index(white), 3] = white_bound
+    bound[textures.index(soft), 0, 0] = 0.25
+    if blurred in textures:
+        bound[textures.index(blurred)] = 0.12
+    assert (np.abs(found.ratio - 1) <= bound).all(), found.ratio.round(2)
     assert found.offset.max() < 0.1
     # Two unrelated planes: so few samples tell no more apart.
     np.testing.assert_allclose(found.control_ratio, 1, atol=0.08)

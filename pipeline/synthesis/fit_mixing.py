@@ -8,7 +8,8 @@ other deviations than ``s``. Mixing the weights first, ``v = T s``, cures it: wi
 covariance that band `b` measures between all bands of unit noise, it measures
 ``sqrt(v' C_b v)``. T is the least-squares answer to ``sqrt(v' C_b v) = s_b`` for
 
-- amplitudes 1 / f^e, with e = 0 (white), 0.5 and 1, without and with a direction;
+- amplitudes 1 / f^e, with e from 0 (white) to 1.5, sharp and blurred, without and with a
+  direction;
 - all of it lacking, or what a base leaves to the noise in the middle of a hole;
 - deviations that vary together over the hole, and less so, as on photographs;
 - and each of these with its bands jittered, so that no odd spectrum is amplified.
@@ -37,18 +38,22 @@ from pipeline.synthesis.noise import TEXELS_PER_PX
 
 EDGE = 256  # of the noise that is measured, pixels
 SEEDS = 16
-EXPONENTS = (0.0, 0.5, 1.0)
+# Exponent e of an amplitude 1 / f^e, and the deviation of a Gaussian blur in pixels.
+SPECTRA = ((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (0.0, 0.6), (0.0, 1.0), (1.0, 1.0))
 ANISOTROPIES = (0.0, 0.5)  # of power along x; T treats y the same
 LOWEST_FREQUENCY = 1 / 32  # cycles per pixel; below, spectra are flat
-# What share of a level's variance a base holds already: none; in natural textures; in white.
+# What share of a level's variance a base holds already, of the oriented bands: none; in natural
+# textures; in white. Measured with `noise` 0 behind discs (benchmarks/stationary.py).
 SHARES = (
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.02, 0.05, 0.10, 0.22, 0.25, 0.30),
-    (0.02, 0.07, 0.20, 0.60, 0.60, 0.60),
+    (0.02, 0.05, 0.08, 0.16, 0.20, 0.25),
+    (0.02, 0.06, 0.13, 0.33, 0.40, 0.40),
 )
+HIGH_SHARE = 0.15  # of the high band: a base is smooth, and holds so much of that share
 TOGETHER = (1.0, 0.97, 0.88)  # correlation of two bands' energies from place to place, per step
 JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.3  # how many, deviation of log, weight
-RIDGE_MATRIX, RIDGE_LAG = 0.2, 0.1
+RIDGE_MATRIX, RIDGE_LAG = 0.1, 0.1
+AIM = 1.01  # over what a plane asks for: in holes, variances fall towards the border
 OFFSETS = (0.0, 0.15, 0.3, 0.5, 0.7, 0.85)  # texels, along each axis
 
 Array = NDArray[np.float64]
@@ -128,23 +133,30 @@ def _power(levels: int) -> Array:
     return np.asarray(np.abs(responses(levels)) ** 2)
 
 
-def deviations_of(levels: int, exponent: float, anisotropy: float = 0.0) -> Array:
-    """Deviation of every band in a texture of amplitude 1 / f^exponent, (3 * levels)."""
+def deviations_of(
+    levels: int, exponent: float, anisotropy: float = 0.0, blur_px: float = 0.0
+) -> Array:
+    """Deviation of every band in a texture of amplitude 1 / f^exponent, (3 * levels).
+
+    In parts of the largest.
+    """
     axis = np.fft.fftfreq(EDGE)
     y, x = axis[:, None], axis
     radius = np.maximum(np.hypot(x, y), LOWEST_FREQUENCY)
     power = radius ** (-2 * exponent) * (1 + anisotropy * np.cos(2 * np.arctan2(y, x)))
+    power = power * np.exp(-4 * (np.pi * blur_px * np.hypot(x, y)) ** 2)
     deviations = np.sqrt((_power(levels) * power).mean(axis=(1, 2)))
-    return np.asarray(deviations / deviations[0])
+    return np.asarray(deviations / deviations.max())
 
 
 def _textures(levels: int) -> Iterator[Array]:
     """Deviations that noise is asked for."""
-    for exponent in EXPONENTS:
+    for exponent, blur_px in SPECTRA:
         for anisotropy in ANISOTROPIES:
-            whole = deviations_of(levels, exponent, anisotropy)
+            whole = deviations_of(levels, exponent, anisotropy, blur_px)
             for share in SHARES:
-                yield whole * np.sqrt(1 - np.repeat(share[:levels], 3))
+                held = np.outer(share[:levels], (HIGH_SHARE, 1.0, 1.0)).ravel()
+                yield whole * np.sqrt(1 - held)
 
 
 def _together(levels: int, correlation: float) -> Array:
@@ -208,9 +220,9 @@ class MatrixFit:
 
         return self.matrix(least_squares(residuals, start).x)
 
-    def ratios(self, mixing: Array, exponent: float, anisotropy: float = 0.0) -> Array:
+    def ratios(self, mixing: Array, exponent: float, blur_px: float) -> Array:
         """Deviation measured over deviation wanted, (levels, 3), on an endless plane."""
-        wanted = deviations_of(self.levels, exponent, anisotropy)
+        wanted = deviations_of(self.levels, exponent, blur_px=blur_px)
         found = self.measured(mixing, np.outer(wanted, wanted)[None])[0]
         return np.asarray((found / wanted).reshape(self.levels, 3))
 
@@ -277,17 +289,20 @@ def fit(levels: int, covariances: Array, lagged: Array) -> dict[str, object]:
     """Fit for so many levels; what `mixing.json` holds of them."""
     count = 3 * levels
     matrix_fit = MatrixFit(levels, covariances[:count, :count, :count])
-    mixing = matrix_fit.solve().round(5)
+    mixing = matrix_fit.solve()
+    # Jittered textures measure too much on average; planes shall measure what they were asked for.
+    planes = [matrix_fit.ratios(mixing, *spectrum) for spectrum in SPECTRA]
+    mixing = (mixing * AIM / np.exp(np.log(planes).mean())).round(5)
     mixed = np.array([mixing.T @ lag @ mixing for lag in lagged[:, :count, :count]])
     lag_fit = LagFit(levels, mixed, np.array(list(_textures(levels))))
     lags = lag_fit.solve()
     variance = lag_fit.variance(lags)
     errors = {
-        f"exponent {exponent}": {
-            name: matrix_fit.ratios(matrix, exponent).round(3).tolist()
+        f"exponent {exponent}" + (f", blur {blur_px} px" if blur_px else ""): {
+            name: matrix_fit.ratios(matrix, exponent, blur_px).round(3).tolist()
             for name, matrix in (("mixed", mixing), ("unmixed", np.eye(count)))
         }
-        for exponent in (*EXPONENTS, 1.5)
+        for exponent, blur_px in SPECTRA
     }
     return {
         "matrix": mixing.tolist(),

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from pipeline.features.reference import Pyramid, analyse, band, double, fitted_kernels, synthesise
-from pipeline.synthesis.fit_mixing import deviations_of
+from pipeline.synthesis.fit_mixing import SPECTRA, deviations_of
 from pipeline.synthesis.mixing import LAGS, fitted_mixing
 from pipeline.synthesis.noise import TILE, TILE_TEXELS, between, noise_bands, unit_bands
 from pipeline.synthesis.reference import look_up
@@ -15,8 +15,8 @@ LEVELS = 6
 GOLDEN_WHITE = [1.2889002557935343, -0.7088751124112006, -0.2767897609363183]
 GOLDEN_FINE = [-0.5016354, -1.3275388, -0.3925504]
 GOLDEN_COARSE = [0.1735029, 0.9901586, 0.8973948]
-GOLDEN_MIXED = [-0.3735000, -1.8162590, -0.1930002]
-GOLDEN_BETWEEN = [-0.9425869, -1.9223566, -0.2414665]  # half a pixel below
+GOLDEN_MIXED = [-0.5231259, -1.8169295, -0.2027975]
+GOLDEN_BETWEEN = [-1.3725061, -1.6918221, -0.0021343]  # half a pixel below
 
 
 @pytest.fixture(scope="module")
@@ -167,14 +167,15 @@ def test_the_mixing_treats_x_and_y_alike_and_couples_neighbouring_levels(levels)
     assert not np.moveaxis(blocks, 2, 1)[far].any()
 
 
-@pytest.mark.parametrize("exponent", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("exponent", "blur_px"), SPECTRA)
 @pytest.mark.parametrize("levels", [3, 4, 6])
-def test_mixed_bands_measure_as_they_were_weighed(levels, exponent):
-    """Of a texture of amplitude 1 / f^exponent, in the mean over seeds.
+def test_mixed_bands_measure_as_they_were_weighed(levels, exponent, blur_px):
+    """Of a texture of amplitude 1 / f^exponent, blurred, in the mean over seeds.
 
-    Unmixed, a band may have half. On an endless plane mixing.json says 8 %.
+    Unmixed, a band may have half, or three times as much. On an endless plane mixing.json says
+    12 %, and 18 % for three levels.
     """
-    wanted = deviations_of(levels, exponent).reshape(levels, 3)
+    wanted = deviations_of(levels, exponent, blur_px=blur_px).reshape(levels, 3)
     ratios = np.zeros((levels, 3))
     for seed in range(4):
         tiles = at_pixels(noise_bands(seed, levels, 1))
@@ -183,7 +184,8 @@ def test_mixed_bands_measure_as_they_were_weighed(levels, exponent):
         ratios += (measured / wanted) ** 2 / 4
 
     # Of the coarser levels a tile has too few coefficients to say.
-    np.testing.assert_allclose(np.sqrt(ratios[:4]), 1, rtol=0, atol=0.12)
+    bound = 0.18 if levels == 3 else 0.13
+    np.testing.assert_allclose(np.sqrt(ratios[:4]), 1, rtol=0, atol=bound)
 
 
 def test_looking_up_texel_centres_gives_texels(noise):
@@ -253,13 +255,13 @@ def test_a_sub_pixel_look_up_keeps_the_variance(offset, slope):
 @pytest.mark.parametrize("offset", OFFSETS)
 @pytest.mark.parametrize("level", range(LEVELS))
 def test_a_sub_pixel_look_up_keeps_a_single_band_s_deviation(noise, level, offset):
-    """Bands overlap: holding their sum leaves each by itself within 4 %."""
+    """Bands overlap: holding their sum leaves each by itself within 6 %."""
     y, x = np.mgrid[:TILE, :TILE] + 0.5
 
     moved = look_up(noise, level, np.stack([x + offset[0], y + offset[1]], axis=-1))
 
     still = at_pixels(noise)[level].std(axis=(0, 1, 2))
-    np.testing.assert_allclose(moved.std(axis=(0, 1, 3)), still, rtol=0.04)
+    np.testing.assert_allclose(moved.std(axis=(0, 1, 3)), still, rtol=0.06)
 
 
 def test_a_look_up_without_its_gain_would_lose_variance(noise):
