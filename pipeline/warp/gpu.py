@@ -120,16 +120,18 @@ class WarpPass:
         self._resolve = compile_compute(ctx, "warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
         self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=lanes)
         self._shaders = [self._small, self._classify, self._large, self._resolve, self._continue]
-        self._rim: moderngl.ComputeShader | None = None
-        if settings.rim_px > 0:
-            self._rim = compile_compute(
+        self._rim = [
+            compile_compute(
                 ctx,
                 "warp/rim.comp.glsl",
                 TILE=TILE,
+                CLEAR=clear,
                 RIM_PX=settings.rim_px,
                 DEPTH_SHARE=RIM_DEPTH_SHARE,
             )
-            self._shaders.append(self._rim)
+            for clear in ((False, True) if settings.rim_px > 0 else ())
+        ]
+        self._shaders += self._rim
         width, height = self.window.width_px, self.window.height_px
         for shader in self._shaders:
             _set(shader, "target_size", (width, height))
@@ -143,9 +145,7 @@ class WarpPass:
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        if self.settings.variant != "full":
-            return 6
-        return 8 if self._rim is None else 10
+        return (8 if self.settings.variant == "full" else 6) + len(self._rim)
 
     @property
     def held_bytes(self) -> int:
@@ -201,11 +201,9 @@ class WarpPass:
                 _set(self._continue, "fallback", fallback)
                 self._continue.run(-(-lines // self._lanes))
                 self._ctx.memory_barrier()
-        if self._rim is not None:
-            for index in (0, 1):
-                _set(self._rim, "round_index", index)
-                self._rim.run(-(-width // TILE), -(-height // TILE))
-                self._ctx.memory_barrier()
+        for shader in self._rim:
+            shader.run(-(-width // TILE), -(-height // TILE))
+            self._ctx.memory_barrier()
 
     def _check(
         self,

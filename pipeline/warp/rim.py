@@ -9,12 +9,15 @@ Twin: rim.comp.glsl. Change both or neither.
 """
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.warp.settings import RIM_DEPTH_SHARE
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 HOLE_PX = 3  # a hole less deep than this in a direction has no rim there
 DIRECTIONS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
@@ -48,25 +51,23 @@ def without_rim(warped: WarpedFrame, rim_px: int) -> WarpedFrame:
     if rim_px == 0:
         return warped
     hole, depth = warped.hole, warped.depth_m
-    reach = rim_px + HOLE_PX - 1
-    holes, depths = np.pad(hole, reach), np.pad(depth, reach, mode="edge")
     rim = np.zeros_like(hole)
     for direction in DIRECTIONS:
-
-        def ahead(
-            plane: NDArray[np.generic], steps: int, direction: tuple[int, int] = direction
-        ) -> NDArray[np.generic]:
-            top, left = (reach + steps * along for along in direction)
-            return plane[top : top + hole.shape[0], left : left + hole.shape[1]]
-
         known = ~hole
         for steps in range(1, rim_px + 1):
             deep = known.copy()
             for further in range(HOLE_PX):
-                deep &= ahead(holes, steps + further)
+                deep &= ahead(hole, direction, steps + further)
             # In float32, as the twin: both must round alike.
-            behind = depth >= np.float32(RIM_DEPTH_SHARE) * ahead(depths, steps)
+            behind = depth >= np.float32(RIM_DEPTH_SHARE) * ahead(depth, direction, steps)
             rim |= deep & behind
-            known &= ~ahead(holes, steps)
+            known &= ~ahead(hole, direction, steps)
     colour = np.where(rim[..., None], np.float32(0), warped.colour)
     return replace(warped, colour=colour, hole=hole | rim)
+
+
+def ahead(plane: NDArray[Scalar], direction: tuple[int, int], steps: int) -> NDArray[Scalar]:
+    """Give what lies `steps` in `direction` (y, x) from each pixel; 0 beyond the edge."""
+    padded = np.pad(plane, steps)
+    top, left = (steps + steps * along for along in direction)
+    return padded[top : top + plane.shape[0], left : left + plane.shape[1]]
