@@ -20,7 +20,7 @@ from pipeline.quality import Quality
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
 from stimuli.one_frame import Choice, warp_and_fill
-from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
+from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pair
 
 # Pairs of the Middlebury benchmark, where a folder of them is given: no licence lets us ship them.
 PAIRS = {
@@ -48,8 +48,10 @@ def measure(
 ) -> tuple[float, dict[str, Quality]]:
     """Return the share of interior holes, and each method's quality inside them."""
     frame = pair.warp_input()
-    mask = interior(warp_frame(ctx, frame.source, frame.flow_px).hole)
-    _, fills = warp_and_fill(ctx, frame, choices, truth=pair.right, truth_mask=mask)
+    mask = interior(warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP).hole)
+    _, fills = warp_and_fill(
+        ctx, frame, choices, truth=pair.right, truth_mask=mask, settings=PAIR_WARP
+    )
     found = {fill.choice.label: fill.quality for fill in fills if fill.quality is not None}
     return float(mask.mean()), found
 

@@ -40,6 +40,7 @@ from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
+from stimuli.scenes.stereo import PAIR_WARP
 
 RESULTS = Path(__file__).parent / "results" / "variants.json"
 CLIP_EDGE_PX = 192
@@ -266,7 +267,7 @@ def measure(
         if pair.right is None:
             continue
         frame = pair.warp_input()
-        warped = warp_frame(ctx, frame.source, frame.flow_px)
+        warped = warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP)
         results[name], images[name] = {}, [("truth", pictures.of_colour(pair.right))]
         for variant in track(VARIANTS, name):
             scored, filled = score_pair(ctx, variant, warped, pair.right)

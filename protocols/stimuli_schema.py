@@ -15,6 +15,7 @@ from protocols.units import (
     Name,
     Parameters,
     Pixels,
+    RimPixels,
     Seconds,
     SecondsOrNone,
     Seed,
@@ -23,6 +24,9 @@ from protocols.units import (
     Text,
     Vector3,
 )
+
+PHOTOGRAPH_RIM_PX = 1
+"""Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
 
 
 class View(Model):
@@ -183,6 +187,9 @@ class StereoScene(_PhotoScene):
     baseline_m: Metres
     offset_px: float = 0.0
     """Difference of the principal points, added to the disparity."""
+    rim_px: RimPixels = PHOTOGRAPH_RIM_PX
+    """So many pixels of the background along a hole are taken to be mixed with what uncovered it,
+    and are hole too."""
 
 
 class RgbdScene(_PhotoScene):
@@ -194,6 +201,8 @@ class RgbdScene(_PhotoScene):
     depth_scale: Annotated[float, Field(gt=0)] = 1.0
     """Metres per unit of the depth image."""
     focal_px: Annotated[float, Field(gt=0)]
+    rim_px: RimPixels = PHOTOGRAPH_RIM_PX
+    """As for a stereo pair; 0 where the picture was rendered without anti-aliasing."""
 
 
 class ExrScene(_PhotoScene):
@@ -219,6 +228,8 @@ class ExrScene(_PhotoScene):
     """Metres per unit of the depth channel; Unreal's centimetres are known already."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
     """How scene-linear values are encoded; `linear` takes them as encoded already."""
+    rim_px: RimPixels = 0
+    """As for a stereo pair; 1 where edges are anti-aliased, or the picture is a photograph."""
 
 
 Scene: TypeAlias = Annotated[

@@ -45,6 +45,8 @@ Millimetres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "mm"})]
 Metres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
 Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]
 Share = Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "share of 1"})]
+RimPixels = Annotated[int, Field(ge=0, le=4, json_schema_extra={"unit": "px"})]
+"""Pixels of the clip, as it is rendered."""
 Count = Annotated[int, Field(ge=0)]
 Positive = Annotated[int, Field(gt=0)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]

@@ -17,6 +17,7 @@ from protocols.manifest import Clip, Manifest, read_manifest
 from protocols.manifest import Renderer as RendererEntry
 from protocols.revision import code_revision, package_version
 from protocols.schema import ClipName
+from protocols.stimuli_schema import BuiltinScene, MeshScene
 from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
@@ -99,19 +100,21 @@ class Records:
     def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
         """Return the manifest's entry of a clip with these frames."""
         orders = self._orders
-        clips, (width, height) = orders.protocol.clips, orders.shown_px
+        scene, clips, (width, height) = orders.scene(name), orders.protocol.clips, orders.shown_px
         parameters: dict[str, Scalar | tuple[Scalar, ...]] = {
-            "path": orders.scene(name).camera.kind,
+            "path": scene.camera.kind,
             "extent_m": survey.extent_m,
             "margin_px": survey.margin_px,
             "hole_share_least": survey.hole_share_least,
             "hole_share_most": survey.hole_share_most,
             "hole_masks_sha256": survey.masks_hash,
-            "scene_seed": orders.scene(name).seed,
+            "scene_seed": scene.seed,
             "method": orders.method(name).registry_name,
             "exr": clips.exr,
             "preview": clips.preview,
         }
+        if not isinstance(scene, (BuiltinScene, MeshScene)):
+            parameters["rim_px"] = scene.rim_px
         for key, value in orders.parameters(name).items():
             if value is not None:
                 parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value

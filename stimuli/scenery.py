@@ -57,6 +57,11 @@ class Scenery(Protocol):
         """How far a path may reach; inf where nothing limits it."""
         ...
 
+    @property
+    def rim_px(self) -> int:
+        """How wide the rim of mixed pixels along silhouettes is; 0 where edges are exact."""
+        ...
+
     def release(self) -> None:
         """Free what is held on the GPU."""
         ...
@@ -117,6 +122,11 @@ class RenderedScenery:
     def largest_extent_m(self) -> float:
         """Nothing limits it."""
         return float("inf")
+
+    @property
+    def rim_px(self) -> int:
+        """Edges are exact: one sample per pixel gives colour and depth."""
+        return 0
 
     def release(self) -> None:
         """Free the world."""

@@ -116,6 +116,71 @@ def test_a_stereo_pair_is_moved_by_its_disparity(stereo):
     np.testing.assert_allclose(filled[:11, :-3], left[:11, 2:-1], atol=1e-6)
 
 
+@pytest.fixture
+def photographs(tmp_path):
+    """A light square before a dark wall, as a camera sees it: its outline is half of each.
+
+    The disparity gives the mixed columns 23 and 48 to the wall.
+    """
+    grey = np.full((HEIGHT, WIDTH), 0.2, np.float32)
+    grey[12:36, 24:48] = 0.9
+    grey[12:36, [23, 48]] = 0.55
+    save_colour(tmp_path / "left.png", np.repeat(grey[..., None], 3, axis=2))
+    disparity = np.full((HEIGHT, WIDTH), 2, np.uint8)
+    disparity[12:36, 24:48] = 8
+    write_pixels(tmp_path / "disparity.png", disparity[..., None], "Y")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_pair_of_photographs_leaves_no_ghost_of_an_outline(photographs):
+    """By hand: the square's right end goes from 47 to 39, its mixed column 48 to 46.
+
+    Between them opens the hole, columns 40 to 45. Pixels inside it are the wall's.
+    """
+    shown = {}
+    for rim_px in (None, 0, 1, 2):
+        out = photographs / f"{rim_px}.png"
+        code, said, _ = run(
+            photographs / "left.png",
+            out,
+            *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png"),
+            *("--steps", photographs / "steps", "--compare", photographs / "sheet.png"),
+            *(() if rim_px is None else ("--rim-px", rim_px)),
+        )
+        assert code == 0
+        assert ("with a rim of" in said) == (rim_px != 0)
+        mask = read_pixels(photographs / "steps" / "04-hole.png").data[20, :-2, 0] > 0
+        sheet = (photographs / "sheet.png").read_bytes()
+        shown[rim_px] = out.read_bytes(), load_colour(out)[20, :, 0], np.flatnonzero(mask), sheet
+
+    holes = {rim_px: found[2].tolist() for rim_px, found in shown.items()}
+    assert holes[0] == [40, 41, 42, 43, 44, 45]
+    assert holes[1] == [*holes[0], 46]
+    assert holes[2] == [*holes[1], 47]
+    ghost, filled = shown[0][1], shown[1][1]
+    assert ghost[46] == pytest.approx(0.55, abs=0.003)
+    assert filled[42:48].max() < 0.25
+    np.testing.assert_array_equal(filled[17:39], ghost[17:39])  # the square is as it was
+    assert shown[None][0] == shown[1][0]
+    assert shown[None][3] == shown[1][3] != shown[0][3]
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
+    pixels, said = {}, {}
+    for rim_px in (None, 0, 1):
+        out = tmp_path / f"{rim_px}.png"
+        more = () if rim_px is None else ("--rim-px", rim_px)
+        code, said[rim_px], _ = run(exr, out, "-m", "push-pull-depth", *more)
+        assert code == 0
+        pixels[rim_px] = out.read_bytes()
+
+    assert pixels[None] == pixels[0] != pixels[1]
+    assert "with a rim of 1 px" in said[1]
+    assert "with a rim" not in said[None]
+
+
 @pytest.mark.usefixtures("gl_context")
 def test_half_the_amount_moves_half_as_far_and_has_no_truth(stereo):
     _, said, _ = run(
@@ -216,6 +281,8 @@ def test_list_names_every_method_without_a_source():
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "belong to stereo pairs"),
         (["-m", "telea", "--disparity", "d.png", "--clip"], "belong to files of RGBZ"),
+        (["-m", "telea", "--rim-px", "5"], "rim_px must be a whole number from 0 to 4 (got 5)"),
+        (["-m", "telea", "--rim-px", "-1"], "rim_px must be a whole number from 0 to 4 (got -1)"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, said):

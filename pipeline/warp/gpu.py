@@ -12,7 +12,7 @@ from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import describe
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, format_of, read_back, texture_from
-from pipeline.warp.settings import WarpSettings, Window, check_inputs
+from pipeline.warp.settings import RIM_DEPTH_SHARE, WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
 LANES = 32  # work-group size where one group takes one quad; a GPU's warp
@@ -71,8 +71,8 @@ class WarpPass:
     """Warp source textures of one size into one window.
 
     Compiles and allocates once, on construction: 8 bytes per window pixel and 4 per source
-    pixel. A call makes 8 dispatches (6 where holes get no depth), allocates nothing and reads
-    nothing back. It ends with a memory barrier.
+    pixel. A call makes 8 dispatches (6 where holes get no depth, 10 where they get their rim),
+    allocates nothing and reads nothing back. It ends with a memory barrier.
 
     Parameters
     ----------
@@ -119,7 +119,19 @@ class WarpPass:
         )
         self._resolve = compile_compute(ctx, "warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
         self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=lanes)
-        self._shaders = (self._small, self._classify, self._large, self._resolve, self._continue)
+        self._shaders = [self._small, self._classify, self._large, self._resolve, self._continue]
+        self._rim = [
+            compile_compute(
+                ctx,
+                "warp/rim.comp.glsl",
+                TILE=TILE,
+                CLEAR=clear,
+                RIM_PX=settings.rim_px,
+                DEPTH_SHARE=RIM_DEPTH_SHARE,
+            )
+            for clear in ((False, True) if settings.rim_px > 0 else ())
+        ]
+        self._shaders += self._rim
         width, height = self.window.width_px, self.window.height_px
         for shader in self._shaders:
             _set(shader, "target_size", (width, height))
@@ -133,7 +145,7 @@ class WarpPass:
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return 8 if self.settings.variant == "full" else 6
+        return (8 if self.settings.variant == "full" else 6) + len(self._rim)
 
     @property
     def held_bytes(self) -> int:
@@ -189,6 +201,9 @@ class WarpPass:
                 _set(self._continue, "fallback", fallback)
                 self._continue.run(-(-lines // self._lanes))
                 self._ctx.memory_barrier()
+        for shader in self._rim:
+            shader.run(-(-width // TILE), -(-height // TILE))
+            self._ctx.memory_barrier()
 
     def _check(
         self,

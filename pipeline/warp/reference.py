@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.warp.rim import without_rim
 from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, check_inputs
 
 RINGS = 2  # of vertices around the source pixels
@@ -78,7 +79,8 @@ def warp(
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
-    return resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
+    warped = resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
+    return without_rim(warped, settings.rim_px)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ SUBPIXELS = 256  # positions are rounded to this part of a pixel
 STRETCH_SHARE = 0.005  # of the window's width
 LEAST_STRETCH_PX = 2.0
 SURFACE_PX = 8
+MOST_RIM_PX = 4
+RIM_DEPTH_SHARE = 0.97  # of a hole's depth: what is at least so far is its background
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,9 @@ class WarpSettings:
         So many sides in line that stretch alike are one surface and are not torn, however
         long they are. A number beyond the image's size leaves the length alone to decide, as
         in [MI].
+    rim_px : int
+        So many pixels of the background along a hole, 0 to 4, are taken to be mixed with what
+        uncovered it, as a photograph's are, and are hole too. Needs variant ``full``.
 
     Raises
     ------
@@ -87,6 +92,7 @@ class WarpSettings:
     variant: Variant = "full"
     stretch_px: float | None = None
     surface_px: int = SURFACE_PX
+    rim_px: int = 0
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
@@ -97,6 +103,16 @@ class WarpSettings:
             )
         if self.surface_px < 2:
             raise InputError(f"surface_px must be at least 2 (got {self.surface_px})")
+        whole = isinstance(self.rim_px, int) and not isinstance(self.rim_px, bool)
+        if not whole or not 0 <= self.rim_px <= MOST_RIM_PX:
+            raise InputError(
+                f"rim_px must be a whole number from 0 to {MOST_RIM_PX} (got {self.rim_px!r})"
+            )
+        if self.rim_px > 0 and self.variant != "full":
+            raise InputError(
+                f"rim_px must be 0 for variant {self.variant}: only full gives holes the depth that"
+                f" tells what lies behind (got {self.rim_px})"
+            )
 
     def stretch_subpixels(self, window: Window) -> int:
         """The threshold in the unit of positions."""

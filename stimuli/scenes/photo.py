@@ -44,6 +44,8 @@ class PhotoScenery:
     pair : StereoPair, optional
     largest_extent_m : float
         How far a path may reach.
+    rim_px : int
+        How wide the rim of mixed pixels along silhouettes is.
     """
 
     def __init__(
@@ -54,9 +56,10 @@ class PhotoScenery:
         *,
         pair: StereoPair | None = None,
         largest_extent_m: float = float("inf"),
+        rim_px: int = 0,
     ) -> None:
         self._name, self._frame, self._focal_px, self._pair = name, frame, focal_px, pair
-        self._largest_extent_m = largest_extent_m
+        self._largest_extent_m, self._rim_px = largest_extent_m, rim_px
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
@@ -130,6 +133,11 @@ class PhotoScenery:
         """As far as the other camera, in baselines of the path."""
         return self._largest_extent_m
 
+    @property
+    def rim_px(self) -> int:
+        """As the protocol says."""
+        return self._rim_px
+
     def release(self) -> None:
         """Hold nothing on the GPU."""
 
@@ -158,7 +166,9 @@ def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
     else:
         pair = replace(pair, right=None)
     frame = SourceFrame(pair.left, pair.depth_m)
-    return PhotoScenery(scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest)
+    return PhotoScenery(
+        scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest, rim_px=scene.rim_px
+    )
 
 
 def is_built_in(scene: StereoScene, folder: Path) -> bool:
@@ -187,7 +197,8 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
             inverse = np.where(depth > 0, 1 / depth, np.nan).astype(np.float32)
         depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
     check_depth(depth, f"{folder / scene.depth}: depth")
-    return PhotoScenery(scene.name, SourceFrame(colour, depth), scene.focal_px)
+    frame = SourceFrame(colour, depth)
+    return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
 
 
 def fitted(

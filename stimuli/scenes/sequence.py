@@ -85,6 +85,11 @@ class SequenceScenery:
         """The files' own motion is what there is: no extent changes it."""
         return float("inf")
 
+    @property
+    def rim_px(self) -> int:
+        """As the protocol says."""
+        return self._scene.rim_px
+
     def release(self) -> None:
         """Hold nothing on the GPU."""
 
@@ -121,7 +126,7 @@ def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScene
         return SequenceScenery(scene, files)
     picture = load_picture(files[len(files) // 2], scene)
     focal = scene.focal_px or ASSUMED_FOCAL * picture.frame.size[1]
-    return PhotoScenery(scene.name, picture.frame, focal)
+    return PhotoScenery(scene.name, picture.frame, focal, rim_px=scene.rim_px)
 
 
 def load_picture(path: Path, scene: ExrScene) -> Picture:

@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
+from pipeline.warp.settings import WarpSettings
+from protocols.stimuli_schema import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour, load_plane
 
 BUILT_IN: Final = ("motorcycle",)
+
+PAIR_WARP: Final = WarpSettings(rim_px=PHOTOGRAPH_RIM_PX)
+"""How a pair is warped where nothing else is asked for."""
 
 # Middlebury 2014 "Motorcycle" at the size that scikit-image ships.
 _MOTORCYCLE_FOCAL_PX = 994.978

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pipeline.frame import WarpedFrame
+    from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
     from stimuli.one_frame import Choice, Filled
 
@@ -75,6 +76,17 @@ def warp(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(help="Of the noise; same seed, same picture.", min=0)] = 0,
+    rim_px: Annotated[
+        int | None,
+        typer.Option(
+            help="So many pixels of the background along a hole, 0 to 4, are hole too: a"
+            " photograph's pixels at a silhouette mix both sides, and would stay behind as a ghost"
+            " of the outline. Give 0 to a pair that was rendered without anti-aliasing, 1 to a"
+            " file with anti-aliased edges, more where a picture is blurred or enlarged."
+            r" \[default: 1 for a stereo pair, 0 for a file]",
+            show_default=False,
+        ),
+    ] = None,
     clip: Annotated[
         bool,
         typer.Option(
@@ -171,21 +183,25 @@ def warp(
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
     """
+    from pipeline.warp.settings import WarpSettings
     from study_app.cli.warp_source import FileOptions, PairOptions, load
 
     with user_errors():
+        asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
         choices = _choices(methods, settings, compare is not None)
         _check_outputs(out, compare, steps)
-        frame, truth = load(
+        loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),
             PairOptions(disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount),
         )
-        _run(frame, truth, choices, seed, out, compare, steps)
+        settled = asked or loaded.settings
+        _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps)
 
 
 def _run(
     frame: WarpInput,
+    settings: WarpSettings,
     truth: NDArray[np.float32] | None,
     choices: list[Choice],
     seed: int,
@@ -204,10 +220,12 @@ def _run(
     try:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
-            warped, fills = warp_and_fill(ctx, frame, choices, seed=seed, truth=truth)
+            warped, fills = warp_and_fill(
+                ctx, frame, choices, seed=seed, settings=settings, truth=truth
+            )
     finally:
         release_context(ctx)
-    _print_results(console, warped, fills)
+    _print_results(console, warped, fills, settings.rim_px)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_colour(out, fills[0].colour)
     console.print(f"wrote {out} ({fills[0].choice.label})")
@@ -281,9 +299,12 @@ def _check_folder(folder: Path) -> None:
         raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
 
 
-def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled]) -> None:
+def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:
     height, width = warped.size
-    console.print(f"{width} x {height} px, holes {100 * warped.hole.mean():.2f} % of the frame")
+    holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
+    if rim_px > 0:
+        holes += f", with a rim of {rim_px} px"
+    console.print(f"{width} x {height} px, {holes}")
     if not any(fill.quality for fill in fills):
         return
     table = Table("method", title="inside the holes", title_justify="left", box=None)

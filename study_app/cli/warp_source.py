@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_warp_input
-from stimuli.scenes.stereo import BUILT_IN, StereoPair, built_in_pair, load_pair
+from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,17 @@ class PairOptions:
     amount: float
 
 
-def load(
-    source: str, file: FileOptions, pair: PairOptions
-) -> tuple[WarpInput, NDArray[np.float32] | None]:
-    """Return what to warp, and the truth where it is known.
+@dataclass(frozen=True)
+class Loaded:
+    """What to warp, how it is warped where nothing else is said, and the truth if it is known."""
+
+    frame: WarpInput
+    settings: WarpSettings
+    truth: NDArray[np.float32] | None
+
+
+def load(source: str, file: FileOptions, pair: PairOptions) -> Loaded:
+    """Read what to warp.
 
     Raises
     ------
@@ -53,13 +61,14 @@ def load(
             raise StudyError("--amount and --right belong to stereo pairs: a file has its flow")
         transfer = Transfer.ENCODED if file.encoded else None
         names = _channels(file.channels)
-        return load_warp_input(path, channels=names, transfer=transfer, clip=file.clip), None
+        frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
+        return Loaded(frame, WarpSettings(), None)
     if file != FileOptions():
         raise StudyError("--clip, --encoded and --channel belong to files of RGBZ and flow")
     loaded = _load_pair(source, pair)
     # Half way between the cameras there is no photograph to compare with.
     truth = loaded.right if pair.amount == 1.0 else None
-    return loaded.warp_input(pair.amount), truth
+    return Loaded(loaded.warp_input(pair.amount), PAIR_WARP, truth)
 
 
 def _load_pair(source: str, options: PairOptions) -> StereoPair:

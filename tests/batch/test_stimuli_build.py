@@ -21,6 +21,7 @@ import stimuli.clip
 import stimuli.records
 from pipeline.errors import InputError
 from protocols.errors import StudyError
+from protocols.load import load_protocol
 from protocols.manifest import check_manifest, read_manifest
 from stimuli.batch_folder import move_over
 from stimuli.build import build
@@ -131,6 +132,59 @@ def test_a_changed_method_makes_only_its_own_clips_again(
     assert [name.method for name in outcome.built] == ["telea", "telea"]
     assert len(outcome.kept) == 4
     assert check_batch(copy).in_order
+
+
+def test_another_rim_makes_only_the_photographs_clips_again(
+    batch, copy, small_study, inline, tmp_path, read_orders
+):
+    """From the protocol to the pixels: holes, fills, the true view and what the manifest says."""
+    study = tmp_path / "study"
+    shutil.copytree(small_study.parent, study)
+    path = study / small_study.name
+    path.write_text(path.read_text().replace("offset_px =", "rim_px = 0\noffset_px ="))
+
+    outcome = build(read_orders(path), copy, inline)
+
+    assert {name.scene for name in outcome.built} == {"motorcycle"}
+    assert len(outcome.built) == len(outcome.kept) == 3
+    for folder, rim_px in ((batch, 1), (copy, 0)):
+        for clip in read_manifest(folder).clips:
+            assert clip.parameters.get("rim_px") == (rim_px if clip.scene == "motorcycle" else None)
+    place = "000003.png"
+    with_rim, bare = (
+        decode(folder / "holes/motorcycle__small" / place) > 0 for folder in (batch, copy)
+    )
+    assert (with_rim >= bare).all()
+    rim = with_rim & ~bare
+    assert rim.sum() > 10
+    for method in ("push-pull", "telea", "reference"):
+        ours, theirs = (
+            decode(folder / f"motorcycle__small__{method}" / place).astype(float)
+            for folder in (batch, copy)
+        )
+        np.testing.assert_array_equal(ours[~with_rim], theirs[~with_rim])
+        # Without a rim these pixels are the left photograph's; the true view has the right one's.
+        assert np.abs(ours[rim] - theirs[rim]).mean() > 1
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("5", "scenes[1].rim_px: must be at most 4 pixels (got 5)"),
+        ("-1", "scenes[1].rim_px: must be at least 0 pixels (got -1)"),
+        ("1.0", "scenes[1].rim_px: must be a whole number (got 1.0)"),
+        ("true", "scenes[1].rim_px: must be a whole number (got true)"),
+    ],
+)
+def test_a_rim_that_is_none_is_refused(small_study, tmp_path, value, message):
+    path = tmp_path / small_study.name
+    text = small_study.read_text().replace("offset_px =", f"rim_px = {value}\noffset_px =")
+    path.write_text(text)
+
+    with pytest.raises(StudyError) as caught:
+        load_protocol(path)
+
+    assert message in str(caught.value)
 
 
 def test_a_damaged_frame_is_made_again(copy, orders, inline):

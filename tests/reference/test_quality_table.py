@@ -5,6 +5,8 @@ import pytest
 
 from benchmarks.quality import BEGIN, END, interior, measure, table, write_into
 from pipeline.quality import Quality
+from pipeline.warp.reference import warp
+from pipeline.warp.settings import WarpSettings
 from stimuli.one_frame import Choice
 from stimuli.scenes.stereo import StereoPair
 
@@ -29,6 +31,12 @@ def test_a_pair_is_measured_inside_its_interior_holes(gl_context, rng):
 
     share, found = measure(gl_context, pair, [Choice("background-extension")])
 
+    frame = pair.warp_input()
+    bare, grown = (
+        interior(warp(frame.source, frame.flow_px, settings=WarpSettings(rim_px=rim_px)).hole)
+        for rim_px in (0, 1)
+    )
+    assert share == grown.mean() > bare.mean()  # a photograph's rim is hole too
     assert 24 * 7 / (48 * 64) < share < 24 * 12 / (48 * 64)  # not the 2 px at the right border
     assert found["background-extension"].psnr_db > 35  # noise of 0.01 is 40 dB
 

@@ -7,6 +7,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InputError
+from pipeline.warp.settings import MOST_RIM_PX
+from protocols.publish import json_schema
 from protocols.stimuli_schema import (
     CirclePath,
     ExrScene,
@@ -140,16 +142,72 @@ def test_a_photograph_has_no_further_real_frames(tmp_path, gl_context):
         Footage(gl_context, photo, Shot(make_path(UP, 4, 8.0), (40, 30), 0.1, 0.0))
 
 
-@pytest.fixture
-def motorcycle(tmp_path):
+def pair(folder, **more):
     return open_stereo(
         StereoScene(
             kind="stereo", name="m", left="motorcycle", right="motorcycle",
             disparity="motorcycle", focal_px=994.978, baseline_m=0.193001, offset_px=31.086,
-            camera=StereoPath(kind="stereo"),
+            camera=StereoPath(kind="stereo"), **more,
         ),
-        tmp_path,
+        folder,
     )  # fmt: skip
+
+
+@pytest.fixture
+def motorcycle(tmp_path):
+    return pair(tmp_path)
+
+
+def test_photographs_have_a_rim_and_files_of_programs_none(tmp_path, write_exr, motorcycle):
+    light, depth = planes()
+    write_exr(tmp_path / "a.exr", [{"R": light, "G": light, "B": light, "Z": depth}])
+    Image.fromarray(np.full((30, 40, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    Image.fromarray(np.full((30, 40), 1000, np.uint16)).save(tmp_path / "d.png")
+
+    assert motorcycle.rim_px == open_rgbd(rgbd(), tmp_path).rim_px == 1
+    assert pair(tmp_path, rim_px=3).rim_px == open_rgbd(rgbd(rim_px=3), tmp_path).rim_px == 3
+    for camera in (CIRCLE, UP):
+        assert open_sequence(scene(camera=camera), tmp_path).rim_px == 0
+        assert open_sequence(scene(camera=camera, rim_px=2), tmp_path).rim_px == 2
+
+
+def test_protocols_and_the_warp_allow_the_same_rims():
+    scenes = json_schema("study")["$defs"]
+    for name in ("StereoScene", "RgbdScene", "ExrScene"):
+        assert scenes[name]["properties"]["rim_px"]["maximum"] == MOST_RIM_PX
+
+
+@pytest.mark.parametrize("rim_px", [0, 1, 3])
+def test_holes_alone_are_the_holes_of_the_whole_warp(tmp_path, gl_context, rim_px):
+    """A survey counts holes, and a clip fills them: both must mean the same ones."""
+    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
+    sizes = []
+    for wide in (0, rim_px):
+        photo = pair(tmp_path, rim_px=wide)
+        whole = Footage(gl_context, photo, shot, probe=[1])
+        alone = Footage(gl_context, photo, shot, probe=[1], holes_only=True)
+        hole = whole.warped(1).hole
+        np.testing.assert_array_equal(alone.holes(1), hole)
+        sizes.append(hole.sum())
+        whole.release()
+        alone.release()
+    assert (sizes[1] > sizes[0]) == (rim_px > 0)
+
+
+def test_the_true_view_is_the_other_photograph_in_the_rim_as_well(tmp_path, gl_context):
+    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
+    found = []
+    for rim_px in (0, 2):
+        footage = Footage(gl_context, pair(tmp_path, rim_px=rim_px), shot, probe=[1])
+        found.append((footage.warped(1), footage.truth(1)))
+        footage.release()
+    (bare, bare_truth), (grown, truth) = found
+    rim = grown.hole & ~bare.hole
+    assert rim.sum() > 100
+    np.testing.assert_array_equal(truth[~rim], bare_truth[~rim])
+    np.testing.assert_array_equal(bare_truth[rim], bare.colour[rim])
+    assert np.abs(truth[rim] - bare.colour[rim]).mean() > 0.02
+    assert truth[rim].mean() > 0.1  # not the warp's black
 
 
 def test_at_the_other_camera_the_truth_is_the_other_photograph(motorcycle, gl_context):

@@ -769,10 +769,10 @@ def test_a_camera_anchor_without_cameras_is_refused(prepare, rng):
 
 def test_the_motorcycle_matches_reference(prepare, gl_context):
     """The real pair, a crop around the front wheel, as the warp leaves it."""
-    from stimuli.scenes.stereo import built_in_pair
+    from stimuli.scenes.stereo import PAIR_WARP, built_in_pair
 
     frame = built_in_pair("motorcycle").warp_input()
-    whole = warp_frame(gl_context, frame.source, frame.flow_px)
+    whole = warp_frame(gl_context, frame.source, frame.flow_px, settings=PAIR_WARP)
     crop = np.s_[150:362, 90:411]
     warped = WarpedFrame(
         *(

@@ -50,7 +50,7 @@ def fill_photographs(out: Path, seed: int) -> Photographs:
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import Choice, comparison, warp_and_fill
-    from stimuli.scenes.stereo import built_in_pair
+    from stimuli.scenes.stereo import PAIR_WARP, built_in_pair
 
     out.mkdir(parents=True, exist_ok=True)
     ctx = create_context()
@@ -64,6 +64,7 @@ def fill_photographs(out: Path, seed: int) -> Photographs:
             [Choice(name) for name in METHODS],
             truth=pair.right,
             seed=seed,
+            settings=PAIR_WARP,
         )
     finally:
         release_context(ctx)

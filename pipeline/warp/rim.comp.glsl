@@ -1,0 +1,65 @@
+#version 430
+// Make hole of the background's pixels along holes: one dispatch marks them, a second clears what
+// is marked, so that every pixel is judged by the holes as they were. Two programs: llvmpipe does
+// the work of both sides of a branch.
+// Twin: rim.py. Change both or neither.
+
+#constant TILE         // work-group edge, pixels
+#constant CLEAR        // whether to clear what is marked, or to mark
+#constant RIM_PX       // how deep the rim is, 1 to 4
+#constant DEPTH_SHARE  // of a hole's depth: what is at least so far is not what uncovered it
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+// NOTHING, as the last stage left them; RIM between the two dispatches.
+layout(std430, binding = 0) buffer Keys { uint keys[]; };
+
+layout(rgba32f, binding = 3) uniform image2D warped_colour;  // a: 1 known, 0 hole
+layout(r32f, binding = 4) uniform readonly image2D warped_depth_m;
+
+const uint NOTHING = 0xFFFFFFFFu;
+const uint RIM = 0u;
+
+bool hole_at(ivec2 pixel) {
+    return all(greaterThanEqual(pixel, ivec2(0)))
+        && all(lessThan(pixel, imageSize(warped_colour)))
+        && imageLoad(warped_colour, pixel).a == 0.0;
+}
+
+// Whether at most RIM_PX steps `along` lead into three hole pixels in line that are no farther
+// than `depth`. No loop: see decision 0035.
+bool rim_along(ivec2 pixel, ivec2 along, float depth) {
+    ivec2 first = pixel + along;
+    bool found = hole_at(first);
+#if RIM_PX > 1
+    if (!found) { first += along; found = hole_at(first); }
+#endif
+#if RIM_PX > 2
+    if (!found) { first += along; found = hole_at(first); }
+#endif
+#if RIM_PX > 3
+    if (!found) { first += along; found = hole_at(first); }
+#endif
+    return found && hole_at(first + along) && hole_at(first + 2 * along)
+        && depth >= DEPTH_SHARE * imageLoad(warped_depth_m, first).x;
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 size = imageSize(warped_colour);
+    if (any(greaterThanEqual(pixel, size))) return;
+    uint cell = uint(pixel.y * size.x + pixel.x);
+#if CLEAR
+    if (keys[cell] == NOTHING) return;
+    keys[cell] = NOTHING;
+    imageStore(warped_colour, pixel, vec4(0.0));
+#else
+    if (hole_at(pixel)) return;
+    float depth = imageLoad(warped_depth_m, pixel).x;
+    if (rim_along(pixel, ivec2(-1, 0), depth) || rim_along(pixel, ivec2(1, 0), depth)
+        || rim_along(pixel, ivec2(0, -1), depth) || rim_along(pixel, ivec2(0, 1), depth)
+        || rim_along(pixel, ivec2(-1, -1), depth) || rim_along(pixel, ivec2(1, -1), depth)
+        || rim_along(pixel, ivec2(-1, 1), depth) || rim_along(pixel, ivec2(1, 1), depth))
+        keys[cell] = RIM;
+#endif
+}
