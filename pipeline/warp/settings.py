@@ -17,7 +17,7 @@ STRETCH_SHARE = 0.005  # of the window's width
 LEAST_STRETCH_PX = 2.0
 SURFACE_PX = 8
 MOST_RIM_PX = 4
-RIM_DEPTH_SHARE = 0.97  # of a hole's depth: what is at least so far is its background
+RIM_DEPTH_SHARE = 0.95  # of a hole's depth: what is at least so far is its background
 
 
 @dataclass(frozen=True)
