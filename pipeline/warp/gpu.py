@@ -12,7 +12,7 @@ from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import describe
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, format_of, read_back, texture_from
-from pipeline.warp.settings import RIM_DEPTH_SHARE, WarpSettings, Window, check_inputs
+from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
 LANES = 32  # work-group size where one group takes one quad; a GPU's warp
@@ -127,7 +127,7 @@ class WarpPass:
                 TILE=TILE,
                 CLEAR=clear,
                 RIM_PX=settings.rim_px,
-                DEPTH_SHARE=RIM_DEPTH_SHARE,
+                ALIKE_PX=settings.alike_px(self.window),
             )
             for clear in ((False, True) if settings.rim_px > 0 else ())
         ]

@@ -80,7 +80,7 @@ def warp(
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     warped = resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
-    return without_rim(warped, settings.rim_px)
+    return without_rim(warped, settings.rim_px, settings.alike_px(window))
 
 
 @dataclass(frozen=True, eq=False)

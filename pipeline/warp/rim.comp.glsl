@@ -7,7 +7,7 @@
 #constant TILE         // work-group edge, pixels
 #constant CLEAR        // whether to clear what is marked, or to mark
 #constant RIM_PX       // how deep the rim is, 1 to 4
-#constant DEPTH_SHARE  // of a hole's depth: what is at least so far is not what uncovered it
+#constant ALIKE_PX     // what moves as a hole does to so many pixels is what the hole uncovered
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -15,7 +15,7 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 layout(std430, binding = 0) buffer Keys { uint keys[]; };
 
 layout(rgba32f, binding = 3) uniform image2D warped_colour;  // a: 1 known, 0 hole
-layout(r32f, binding = 4) uniform readonly image2D warped_depth_m;
+layout(rg32f, binding = 5) uniform readonly image2D warped_flow_px;
 
 const uint NOTHING = 0xFFFFFFFFu;
 const uint RIM = 0u;
@@ -26,9 +26,9 @@ bool hole_at(ivec2 pixel) {
         && imageLoad(warped_colour, pixel).a == 0.0;
 }
 
-// Whether at most RIM_PX steps `along` lead into three hole pixels in line that are no farther
-// than `depth`. No loop: see decision 0035.
-bool rim_along(ivec2 pixel, ivec2 along, float depth) {
+// Whether at most RIM_PX steps `along` lead into three hole pixels in line, the first of which
+// moves as `motion`. No loop: see decision 0035.
+bool rim_along(ivec2 pixel, ivec2 along, vec2 motion) {
     ivec2 first = pixel + along;
     bool found = hole_at(first);
 #if RIM_PX > 1
@@ -41,7 +41,7 @@ bool rim_along(ivec2 pixel, ivec2 along, float depth) {
     if (!found) { first += along; found = hole_at(first); }
 #endif
     return found && hole_at(first + along) && hole_at(first + 2 * along)
-        && depth >= DEPTH_SHARE * imageLoad(warped_depth_m, first).x;
+        && all(lessThanEqual(abs(motion - imageLoad(warped_flow_px, first).xy), vec2(ALIKE_PX)));
 }
 
 void main() {
@@ -55,11 +55,11 @@ void main() {
     imageStore(warped_colour, pixel, vec4(0.0));
 #else
     if (hole_at(pixel)) return;
-    float depth = imageLoad(warped_depth_m, pixel).x;
-    if (rim_along(pixel, ivec2(-1, 0), depth) || rim_along(pixel, ivec2(1, 0), depth)
-        || rim_along(pixel, ivec2(0, -1), depth) || rim_along(pixel, ivec2(0, 1), depth)
-        || rim_along(pixel, ivec2(-1, -1), depth) || rim_along(pixel, ivec2(1, -1), depth)
-        || rim_along(pixel, ivec2(-1, 1), depth) || rim_along(pixel, ivec2(1, 1), depth))
+    vec2 motion = imageLoad(warped_flow_px, pixel).xy;
+    if (rim_along(pixel, ivec2(-1, 0), motion) || rim_along(pixel, ivec2(1, 0), motion)
+        || rim_along(pixel, ivec2(0, -1), motion) || rim_along(pixel, ivec2(0, 1), motion)
+        || rim_along(pixel, ivec2(-1, -1), motion) || rim_along(pixel, ivec2(1, -1), motion)
+        || rim_along(pixel, ivec2(-1, 1), motion) || rim_along(pixel, ivec2(1, 1), motion))
         keys[cell] = RIM;
 #endif
 }

@@ -15,29 +15,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.warp.settings import RIM_DEPTH_SHARE
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-HOLE_PX = 3  # a hole less deep than this in a direction has no rim there
+# A hole less deep than this in a direction has no rim there. The twin asks three by name.
+HOLE_PX = 3
 DIRECTIONS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
 
 
-def without_rim(warped: WarpedFrame, rim_px: int) -> WarpedFrame:
+def without_rim(warped: WarpedFrame, rim_px: int, alike_px: float) -> WarpedFrame:
     """Make hole of the background's pixels along holes, `rim_px` deep.
 
     A known pixel becomes hole if, in one of the eight directions, at most `rim_px` steps lead
-    over known pixels into `HOLE_PX` hole pixels in line, and it is not nearer than the first of
-    them: its depth is at least `RIM_DEPTH_SHARE` of that one's. So what uncovered the hole keeps
-    its pixels, and so do the sides of gaps that rounding leaves in slanted surfaces. Beyond the
-    frame's edge counts as known. Holes are those of `warped`: none grows from another's rim.
+    over known pixels into `HOLE_PX` hole pixels in line, and it moves as the first of them does,
+    to `alike_px` along either axis. What uncovered the hole tore itself away from it and so moves
+    otherwise: it keeps its pixels. So do the sides of gaps that rounding leaves in slanted
+    surfaces. Beyond the frame's edge counts as known. Holes are those of `warped`: none grows
+    from another's rim.
 
     Parameters
     ----------
     warped : WarpedFrame
-        With background depth in its holes.
+        With the background's motion in its holes.
     rim_px : int
         0 gives back `warped`.
+    alike_px : float
+        `WarpSettings.alike_px`.
 
     Returns
     -------
@@ -50,7 +53,7 @@ def without_rim(warped: WarpedFrame, rim_px: int) -> WarpedFrame:
     """
     if rim_px == 0:
         return warped
-    hole, depth = warped.hole, warped.depth_m
+    hole, flow = warped.hole, warped.flow_px
     rim = np.zeros_like(hole)
     for direction in DIRECTIONS:
         known = ~hole
@@ -59,8 +62,10 @@ def without_rim(warped: WarpedFrame, rim_px: int) -> WarpedFrame:
             for further in range(HOLE_PX):
                 deep &= ahead(hole, direction, steps + further)
             # In float32, as the twin: both must round alike.
-            behind = depth >= np.float32(RIM_DEPTH_SHARE) * ahead(depth, direction, steps)
-            rim |= deep & behind
+            for axis in (0, 1):
+                off_px = abs(flow[..., axis] - ahead(flow[..., axis], direction, steps))
+                deep &= off_px <= np.float32(alike_px)
+            rim |= deep
             known &= ~ahead(hole, direction, steps)
     colour = np.where(rim[..., None], np.float32(0), warped.colour)
     return replace(warped, colour=colour, hole=hole | rim)

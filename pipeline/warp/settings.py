@@ -17,7 +17,6 @@ STRETCH_SHARE = 0.005  # of the window's width
 LEAST_STRETCH_PX = 2.0
 SURFACE_PX = 8
 MOST_RIM_PX = 4
-RIM_DEPTH_SHARE = 0.95  # of a hole's depth: what is at least so far is its background
 
 
 @dataclass(frozen=True)
@@ -113,6 +112,10 @@ class WarpSettings:
                 f"rim_px must be 0 for variant {self.variant}: only full gives holes the depth that"
                 f" tells what lies behind (got {self.rim_px})"
             )
+
+    def alike_px(self, window: Window) -> float:
+        """Motions that differ by no more do not tear two neighbours apart: they are one surface."""
+        return self.stretch_subpixels(window) / SUBPIXELS - 1
 
     def stretch_subpixels(self, window: Window) -> int:
         """The threshold in the unit of positions."""

@@ -25,7 +25,7 @@ from pipeline.warp.reference import (
     with_strips,
 )
 from pipeline.warp.rim import DIRECTIONS, HOLE_PX, ahead
-from pipeline.warp.settings import RIM_DEPTH_SHARE, VARIANTS, WarpSettings, Window
+from pipeline.warp.settings import VARIANTS, WarpSettings, Window
 
 # Roundoffs of float32. A weight is a quotient of two exact integers: 2 to convert them and 5
 # to divide (GLSL allows 2.5 ulp). Which quad covers a pixel is decided on integers: no slack.
@@ -170,19 +170,18 @@ def undecided(scene: Scene, settings: WarpSettings) -> NDArray[np.bool_]:
 
 
 def undecided_rim(
-    bare: WarpedFrame, unsure: NDArray[np.bool_], nearest_m: float, rim_px: int
+    bare: WarpedFrame, unsure: NDArray[np.bool_], slack_px: float, rim_px: int, alike_px: float
 ) -> NDArray[np.bool_]:
-    """Tell where a rim hangs on a pixel that is `unsure`, or on depths too close for float32."""
+    """Tell where a rim hangs on a pixel that is `unsure`, or on motions too close for float32."""
     reach = 2 * (rim_px + HOLE_PX - 1) + 1
     result = ndimage.maximum_filter(unsure, reach)
-    # Relative to a depth, the twins' own interpolation errs by this, and the product by one more.
-    slack = INVERSE_DEPTH_RTOL_OF_MAX * bare.depth_m / nearest_m + 2 * ROUNDOFF
     for direction in DIRECTIONS:
         for steps in range(1, rim_px + 1):
-            first = np.float32(RIM_DEPTH_SHARE) * ahead(bare.depth_m, direction, steps)
-            with np.errstate(invalid="ignore"):  # inf - inf: both twins say the same
-                close = abs(bare.depth_m - first) <= slack * bare.depth_m
-            result |= close & np.isfinite(bare.depth_m) & ahead(bare.hole, direction, steps)
+            for axis in (0, 1):
+                motion = bare.flow_px[..., axis].astype(np.float64)
+                off_px = abs(motion - ahead(motion, direction, steps))
+                close = abs(off_px - alike_px) <= slack_px
+                result |= close & ahead(bare.hole, direction, steps)
     return result
 
 
@@ -208,7 +207,9 @@ def assert_alike(found: WarpedFrame, scene: Scene, settings: WarpSettings) -> Wa
             window=scene.window,
             settings=replace(settings, rim_px=0),
         )
-        doubtful = undecided_rim(bare, ~sure, nearest, settings.rim_px)
+        alike_px = settings.alike_px(scene.window or Window.of(scene.frame.size))
+        slack_px = FLOW_RTOL_OF_MAX * abs(scene.flow_px).max() + alike_px * ROUNDOFF
+        doubtful = undecided_rim(bare, ~sure, slack_px, settings.rim_px, alike_px)
         assert doubtful.mean() <= 0.1  # each pixel left out above takes its surroundings along
         sure &= ~doubtful
     np.testing.assert_array_equal(found.hole[sure], expected.hole[sure])
