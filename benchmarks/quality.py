@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS
 from pipeline.quality import Quality
@@ -43,14 +44,19 @@ def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return hole & ~np.isin(labels, at_border)
 
 
+def warped_pair(ctx: moderngl.Context, pair: StereoPair) -> WarpedFrame:
+    """The left photograph as the right one's camera sees it, without its rim."""
+    frame = pair.warp_input()
+    return warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP)
+
+
 def measure(
     ctx: moderngl.Context, pair: StereoPair, choices: list[Choice]
 ) -> tuple[float, dict[str, Quality]]:
     """Return the share of interior holes, and each method's quality inside them."""
-    frame = pair.warp_input()
-    mask = interior(warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP).hole)
+    mask = interior(warped_pair(ctx, pair).hole)
     _, fills = warp_and_fill(
-        ctx, frame, choices, truth=pair.right, truth_mask=mask, settings=PAIR_WARP
+        ctx, pair.warp_input(), choices, truth=pair.right, truth_mask=mask, settings=PAIR_WARP
     )
     found = {fill.choice.label: fill.quality for fill in fills if fill.quality is not None}
     return float(mask.mean()), found

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy import ndimage
 
-from benchmarks.quality import interior, pairs
+from benchmarks.quality import interior, pairs, warped_pair
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
 from pipeline.frame import SourceFrame, WarpedFrame
@@ -40,7 +40,6 @@ from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
-from stimuli.scenes.stereo import PAIR_WARP
 
 RESULTS = Path(__file__).parent / "results" / "variants.json"
 CLIP_EDGE_PX = 192
@@ -266,8 +265,7 @@ def measure(
     for name, pair in pairs(folder):
         if pair.right is None:
             continue
-        frame = pair.warp_input()
-        warped = warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP)
+        warped = warped_pair(ctx, pair)
         results[name], images[name] = {}, [("truth", pictures.of_colour(pair.right))]
         for variant in track(VARIANTS, name):
             scored, filled = score_pair(ctx, variant, warped, pair.right)

@@ -27,7 +27,7 @@ from pipeline.synthesis.mixing import fitted_mixing
 TILE = 256  # edge of the tile, pixels; a power of two
 TEXELS_PER_PX = 2  # along each axis
 TILE_TEXELS = TEXELS_PER_PX * TILE
-# Rounded to this what lies between pixels does not depend on how a library sums.
+# Rounded to this what lies between pixels hardly ever depends on how a library sums.
 GRAIN = 2.0**-20
 
 

@@ -109,8 +109,8 @@ class WarpSettings:
             )
         if self.rim_px > 0 and self.variant != "full":
             raise InputError(
-                f"rim_px must be 0 for variant {self.variant}: only full gives holes the depth that"
-                f" tells what lies behind (got {self.rim_px})"
+                f"rim_px must be 0 for variant {self.variant}: only full gives holes the motion of"
+                f" what lies behind (got {self.rim_px})"
             )
 
     def alike_px(self, window: Window) -> float:

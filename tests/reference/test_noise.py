@@ -7,7 +7,7 @@ from scipy import signal
 from pipeline.features.reference import Pyramid, analyse, band, double, fitted_kernels, synthesise
 from pipeline.synthesis.fit_mixing import SPECTRA, deviations_of
 from pipeline.synthesis.mixing import LAGS, fitted_mixing
-from pipeline.synthesis.noise import TILE, TILE_TEXELS, between, noise_bands, unit_bands
+from pipeline.synthesis.noise import GRAIN, TILE, TILE_TEXELS, between, noise_bands, unit_bands
 from pipeline.synthesis.reference import look_up
 
 LEVELS = 6
@@ -136,6 +136,13 @@ def test_noise_of_a_seed_never_changes(noise, unit):
     np.testing.assert_allclose(unit[3, 2, 200, 100], GOLDEN_COARSE, atol=1e-6)
     np.testing.assert_allclose(noise.tiles[0, 0, 10, 18], GOLDEN_MIXED, atol=1e-6)
     np.testing.assert_allclose(noise.tiles[0, 0, 11, 18], GOLDEN_BETWEEN, atol=1e-6)
+
+
+def test_what_lies_between_pixels_is_rounded(noise):
+    """So that a transform's order of sums cannot be seen."""
+    for between_rows_or_columns in (noise.tiles[:, :, 1::2], noise.tiles[:, :, :, 1::2]):
+        assert not (between_rows_or_columns / np.float32(GRAIN) % 1).any()
+    assert (noise.tiles[:, :, ::2, ::2] / np.float32(GRAIN) % 1).any()
 
 
 def test_fewer_levels_are_the_first_of_more():
