@@ -28,6 +28,7 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import known_background, noise_variances, wideness
+from pipeline.synthesis.mixing import fitted_mixing
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     deviations,
@@ -48,6 +49,7 @@ LOW_BAND = 9  # of one level
 BAND = 11  # of a coefficient from its 3x3 colours
 SHARES = 9  # of a guided interpolation
 LOOK_UP = 40  # of noise between texels, with its gain
+LARGEST_GAIN, GAIN_SLOPE = 1.4, 0.6  # over all of mixing.json; the latter per texel of an axis
 # From end to end: a sixteenth of an 8-bit step. A band whose variance the base has all but
 # reached is the root of a small difference, whose error no count of roundings keeps small.
 WHOLE_ATOL = 2.0**-12
@@ -199,7 +201,8 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     """Bound the colour that given variances and base lead to, absolute: (H, W, 3).
 
     Interpolation of variances costs SHARES and 4 roundings, their root half of it and 4 of its
-    own. Luma's are positive. Chroma's may cancel, so their magnitudes count.
+    own. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
+    off, so are noise, by what neighbouring texels differ along both axes, and its gain.
     """
     settings = run.settings
     cross = settings.channels == "correlated"
@@ -208,13 +211,32 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
     for k, level in enumerate(lacking):
-        tallest = 1.5 * np.abs(noise.tiles[k]).max()  # the look-up's gain is at most 1.5
+        tile = noise.tiles[k].astype(np.float64)
+        tallest = np.abs(tile).max()
+        step = max(np.abs(tile - np.roll(tile, 1, axis)).max() for axis in (1, 2))
+        slope = 2 * TEXELS_PER_PX * (LARGEST_GAIN * step + GAIN_SLOPE * tallest)
         size = Level(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
-        texel = (LOOK_UP + SHARES + 10) * ROUNDOFF + 4 * TEXELS_PER_PX * moved_px
-        total += tallest * texel * here.sum(axis=2)
+        off = (LOOK_UP + SHARES + 10) * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
+        total += off * here.sum(axis=2)
     return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
+
+
+def test_the_look_up_s_gain_is_within_what_the_tolerance_says():
+    """From texel to texel, every hundredth: the gain of `look_up`, and how it changes."""
+    x = np.linspace(0, 1, 101)
+    y = x[:, None]
+    a, b, c, d = (1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y
+    for levels in range(1, 7):
+        lag = fitted_mixing(levels).lag_correlation.reshape(-1, 4, 1, 1).astype(np.float64)
+        pairs = (a * b + c * d, a * c + b * d, a * d, b * c)
+        twice = 2 * sum(lag[:, index] * pair for index, pair in enumerate(pairs))
+        gain = 1 / np.sqrt(a * a + b * b + c * c + d * d + twice)
+        assert 1.2 < gain.max() < LARGEST_GAIN
+        assert (
+            0.4 < 100 * max(np.abs(np.diff(gain, axis=axis)).max() for axis in (1, 2)) < GAIN_SLOPE
+        )
 
 
 def needed(hole, k):
