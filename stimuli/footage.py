@@ -55,8 +55,8 @@ class Footage:
     probe : sequence of int, optional
         Frames to find the margin for; all by default.
     holes_only : bool
-        Leave holes without depth where the scenery allows it, which is faster where only they
-        matter: `holes` alone is meant to be called.
+        Leave holes without depth and motion where the scenery allows it, which is faster where
+        only they matter: `holes` alone is meant to be called.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Footage:
         self._ctx = ctx
         self._scenery = scenery
         self.shot = shot
-        # A rim is found by the holes' depth.
+        # A rim is found by the holes' motion.
         bare = holes_only and scenery.rim_px == 0
         self._settings = WarpSettings("remove" if bare else "full", rim_px=scenery.rim_px)
         self._held: list[moderngl.Texture | MotionPass | WarpPass | WarpTextures] = []

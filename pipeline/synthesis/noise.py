@@ -46,7 +46,7 @@ class NoiseBands:
 
 @lru_cache(maxsize=2)
 def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
-    """Make the noise of one seed; the same on every platform. Its arrays are read-only.
+    """Make the noise of one seed; the same on every platform, up to `GRAIN`; read-only.
 
     Band b is the sum of all unit bands c times ``matrix[c, b]``: so weights mixed by the
     matrix, and unit bands weighed by them, are what is left to deviations and this tile.
