@@ -1,7 +1,8 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), deviations(), look_up() and sample() in reference.py. Change both or neither.
+// Twin: shaped_noise(), variances_of_pixels(), deviations(), look_up() and sample() in reference.py,
+// spectral_gains() in mixing.py. Change both or neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
@@ -11,6 +12,10 @@
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
+#constant LEAST_GAIN
+#constant MOST_GAIN
+#constant AIM
+#constant UNSEEN_VARIANCE
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -28,6 +33,11 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
+
+// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j,
+// one matrix for each band of i; columns are the bands of j.
+const int PAIRS = LEVELS * (LEVELS + 1) / 2;
+layout(std140, binding = 0) uniform Overlap { mat3 overlap[LEVELS * PAIRS * 3]; };
 
 uniform float z_near_m;
 uniform float noise_scale;
@@ -141,11 +151,59 @@ vec3 deviation(vec3 variance) {
 #endif
 }
 
-void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
+#define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
+
+// Of each band and channel; with CHANNELS 1 all channels have luma's.
+struct Gains {
+    vec3 high[LEVELS], along_x[LEVELS], along_y[LEVELS];
+};
+
+// What 2x2 pixels lack at their centre, first; then what to multiply their deviations by.
+void add_lacking(inout Gains g, int level, vec4 share, float guide, Texel a, Texel b, Texel c,
+                 Texel d) {
+    share = guided_shares(share, guide, vec4(a.guide, b.guide, c.guide, d.guide),
+                          depth_threshold).share;
+    g.high[level] = MIXED(high);
+    g.along_x[level] = MIXED(along_x);
+    g.along_y[level] = MIXED(along_y);
+}
+
+void find_gains(inout Gains g, int channel) {
+    vec3 wanted[LEVELS], found[LEVELS];
+    for (int i = 0; i < LEVELS; ++i) {
+        wanted[i] = sqrt(vec3(g.high[i][channel], g.along_x[i][channel], g.along_y[i][channel]));
+    }
+    int at = 0;
+    for (int level = 0; level < LEVELS; ++level) {
+        vec3 measured = vec3(0.0);
+        for (int i = 0; i < LEVELS; ++i) {
+            for (int j = i; j < LEVELS; ++j, at += 3) {
+                measured += overlap[at] * (wanted[i].x * wanted[j])
+                          + overlap[at + 1] * (wanted[i].y * wanted[j])
+                          + overlap[at + 2] * (wanted[i].z * wanted[j]);
+            }
+        }
+        found[level] = AIM * clamp(sqrt((wanted[level] * wanted[level] + UNSEEN_VARIANCE)
+                                        / (max(measured, vec3(0.0)) + UNSEEN_VARIANCE)),
+                                   LEAST_GAIN, MOST_GAIN);
+    }
+    for (int i = 0; i < LEVELS; ++i) {
+#if CHANNELS == 1
+        g.high[i] = found[i].xxx;
+        g.along_x[i] = found[i].yyy;
+        g.along_y[i] = found[i].zzz;
+#else
+        g.high[i][channel] = found[i].x;
+        g.along_x[i][channel] = found[i].y;
+        g.along_y[i][channel] = found[i].z;
+#endif
+    }
+}
+
+void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     if (!p.hole) return;
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
     share = guided_shares(share, p.guide, guides, depth_threshold).share;
-#define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
@@ -158,6 +216,9 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
         return;
     }
 #endif
+    high *= g.high[level];
+    along_x *= g.along_x[level];
+    along_y *= g.along_y[level];
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
     p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
@@ -180,6 +241,21 @@ void work(ivec2 parent, int chain) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
 
+    Gains g;
+    Texel own = variances_at(parent, level_size[0]);
+    g.high[0] = own.high;
+    g.along_x[0] = own.along_x;
+    g.along_y[0] = own.along_y;
+    for (int level = 1; level < LEVELS; ++level) {
+        ivec4 size = level_size[level];
+        vec2 centre = (vec2(parent) + 0.5) / float(1 << level) - 0.5;
+        ivec2 corner = ivec2(floor(centre));
+        add_lacking(g, level, bilinear(centre - floor(centre)), own.guide,
+                    variances_at(corner, size), variances_at(corner + ivec2(1, 0), size),
+                    variances_at(corner + ivec2(0, 1), size), variances_at(corner + 1, size));
+    }
+    for (int channel = 0; channel < CHANNELS; ++channel) find_gains(g, channel);
+
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
         ivec4 size = level_size[0];
@@ -189,10 +265,10 @@ void work(ivec2 parent, int chain) {
         Texel t11 = variances_at(parent, size), t12 = variances_at(parent + ivec2(1, 0), size);
         Texel t20 = variances_at(parent + ivec2(-1, 1), size);
         Texel t21 = variances_at(parent + ivec2(0, 1), size), t22 = variances_at(parent + 1, size);
-        add_level(p00, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
-        add_level(p01, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
-        add_level(p10, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
-        add_level(p11, 0, bilinear(vec2(0.25, 0.25)), t11, t12, t21, t22);
+        add_level(p00, g, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
+        add_level(p01, g, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
+        add_level(p10, g, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
+        add_level(p11, g, 0, bilinear(vec2(0.25, 0.25)), t11, t12, t21, t22);
     }
     // Coarser levels: all four children lie between the same four texels.
     float scale = 0.25;
@@ -203,10 +279,10 @@ void work(ivec2 parent, int chain) {
         vec2 near = first - floor(first), far = near + scale;
         Texel a = variances_at(corner, size), b = variances_at(corner + ivec2(1, 0), size);
         Texel c = variances_at(corner + ivec2(0, 1), size), d = variances_at(corner + 1, size);
-        add_level(p00, level, bilinear(near), a, b, c, d);
-        add_level(p01, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
-        add_level(p10, level, bilinear(vec2(near.x, far.y)), a, b, c, d);
-        add_level(p11, level, bilinear(far), a, b, c, d);
+        add_level(p00, g, level, bilinear(near), a, b, c, d);
+        add_level(p01, g, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
+        add_level(p10, g, level, bilinear(vec2(near.x, far.y)), a, b, c, d);
+        add_level(p11, g, level, bilinear(far), a, b, c, d);
     }
     finish(p00);
     finish(p01);

@@ -15,7 +15,9 @@ covariance that band `b` measures between all bands of unit noise, it measures
 - and each of these with its bands jittered, so that no odd spectrum is amplified.
 
 T couples neighbouring levels only, treats x and y alike, and is held to the identity. The
-noise is linear in its weights, so T is absorbed into the tile (noise.py).
+noise is linear in its weights, so T is absorbed into the tile (noise.py). What T leaves, the
+gains of `mixing.spectral_gains` correct place by place, so that ``s`` above is what they make
+of it: T is fitted with them. `mixing.json` also holds the covariances, for those gains.
 
 Mixed bands interpolate differently, too. `lag_correlation` is the answer to: whatever the
 sub-pixel offset, the variance of the mixed sum stays, for the same textures.
@@ -33,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
-from pipeline.synthesis.mixing import LAGS
+from pipeline.synthesis.mixing import LAGS, measured_variances, overlaps, packed, unpacked
 from pipeline.synthesis.noise import TEXELS_PER_PX
 
 EDGE = 256  # of the noise that is measured, pixels
@@ -51,9 +53,9 @@ SHARES = (
 )
 HIGH_SHARE = 0.15  # of the high band: a base is smooth, and holds so much of that share
 TOGETHER = (1.0, 0.97, 0.88)  # correlation of two bands' energies from place to place, per step
-JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.3  # how many, deviation of log, weight
-RIDGE_MATRIX, RIDGE_LAG = 0.1, 0.1
-AIM = 1.01  # over what a plane asks for: in holes, variances fall towards the border
+JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.1  # how many, deviation of log, weight
+MOST_STEPS = 20  # of the fit of T: what gains leave to it is flat
+RIDGE_MATRIX, RIDGE_LAG = 0.05, 0.1
 OFFSETS = (0.0, 0.15, 0.3, 0.5, 0.7, 0.85)  # texels, along each axis
 
 Array = NDArray[np.float64]
@@ -199,31 +201,49 @@ class MatrixFit:
         flat = self.covariances.reshape(len(mixing), -1)
         return np.sqrt(np.maximum(weights.reshape(len(wanted), -1) @ flat.T, 1e-12))
 
+    def corrected(self, mixing: Array, wanted: Array) -> Array:
+        """Deviations with their gains, without bounds or aim: (n, B) to (n, B)."""
+        measured = measured_variances(wanted, overlaps(self.covariances, mixing))
+        return wanted**2 / np.sqrt(measured)
+
     def solve(self) -> Array:
         rng = np.random.default_rng(0)
-        wanted, targets, weight = [], [], []
+        together, targets, weight = [], [], []
         for texture in _textures(self.levels):
             for correlation in TOGETHER:
                 jitter = np.exp(rng.normal(0, JITTER, (JITTERS, len(texture))))
                 for target in (texture, *(texture * jitter)):
-                    wanted.append(_together(self.levels, correlation) * np.outer(target, target))
+                    together.append(_together(self.levels, correlation))
                     targets.append(target)
                 weight += [1.0] + [JITTER_WEIGHT] * JITTERS
-        moments, target, weights = np.array(wanted), np.array(targets), np.array(weight)
+        correlations, target, weights = np.array(together), np.array(targets), np.array(weight)
         identity = np.array([(1.0, 0, 0, 1.0, 0) if a == b else (0,) * 5 for a, b in self.blocks()])
         start = identity.ravel()
         ridge = RIDGE_MATRIX * np.sqrt((weights**2).sum() * target.shape[1] / len(start))
 
         def residuals(free: Array) -> Array:
-            off = np.log(self.measured(self.matrix(free), moments) / target)
+            mixing = self.matrix(free)
+            given = self.corrected(mixing, target)
+            moments = correlations * given[:, :, None] * given[:, None, :]
+            off = np.log(self.measured(mixing, moments) / target)
             return np.concatenate([(weights[:, None] * off).ravel(), ridge * (free - start)])
 
-        return self.matrix(least_squares(residuals, start).x)
+        found = least_squares(residuals, start, max_nfev=MOST_STEPS)
+        return self.levelled(self.matrix(found.x))
 
-    def ratios(self, mixing: Array, exponent: float, blur_px: float) -> Array:
+    def levelled(self, mixing: Array) -> Array:
+        """Scaled so that without gains the planes measure what they are asked for on average."""
+        planes = np.array([deviations_of(self.levels, e, blur_px=px) for e, px in SPECTRA])
+        found = self.measured(mixing, planes[:, :, None] * planes[:, None, :])
+        return np.asarray(mixing / np.exp(np.log(found / planes).mean()))
+
+    def ratios(
+        self, mixing: Array, exponent: float, blur_px: float, *, with_gains: bool = True
+    ) -> Array:
         """Deviation measured over deviation wanted, (levels, 3), on an endless plane."""
         wanted = deviations_of(self.levels, exponent, blur_px=blur_px)
-        found = self.measured(mixing, np.outer(wanted, wanted)[None])[0]
+        given = self.corrected(mixing, wanted[None])[0] if with_gains else wanted
+        found = self.measured(mixing, np.outer(given, given)[None])[0]
         return np.asarray((found / wanted).reshape(self.levels, 3))
 
 
@@ -233,7 +253,7 @@ class LagFit:
 
     levels: int
     mixed: Array  # (1 + len(LAGS), B, B): covariance of mixed bands at lag 0 and LAGS
-    textures: Array  # (n, B)
+    textures: Array  # (n, B), with their gains
 
     def pairs(self) -> Array:
         """Summed products of bilinear weights, (offsets, 1 + len(LAGS))."""
@@ -289,18 +309,20 @@ def fit(levels: int, covariances: Array, lagged: Array) -> dict[str, object]:
     """Fit for so many levels; what `mixing.json` holds of them."""
     count = 3 * levels
     matrix_fit = MatrixFit(levels, covariances[:count, :count, :count])
-    mixing = matrix_fit.solve()
-    # Jittered textures measure too much on average; planes shall measure what they were asked for.
-    planes = [matrix_fit.ratios(mixing, *spectrum) for spectrum in SPECTRA]
-    mixing = (mixing * AIM / np.exp(np.log(planes).mean())).round(5)
-    mixed = np.array([mixing.T @ lag @ mixing for lag in lagged[:, :count, :count]])
-    lag_fit = LagFit(levels, mixed, np.array(list(_textures(levels))))
+    mixing = matrix_fit.solve().round(5)
+    mixed = overlaps(lagged[:, :count, :count], mixing)
+    given = matrix_fit.corrected(mixing, np.array(list(_textures(levels))))
+    lag_fit = LagFit(levels, mixed, given)
     lags = lag_fit.solve()
     variance = lag_fit.variance(lags)
     errors = {
         f"exponent {exponent}" + (f", blur {blur_px} px" if blur_px else ""): {
-            name: matrix_fit.ratios(matrix, exponent, blur_px).round(3).tolist()
-            for name, matrix in (("mixed", mixing), ("unmixed", np.eye(count)))
+            name: matrix_fit.ratios(matrix, exponent, blur_px, with_gains=gains).round(3).tolist()
+            for name, matrix, gains in (
+                ("mixed, with gains", mixing, True),
+                ("mixed", mixing, False),
+                ("unmixed", np.eye(count), False),
+            )
         }
         for exponent, blur_px in SPECTRA
     }
@@ -314,8 +336,9 @@ def fit(levels: int, covariances: Array, lagged: Array) -> dict[str, object]:
 
 def main() -> None:
     covariances, lagged = noise_statistics(MAX_LEVELS)
+    covariances = unpacked(packed(covariances).round(5))
     record = {str(levels): fit(levels, covariances, lagged) for levels in range(1, MAX_LEVELS + 1)}
-    lines = json.dumps(record, indent=1)
+    lines = json.dumps({"covariances": packed(covariances).tolist(), **record}, indent=1)
     target = Path(__file__).with_name("mixing.json")
     target.write_text(_rows_in_lines(lines) + "\n", encoding="utf-8")
     for levels, found in record.items():

@@ -12,7 +12,14 @@ from pipeline.features.gpu import LowBandPass
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.synthesis.mixing import LAGS
+from pipeline.synthesis.mixing import (
+    AIM,
+    LAGS,
+    LEAST_GAIN,
+    MOST_GAIN,
+    UNSEEN_VARIANCE,
+    fitted_mixing,
+)
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
 from pipeline.synthesis.seek import SeekPass
@@ -25,6 +32,26 @@ from pipeline.synthesis.settings import (
 from pipeline.synthesis.variances import VariancePass, check_width
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
+
+
+def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
+    """`Mixing.overlap` as composite.comp.glsl reads it.
+
+    Returns
+    -------
+    ndarray of shape (levels, pairs, 3, 3, 4)
+        Of a level: for each two levels i <= j and each band of i, a matrix's columns; one
+        for each band of j, in which are the level's own bands, and a zero.
+    """
+    levels = len(overlap) // 3
+    blocks = overlap.reshape(levels, 3, levels, 3, levels, 3)
+    pairs = [
+        (1 if i == j else 2) * blocks[:, :, i, :, j]
+        for i in range(levels)
+        for j in range(i, levels)
+    ]
+    columns = np.stack(pairs, axis=1).transpose(0, 1, 3, 4, 2)  # (level, pair, of i, of j, own)
+    return np.pad(columns, ((0, 0),) * 4 + ((0, 1),)).astype(np.float32)
 
 
 class MetamericPass:
@@ -80,6 +107,10 @@ class MetamericPass:
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
+            LEAST_GAIN=LEAST_GAIN,
+            MOST_GAIN=MOST_GAIN,
+            AIM=AIM,
+            UNSEEN_VARIANCE=UNSEEN_VARIANCE,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
@@ -88,6 +119,7 @@ class MetamericPass:
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
+        self._overlap = ctx.buffer(overlap_by_levels(fitted_mixing(levels).overlap).tobytes())
         self._noise = create_texture(
             ctx, (TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f"
         )
@@ -108,7 +140,7 @@ class MetamericPass:
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
         passes = (self.base, self.low_bands, self.variances)
-        own = texture_bytes(self._noise)
+        own = texture_bytes(self._noise) + self._overlap.size
         if self._seek:
             own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
@@ -194,6 +226,7 @@ class MetamericPass:
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
         self.variances.texels.bind_to_image(4)
+        self._overlap.bind_to_uniform_block(0)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -202,6 +235,7 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.variances.release()
+        self._overlap.release()
         self._noise.release()
         self._composite.release()
         if self._seek:

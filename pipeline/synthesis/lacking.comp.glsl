@@ -12,6 +12,8 @@
 #constant WIDE_FROM          // wide from
 #constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
 #constant MOST_SHARED        // share of known background beyond which it is raised no more
+#constant LONG_UP_TO         // variance of the high band over the oriented ones: raised up to,
+#constant SHORT_FROM         // not raised from
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
@@ -72,14 +74,14 @@ float known_background(ivec2 place, float deepest) {
 
 // What the base holds, and noise has to fill.
 struct Held {
-    float share;  // of the wanted variance that the base is taken to hold; negative: as measured
-    float part;   // of a kernel that noise fills
+    float share;   // of the wanted variance that the base is taken to hold; negative: as measured
+    float raised;  // for the part of its kernels that noise does not fill
 };
 
 vec3 lacking(vec3 mean, vec3 second, vec3 measured, Held held) {
     vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
     vec3 present = held.share < 0.0 ? measured : held.share * variance;
-    vec3 missing = max(vec3(0.0), variance - present) / held.part;
+    vec3 missing = max(vec3(0.0), variance - present) * held.raised;
 #if CROSS
     missing = missing.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
 #endif
@@ -126,7 +128,15 @@ void work(ivec2 pixel, int chain) {
     share = mix(share, known, wideness(near, last, chain));
 #endif
     held.share = m.outlined ? min(1.0, share) : -1.0;
-    held.part = chain < SHARED_FROM_LEVEL ? 1.0 : 1.0 - min(known, MOST_SHARED);
+    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
+    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
+    held.raised = 1.0;
+    if (chain >= SHARED_FROM_LEVEL) {
+        float shortness = wanted.x / max(0.5 * (wanted.y + wanted.z), SMALLEST_VARIANCE);
+        float long_waves = clamp((SHORT_FROM - shortness) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
+        float filled = min(known, MOST_SHARED);
+        held.raised += long_waves * filled / (1.0 - filled);
+    }
 
 #define MEASURED(name, mean)                                                   \
     (0.25 * (squared(m.bands.a.name - (mean)) + squared(m.bands.b.name - (mean)) \
@@ -138,9 +148,8 @@ void work(ivec2 pixel, int chain) {
     float gain = 0.0;
 #if GAIN
     float luma = high.x + along_x.x + along_y.x;
-    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
-    float wanted = dot(vec3(plane_1.w, plane_3.x, plane_4.x) - means * means, vec3(1.0));
-    gain = wanted > SMALLEST_VARIANCE ? sqrt(luma / wanted) : 0.0;
+    float total = dot(wanted, vec3(1.0));
+    gain = total > SMALLEST_VARIANCE ? sqrt(luma / total) : 0.0;
 #endif
     ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
     imageStore(variances, to, vec4(high, deepest));

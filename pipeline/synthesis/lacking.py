@@ -21,6 +21,9 @@ WIDE_FROM_LEVEL = 2  # finer levels are settled near a hole's border only
 # kernels of finer levels are small against holes.
 SHARED_FROM_LEVEL = 3
 MOST_SHARED = 0.5
+# Variance of the high band over that of the oriented ones up to which it is raised so, as for
+# amplitudes 1 / f, and from which on it is not, as for white noise: its waves are short.
+LONG_UP_TO, SHORT_FROM = 1.0, 1.2
 
 
 def noise_variances(
@@ -42,8 +45,8 @@ def noise_variances(
     hole that is wide against the level's kernels, ``known``. ``wide`` mixes the two.
 
     Of a coefficient at the hole's border noise fills a part, and so carries that part of its
-    variance alone. From level `SHARED_FROM_LEVEL` on it is divided by
-    ``1 - min(known, MOST_SHARED)``.
+    variance alone, the more so the longer the level's waves. From level `SHARED_FROM_LEVEL` on
+    it is raised to up to ``1 / (1 - min(known, MOST_SHARED))`` of it, by its `long_waves`.
 
     With `cross`, chroma has its covariance with the luma noise: luma's variance times the
     slope ``cov(Y, C) / var(Y)``.
@@ -73,7 +76,8 @@ def noise_variances(
     beside = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
     lacking = np.maximum(0.0, variance - np.where(beside, continued, measured))
     if level >= SHARED_FROM_LEVEL:
-        lacking /= 1.0 - np.minimum(known, MOST_SHARED)[..., None, None]
+        shared = np.minimum(known, MOST_SHARED)
+        lacking *= (1.0 + long_waves(variance) * shared / (1.0 - shared))[..., None, None]
     if cross:
         measurable = variance[..., :1] > SMALLEST_VARIANCE
         slope = np.divide(
@@ -81,6 +85,13 @@ def noise_variances(
         )
         lacking = lacking[..., :1] * slope
     return np.asarray(lacking.reshape(*values.shape[:2], -1))
+
+
+def long_waves(variance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From 1, a level's luma has the long waves of a 1 / f texture, to 0, white's: (H, W)."""
+    high, along_x, along_y = np.moveaxis(variance[..., 0], -1, 0)
+    oriented = np.maximum(0.5 * (along_x + along_y), SMALLEST_VARIANCE)
+    return np.asarray(np.clip((SHORT_FROM - high / oriented) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0))
 
 
 def known_background(base: Level, threshold: float) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
-from pipeline.synthesis.mixing import LAGS
+from pipeline.synthesis.mixing import LAGS, fitted_mixing, spectral_gains
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
@@ -176,12 +176,29 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr."""
     total = np.zeros((*guide.shape, 3))
-    cross = noise.tiles.shape[1] == 1
+    height, width = guide.shape
+    channels = noise.tiles.shape[1]
+    asked = variances_of_pixels(lacking, channels, threshold)
+    gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap)
+    gains = gains.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
     for level, coarse in enumerate(lacking):
         variance = sample(coarse, guide, level + 1, threshold).reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
-        total += (deviations(variance, cross=cross) * texel).sum(axis=2)
+        texel = texel * np.moveaxis(gains[..., 3 * level : 3 * level + 3], 2, 3)
+        total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
     return total
+
+
+def variances_of_pixels(
+    lacking: list[Level], channels: int, threshold: float
+) -> NDArray[np.float64]:
+    """What 2x2 pixels lack at their centre: (H / 2, W / 2, channels, 3 * levels)."""
+    centre = lacking[0].guide
+    found = [lacking[0].values]
+    for level, coarse in enumerate(lacking[1:], start=1):
+        found.append(sample(coarse, centre, level, threshold))
+    bands = np.concatenate(found, axis=2).reshape(*centre.shape, -1, 3)[..., :channels]
+    return np.moveaxis(bands, 3, 2)
 
 
 def shaped_detail(

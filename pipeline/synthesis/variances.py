@@ -19,8 +19,10 @@ from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
 from pipeline.synthesis.lacking import (
     KNOWN_ENOUGH,
+    LONG_UP_TO,
     MOST_SHARED,
     SHARED_FROM_LEVEL,
+    SHORT_FROM,
     SMALLEST_VARIANCE,
     THIN_UP_TO,
     WIDE_FROM,
@@ -125,6 +127,8 @@ class VariancePass:
                 WIDE_FROM=WIDE_FROM,
                 SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
                 MOST_SHARED=MOST_SHARED,
+                LONG_UP_TO=LONG_UP_TO,
+                SHORT_FROM=SHORT_FROM,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
                 GAIN=with_gain,
                 **bands,

@@ -28,13 +28,20 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import known_background, noise_variances, wideness
-from pipeline.synthesis.mixing import fitted_mixing
+from pipeline.synthesis.mixing import (
+    AIM,
+    MOST_GAIN,
+    UNSEEN_VARIANCE,
+    fitted_mixing,
+    measured_variances,
+)
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     deviations,
     metameric_fill,
     sample,
     shaped_noise,
+    variances_of_pixels,
 )
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
@@ -136,7 +143,8 @@ class Run:
     def fixed(self):
         """Give what is written once and for all."""
         lists = self.fill_pass.base.lists
-        return self.fill_pass._noise, lists._packed_regions, lists._region_of_group
+        own = self.fill_pass
+        return own._noise, own._overlap, lists._packed_regions, lists._region_of_group
 
     def buffers(self):
         """Give all buffers and textures that the pass writes, for poisoning."""
@@ -190,11 +198,29 @@ def variance_tolerance(bands, variance):
     Its terms and those of the base's energy, measured or a share of it, are at most
     (2 x largest)^2 and cost 11 roundings: of a share a division and a mix, of a variance two,
     their product and difference. A coefficient's own error, BAND, counts twice its
-    size twice. What is lacking may be doubled, by a division of 5 roundings.
+    size twice. What is lacking may be doubled: by a factor of 12 roundings, which follows a ratio
+    of variances, five times as steep, and so gets five times the error of three of them.
     """
     largest = np.abs(bands).max()
     off = (11 * (2 * largest) ** 2 + 2 * (2 * largest) * BAND * 0.733) * ROUNDOFF
-    return 2 * off + 14 * variance * ROUNDOFF
+    return 2 * off + 15 * off + 20 * variance * ROUNDOFF
+
+
+def spectral_tolerance(lacking, channels, threshold):
+    """Bound spectral gains that given variances lead to: (H / 2, W / 2, channels, bands).
+
+    A product of two deviations and of what it measures costs 2 * SHARES + 8 roundings, their
+    sum one each. They may cancel, so magnitudes count. The gain is the root of a ratio: half of
+    its error, and 6 roundings.
+    """
+    overlap = fitted_mixing(len(lacking)).overlap
+    variances = variances_of_pixels(lacking, channels, threshold)
+    size = measured_variances(np.sqrt(variances), np.abs(overlap))
+    measured = measured_variances(np.sqrt(variances), overlap)
+    roundings = 2 * SHARES + 8 + len(overlap) ** 2 / 2
+    off = roundings * ROUNDOFF * size / (measured + UNSEEN_VARIANCE)
+    # The farther a measure is off, the less: the gain's own bounds hold.
+    return np.minimum(MOST_GAIN, 0.5 * off * MOST_GAIN + 6 * ROUNDOFF * MOST_GAIN) * AIM
 
 
 def noise_tolerance(run, lacking, guide, anchor_px):
@@ -203,6 +229,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     Interpolation of variances costs SHARES and 4 roundings, their root half of it and 4 of its
     own. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
     off, so are noise, by what neighbouring texels differ along both axes, and its gain.
+    Spectral gains are at most MOST_GAIN times AIM; see `spectral_tolerance`.
     """
     settings = run.settings
     cross = settings.channels == "correlated"
@@ -210,6 +237,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     farthest_px = np.abs(anchor_px).max() + max(run.frame.size)
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
+    height, width = run.frame.size
+    spectral_off = spectral_tolerance(lacking, 1 if cross else 3, settings.depth_threshold)
+    spectral_off = spectral_off.repeat(2, 0).repeat(2, 1)[:height, :width]
     for k, level in enumerate(lacking):
         tile = noise.tiles[k].astype(np.float64)
         tallest = np.abs(tile).max()
@@ -219,7 +249,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
         off = (LOOK_UP + SHARES + 10) * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
-        total += off * here.sum(axis=2)
+        spectral = np.moveaxis(spectral_off[..., 3 * k : 3 * k + 3], 2, 3)
+        off = MOST_GAIN * AIM * off + spectral * LARGEST_GAIN * tallest
+        total += (off * here).sum(axis=2)
     return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
 
 
