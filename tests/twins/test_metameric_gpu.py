@@ -29,11 +29,12 @@ from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import known_background, noise_variances, wideness
 from pipeline.synthesis.mixing import (
-    AIM,
+    LEAST_GAIN,
     MOST_GAIN,
     UNSEEN_VARIANCE,
     fitted_mixing,
     measured_variances,
+    spectral_gains,
 )
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
@@ -206,21 +207,24 @@ def variance_tolerance(bands, variance):
     return 2 * off + 15 * off + 20 * variance * ROUNDOFF
 
 
-def spectral_tolerance(lacking, channels, threshold):
-    """Bound spectral gains that given variances lead to: (H / 2, W / 2, channels, bands).
+def spectral_gains_and_errors(lacking, channels, threshold):
+    """Spectral gains of given variances, and by what share they may be off.
 
-    A product of two deviations and of what it measures costs 2 * SHARES + 8 roundings, their
-    sum one each. They may cancel, so magnitudes count. The gain is the root of a ratio: half of
-    its error, and 6 roundings.
+    Each of shape (H / 2, W / 2, channels, bands). A product of two deviations and of what it
+    measures costs 2 * SHARES + 8 roundings. Nine products of two levels are summed in 4 steps,
+    then pair by pair. They may cancel, so magnitudes count. The gain is the root of a ratio: half
+    of its error, and 6 roundings.
     """
     overlap = fitted_mixing(len(lacking)).overlap
     variances = variances_of_pixels(lacking, channels, threshold)
-    size = measured_variances(np.sqrt(variances), np.abs(overlap))
-    measured = measured_variances(np.sqrt(variances), overlap)
-    roundings = 2 * SHARES + 8 + len(overlap) ** 2 / 2
-    off = roundings * ROUNDOFF * size / (measured + UNSEEN_VARIANCE)
-    # The farther a measure is off, the less: the gain's own bounds hold.
-    return np.minimum(MOST_GAIN, 0.5 * off * MOST_GAIN + 6 * ROUNDOFF * MOST_GAIN) * AIM
+    size, measured = (
+        measured_variances(np.sqrt(variances), part) for part in (np.abs(overlap), overlap)
+    )
+    roundings = 2 * SHARES + 8 + 4 + len(lacking) * (len(lacking) + 1) / 2
+    off = 0.5 * roundings * size / (measured + UNSEEN_VARIANCE) + 6
+    # However far a measure is off, the gain keeps its bounds.
+    most = MOST_GAIN / LEAST_GAIN
+    return spectral_gains(variances, overlap), np.minimum(most, off * ROUNDOFF)
 
 
 def noise_tolerance(run, lacking, guide, anchor_px):
@@ -229,7 +233,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     Interpolation of variances costs SHARES and 4 roundings, their root half of it and 4 of its
     own. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
     off, so are noise, by what neighbouring texels differ along both axes, and its gain.
-    Spectral gains are at most MOST_GAIN times AIM; see `spectral_tolerance`.
+    For spectral gains see `spectral_gains_and_errors`.
     """
     settings = run.settings
     cross = settings.channels == "correlated"
@@ -238,8 +242,10 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
     height, width = run.frame.size
-    spectral_off = spectral_tolerance(lacking, 1 if cross else 3, settings.depth_threshold)
-    spectral_off = spectral_off.repeat(2, 0).repeat(2, 1)[:height, :width]
+    gains, gains_off = (
+        np.moveaxis(part, 2, 3).repeat(2, 0).repeat(2, 1)[:height, :width]
+        for part in spectral_gains_and_errors(lacking, 1 if cross else 3, settings.depth_threshold)
+    )
     for k, level in enumerate(lacking):
         tile = noise.tiles[k].astype(np.float64)
         tallest = np.abs(tile).max()
@@ -249,8 +255,8 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
         off = (LOOK_UP + SHARES + 10) * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
-        spectral = np.moveaxis(spectral_off[..., 3 * k : 3 * k + 3], 2, 3)
-        off = MOST_GAIN * AIM * off + spectral * LARGEST_GAIN * tallest
+        own = np.s_[:, :, 3 * k : 3 * k + 3]
+        off = gains[own] * (off + gains_off[own] * LARGEST_GAIN * tallest)
         total += (off * here).sum(axis=2)
     return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
 
