@@ -222,7 +222,7 @@ def test_a_single_known_pixel_fills_the_whole_frame():
 SCENES = {
     "56 by 80 px": (Scene(192, 40, 56), 64, 0.1),
     "110 by 128 px": (Scene(256, 64, 110), 64, 0.1),
-    "a crescent of 36 by 112 px": (Scene(192, 56, 36), 256, 0.16),
+    "a crescent of 36 by 112 px": (Scene(192, 56, 36), 256, 0.15),
 }
 
 
@@ -245,24 +245,22 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
     """White noise, 1 / f and a blurred one; with ``--full`` what lies between, and other holes.
 
-    All of sharp textures within a tenth but for one: white noise's base is restless, and in the
-    crescent it alone has more than is wanted at the coarsest level in places; noise takes
-    nothing away. A blur leaves the finest high band nearly empty. docs/method.md, Limits.
+    All within a tenth, but for the finest high band of what a blur has nearly emptied, where the
+    hole's own border shows, and white noise's coarsest level in a crescent four coefficients wide: its
+    base is restless, and noise takes nothing away. docs/method.md, Limits.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
     place, seeds, white_bound = SCENES[scene]
-    white, blurred, soft = Texture(0.0), Texture(0.0, blur_px=1.0), Texture(1.0, blur_px=1.0)
+    white, soft = Texture(0.0), Texture(1.0, blur_px=1.0)
     textures = [white, Texture(1.0), soft]
     if full:
-        textures += [Texture(0.5), Texture(1.5), blurred]
+        textures += [Texture(0.5), Texture(1.5), Texture(0.0, blur_px=1.0)]
 
     found = measure(one, place, textures, range(seeds))
 
     bound = np.full(found.ratio.shape, 0.1)
     bound[textures.index(white), 3] = white_bound
-    bound[textures.index(soft), 0, 0] = 0.25
-    if blurred in textures:
-        bound[textures.index(blurred)] = 0.12
+    bound[textures.index(soft), 0, 0] = 0.2
     assert (np.abs(found.ratio - 1) <= bound).all(), found.ratio.round(2)
     assert found.offset.max() < 0.1
     # Two unrelated planes: so few samples tell no more apart.
