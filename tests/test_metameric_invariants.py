@@ -246,8 +246,8 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     """White noise, 1 / f and a blurred one; with ``--full`` what lies between, and other holes.
 
     All within a tenth, but for the finest high band of what a blur has nearly emptied, where the
-    hole's own border shows, and white noise's coarsest level in a crescent four coefficients wide: its
-    base is restless, and noise takes nothing away. docs/method.md, Limits.
+    hole's own border shows, and white noise's coarsest level in a crescent four coefficients wide:
+    its base is restless, and noise takes nothing away. docs/method.md, Limits.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
     place, seeds, white_bound = SCENES[scene]

@@ -240,7 +240,10 @@ class MatrixFit:
     def ratios(
         self, mixing: Array, exponent: float, blur_px: float, *, with_gains: bool = True
     ) -> Array:
-        """Deviation measured over deviation wanted, (levels, 3), on an endless plane."""
+        """Deviation measured over deviation wanted, (levels, 3), on an endless plane.
+
+        Gains are without bounds and AIM.
+        """
         wanted = deviations_of(self.levels, exponent, blur_px=blur_px)
         given = self.corrected(mixing, wanted[None])[0] if with_gains else wanted
         found = self.measured(mixing, np.outer(given, given)[None])[0]

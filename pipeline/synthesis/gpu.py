@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.features.gpu import LowBandPass
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
@@ -32,6 +33,22 @@ from pipeline.synthesis.settings import (
 from pipeline.synthesis.variances import VariancePass, check_width
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
+
+
+def check_block(ctx: moderngl.Context, nbytes: int, levels: int) -> None:
+    """Require a driver whose uniform blocks hold the bands' overlap.
+
+    Raises
+    ------
+    InputError
+        If they do not: six levels need 18 KB, of which OpenGL promises 16.
+    """
+    limit = int(ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
+    if nbytes > limit:
+        raise InputError(
+            f"{levels} levels need uniform blocks of {nbytes} bytes, and this driver's hold"
+            f" {limit}; take fewer levels"
+        )
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -68,13 +85,15 @@ class MetamericPass:
     Raises
     ------
     InputError
-        If the driver cannot hold a frame of this size.
+        If the driver cannot hold a frame of this size, or so many levels.
     """
 
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
         check_width(ctx, size)
+        overlap = overlap_by_levels(fitted_mixing(settings.levels).overlap)
+        check_block(ctx, overlap.nbytes, settings.levels)
         self.size = size
         self.settings = settings
         levels = settings.levels
@@ -119,7 +138,7 @@ class MetamericPass:
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
-        self._overlap = ctx.buffer(overlap_by_levels(fitted_mixing(levels).overlap).tobytes())
+        self._overlap = ctx.buffer(overlap.tobytes())
         self._noise = create_texture(
             ctx, (TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f"
         )

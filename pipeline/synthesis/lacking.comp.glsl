@@ -134,8 +134,8 @@ void work(ivec2 pixel, int chain) {
     if (chain >= SHARED_FROM_LEVEL) {
         float shortness = wanted.x / max(0.5 * (wanted.y + wanted.z), SMALLEST_VARIANCE);
         float long_waves = clamp((SHORT_FROM - shortness) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
-        float filled = min(known, MOST_SHARED);
-        held.raised += long_waves * filled / (1.0 - filled);
+        float known_share = min(known, MOST_SHARED);
+        held.raised += long_waves * known_share / (1.0 - known_share);
     }
 
 #define MEASURED(name, mean)                                                   \

@@ -2,6 +2,8 @@
 
 One matrix suits no two spectra alike. What the mixed bands of given weights measure is known,
 though, and weights are corrected by it (docs/decisions/0048).
+
+Twin of `spectral_gains`: find_gains() in composite.comp.glsl. Change both or neither.
 """
 
 import json
@@ -19,7 +21,8 @@ LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 AIM = 1.03
 # No band is weakened to less or raised to more: single textures may ask for odd spectra.
 LEAST_GAIN, MOST_GAIN = 0.25, 1.5
-# Variance below which a band is left as it is: a quarter of an 8-bit step, squared.
+# Added to the variance asked for and the one measured: a quarter of an 8-bit step, squared. Where
+# both are less, nobody sees the difference.
 UNSEEN_VARIANCE = 2.0**-20
 
 
@@ -27,7 +30,8 @@ UNSEEN_VARIANCE = 2.0**-20
 class Mixing:
     """For one number of levels; bands of all levels in one row, B = 3 * levels.
 
-    `matrix` (B, B): weights to give the unit bands are ``matrix @ deviations``.
+    `matrix` (B, B): weights to give the unit bands are ``matrix @ (deviations * gains)``, by the
+    gains of `spectral_gains`.
     `overlap` (B, B, B): weighed by deviations s, mixed bands measure the variance
     ``s @ overlap[b] @ s`` in band b, on an endless plane.
     `lag_correlation` (levels, 3, len(LAGS)): of mixed bands, see `reference.look_up`.
@@ -85,9 +89,8 @@ def measured_variances(
     """What mixed bands weighed by deviations `wanted`, (..., B), measure on an endless plane."""
     count = len(overlap)
     rows = wanted.reshape(-1, count)
-    pairs = (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
-    measured = pairs @ overlap.reshape(count, -1).T
-    return np.maximum(measured, 0.0).reshape(wanted.shape)
+    measured = np.stack([((rows @ form) * rows).sum(axis=1) for form in overlap], axis=1)
+    return np.asarray(np.maximum(measured, 0.0).reshape(wanted.shape))
 
 
 def spectral_gains(
@@ -96,7 +99,7 @@ def spectral_gains(
     """By what to multiply deviations, so that mixed bands measure what they are asked for.
 
     The deviation asked for over the one that it would measure on a plane where every place asks
-    for the same: one step of a fixed-point iteration. Where there is nothing to see it goes to 1.
+    for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ GRAIN = 2.0**-20
 
 @dataclass(frozen=True, eq=False)
 class NoiseBands:
-    """One seed's noise, mixed: weigh it by deviations and sum.
+    """One seed's noise, mixed: weigh it by deviations times `mixing.spectral_gains` and sum.
 
     `tiles`: (levels, channels, TILE_TEXELS, TILE_TEXELS, 3 bands), a pixel's centre at every
     even texel; `lag_correlation`: (levels, 3 bands, 4 lags of `mixing.LAGS`), of
@@ -49,7 +49,8 @@ def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     """Make the noise of one seed; the same on every platform, up to `GRAIN`; read-only.
 
     Band b is the sum of all unit bands c times ``matrix[c, b]``: so weights mixed by the
-    matrix, and unit bands weighed by them, are what is left to deviations and this tile.
+    matrix, and unit bands weighed by them, are what is left to deviations (with their gains) and
+    this tile.
     """
     mixing = fitted_mixing(levels)
     unit = unit_bands(seed, levels, channels)

@@ -174,7 +174,11 @@ def shaped_noise(
     noise: NoiseBands,
     threshold: float,
 ) -> NDArray[np.float64]:
-    """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr."""
+    """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
+
+    By deviations, and by the spectral gains that 2x2 pixels share; chroma that follows luma has
+    luma's.
+    """
     total = np.zeros((*guide.shape, 3))
     height, width = guide.shape
     channels = noise.tiles.shape[1]

@@ -10,7 +10,12 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level, guided_base, means_and_variances
 from pipeline.methods.metameric import PushPullDepth
-from pipeline.synthesis.lacking import known_background, noise_variances, wideness
+from pipeline.synthesis.lacking import (
+    known_background,
+    long_waves,
+    noise_variances,
+    wideness,
+)
 from pipeline.synthesis.reference import deviations, inpainted_statistics, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
@@ -82,6 +87,24 @@ def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fil
     found = lacking(statistics([0, 0, 0], [0.04] * 3), base, known=known, level=level)
 
     np.testing.assert_allclose(found, 0.03 * raised)
+
+
+@pytest.mark.parametrize(("high", "raised"), [(0.03, 2.0), (0.04, 2.0), (0.044, 1.5), (0.06, 1.0)])
+def test_short_waves_lose_nothing_at_a_holes_border(high, raised):
+    """Oriented bands of .03 and .05: up to their mean the waves are long, from 1.2 of it short.
+
+    Luma alone decides; chroma, white here, follows.
+    """
+    base = np.zeros((2, 2, 3, 3))
+    luma = np.array([high, 0.03, 0.05])
+    values = np.zeros((3, 6))
+    values[:, 3] = luma
+    values[:, 4:] = [[0.09] * 2, [0.03] * 2, [0.03] * 2]
+
+    found = lacking(values.reshape(1, 1, 18), base, known=0.5, level=3).reshape(3, 3)
+
+    np.testing.assert_allclose(found, values[:, 3:] * raised)
+    assert long_waves(np.tile(luma[:, None], (1, 1, 1, 3))) == pytest.approx(raised - 1)
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():

@@ -189,7 +189,7 @@ def test_mixed_bands_measure_as_they_were_weighed(levels, exponent, blur_px):
     """Of a texture of amplitude 1 / f^exponent, blurred, in the mean over seeds, with gains.
 
     Unmixed, a band may have half, or three times as much. On an endless plane mixing.json says
-    6 %, and 11 % for three levels.
+    6 %, and 11 % for three levels, before all are raised by AIM.
     """
     wanted = 0.1 * deviations_of(levels, exponent, blur_px=blur_px)
     given = (wanted * spectral_gains(wanted**2, fitted_mixing(levels).overlap) / AIM).reshape(-1, 3)
@@ -301,7 +301,7 @@ def test_a_sub_pixel_look_up_keeps_the_variance(offset, slope):
 @pytest.mark.parametrize("offset", OFFSETS)
 @pytest.mark.parametrize("level", range(LEVELS))
 def test_a_sub_pixel_look_up_keeps_a_single_band_s_deviation(noise, level, offset):
-    """Bands overlap: holding their sum leaves each by itself within 6 %."""
+    """Bands overlap: holding their sum leaves each by itself within 7 %."""
     y, x = np.mgrid[:TILE, :TILE] + 0.5
 
     moved = look_up(noise, level, np.stack([x + offset[0], y + offset[1]], axis=-1))

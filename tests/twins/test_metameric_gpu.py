@@ -18,6 +18,7 @@ from pipeline.inpaint.reference import (
     children,
     guide_from_depth,
     guided_base,
+    means_and_variances,
     moments,
     near_a_hole,
     outlined_levels,
@@ -27,7 +28,14 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.gpu import MetamericPass
-from pipeline.synthesis.lacking import known_background, noise_variances, wideness
+from pipeline.synthesis.lacking import (
+    LONG_UP_TO,
+    SHARED_FROM_LEVEL,
+    SHORT_FROM,
+    known_background,
+    noise_variances,
+    wideness,
+)
 from pipeline.synthesis.mixing import (
     LEAST_GAIN,
     MOST_GAIN,
@@ -199,12 +207,22 @@ def variance_tolerance(bands, variance):
     Its terms and those of the base's energy, measured or a share of it, are at most
     (2 x largest)^2 and cost 11 roundings: of a share a division and a mix, of a variance two,
     their product and difference. A coefficient's own error, BAND, counts twice its
-    size twice. What is lacking may be doubled: by a factor of 12 roundings, which follows a ratio
-    of variances, five times as steep, and so gets five times the error of three of them.
+    size twice. What is lacking may be doubled.
     """
     largest = np.abs(bands).max()
     off = (11 * (2 * largest) ** 2 + 2 * (2 * largest) * BAND * 0.733) * ROUNDOFF
-    return 2 * off + 15 * off + 20 * variance * ROUNDOFF
+    return 2 * off + 20 * variance * ROUNDOFF
+
+
+def raised_tolerance(off, oriented, lacking):
+    """Bound what variances off by `off` do to what is lacking by how long its waves are, absolute.
+
+    The ratio of a level's high band to the mean `oriented` one matters from LONG_UP_TO to
+    SHORT_FROM, and is off by (1 + SHORT_FROM) * off / oriented there. At most all is doubled.
+    """
+    steep = (1 + SHORT_FROM) / (SHORT_FROM - LONG_UP_TO)
+    share = np.divide(off, oriented, out=np.ones_like(oriented), where=oriented > off)
+    return lacking * np.minimum(1.0, steep * share + 12 * ROUNDOFF)[:, None, None]
 
 
 def spectral_gains_and_errors(lacking, channels, threshold):
@@ -213,7 +231,7 @@ def spectral_gains_and_errors(lacking, channels, threshold):
     Each of shape (H / 2, W / 2, channels, bands). A product of two deviations and of what it
     measures costs 2 * SHARES + 8 roundings. Nine products of two levels are summed in 4 steps,
     then pair by pair. They may cancel, so magnitudes count. The gain is the root of a ratio: half
-    of its error, and 6 roundings.
+    of its error, 6 roundings, and what an interpolation of the variance asked for is off by.
     """
     overlap = fitted_mixing(len(lacking)).overlap
     variances = variances_of_pixels(lacking, channels, threshold)
@@ -221,7 +239,7 @@ def spectral_gains_and_errors(lacking, channels, threshold):
         measured_variances(np.sqrt(variances), part) for part in (np.abs(overlap), overlap)
     )
     roundings = 2 * SHARES + 8 + 4 + len(lacking) * (len(lacking) + 1) / 2
-    off = 0.5 * roundings * size / (measured + UNSEEN_VARIANCE) + 6
+    off = 0.5 * roundings * size / (measured + UNSEEN_VARIANCE) + 6 + SHARES
     # However far a measure is off, the gain keeps its bounds.
     most = MOST_GAIN / LEAST_GAIN
     return spectral_gains(variances, overlap), np.minimum(most, off * ROUNDOFF)
@@ -544,6 +562,10 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
         # Of a variance and of the base's energy about the mean; what is lacking may be doubled.
         off = 2 * (second + (2 + 4) * np.abs(stages.bands[k]).max() * mean)
         tolerance = variance_tolerance(stages.bands[k], right) + off
+        if k >= SHARED_FROM_LEVEL:
+            variance = means_and_variances(completed.values, cross=cross)[1][..., 0]
+            oriented = variance[..., 1:].mean(axis=-1)[wanted]
+            tolerance += raised_tolerance(tolerance.max(), oriented, right)
         assert (np.abs(found - right) <= tolerance).all()
 
     guide = guide_from_depth(run.frame.depth_m, Z_NEAR_M)
