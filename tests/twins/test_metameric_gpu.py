@@ -1,6 +1,7 @@
 """Metameric inpainting on the GPU against its definition, stage by stage and as a whole."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import moderngl
 import numpy as np
@@ -27,7 +28,7 @@ from pipeline.inpaint.reference import (
     push,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.gpu import MetamericPass
+from pipeline.synthesis.gpu import MetamericPass, check_block
 from pipeline.synthesis.lacking import (
     LONG_UP_TO,
     SHARED_FROM_LEVEL,
@@ -917,3 +918,12 @@ def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng):
             thing.release()
 
     assert results[0].tobytes() == results[1].tobytes()
+
+
+def test_a_driver_whose_uniform_blocks_are_too_small_is_refused():
+    """OpenGL promises 16384 bytes: a driver with no more cannot take six levels."""
+    least = SimpleNamespace(info={"GL_MAX_UNIFORM_BLOCK_SIZE": 16384})
+
+    check_block(least, 16384, 5)
+    with pytest.raises(InputError, match=r"6 levels need .* 18144 bytes.* 16384; take fewer"):
+        check_block(least, 18144, 6)
