@@ -130,7 +130,7 @@ def metameric_steps(
         yield f"level{level}-mean", f"mean, {across}", _three(mean[..., 0], largest, signed=True)
         widest = float(np.percentile(deviation, 99.5))
         yield f"level{level}-deviation", f"deviation, {across}", _three(deviation, widest)
-        lacking = np.sqrt(fill.lacking[level].values[..., 0::3])
+        lacking = np.sqrt(fill.lacking[level].values[..., :9:3])
         yield (
             f"level{level}-amplitude",
             f"deviation that the base lacks, {across}",

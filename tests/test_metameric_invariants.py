@@ -218,11 +218,12 @@ def test_a_single_known_pixel_fills_the_whole_frame():
 # --- statistics of a stationary texture -----------------------------------------------------
 
 
-# Seeds: few coarse coefficients lie in the crescent. Last, the bound on white noise at level 3.
+# Seeds: few coarse coefficients lie in the crescents.
 SCENES = {
-    "56 by 80 px": (Scene(192, 40, 56), 64, 0.1),
-    "110 by 128 px": (Scene(256, 64, 110), 64, 0.1),
-    "a crescent of 36 by 112 px": (Scene(192, 56, 36), 256, 0.15),
+    "56 by 80 px": (Scene(192, 40, 56), 64),
+    "110 by 128 px": (Scene(256, 64, 110), 64),
+    "a crescent of 44 by 128 px": (Scene(192, 64, 44), 256),
+    "a crescent of 36 by 112 px": (Scene(192, 56, 36), 256),
 }
 
 
@@ -243,25 +244,16 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
     ],
 )
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
-    """White noise, 1 / f and a blurred one; with ``--full`` what lies between, and other holes.
-
-    All within a tenth, but for the finest high band of what a blur has nearly emptied, where the
-    hole's own border shows, and white noise's coarsest level in a crescent four coefficients wide:
-    its base is restless, and noise takes nothing away. docs/method.md, Limits.
-    """
+    """White noise, 1 / f and a blurred one; with ``--full`` what lies between, and other holes."""
     one = method("metameric", z_near_m=Z_NEAR_M)
-    place, seeds, white_bound = SCENES[scene]
-    white, soft = Texture(0.0), Texture(1.0, blur_px=1.0)
-    textures = [white, Texture(1.0), soft]
+    place, seeds = SCENES[scene]
+    textures = [Texture(0.0), Texture(1.0), Texture(1.0, blur_px=1.0)]
     if full:
         textures += [Texture(0.5), Texture(1.5), Texture(0.0, blur_px=1.0)]
 
     found = measure(one, place, textures, range(seeds))
 
-    bound = np.full(found.ratio.shape, 0.1)
-    bound[textures.index(white), 3] = white_bound
-    bound[textures.index(soft), 0, 0] = 0.2
-    assert (np.abs(found.ratio - 1) <= bound).all(), found.ratio.round(2)
+    np.testing.assert_allclose(found.ratio, 1, rtol=0, atol=0.1)
     assert found.offset.max() < 0.1
     # Two unrelated planes: so few samples tell no more apart.
     np.testing.assert_allclose(found.control_ratio, 1, atol=0.08)

@@ -24,12 +24,14 @@ layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
 uniform float z_near_m;
 uniform uvec2 first_and_columns[RESOLUTIONS];
 uniform uvec2 holes_list;  // index and first entry: 2x2 blocks with a hole pixel
+uniform uvec2 quarter_holes_list;  // the same of 4x4 blocks
 uniform uvec2 half_list;   // the same for what push has to complete
 uniform uvec2 quarter_list;
 
 struct Texel {
     vec4 colour;  // a: confidence
     float guide;
+    bool hole;
 };
 
 void mark_hole(ivec2 pixel) {
@@ -55,12 +57,13 @@ Texel half_texel(ivec2 pixel) {
     float deepest = farthest(guide);
     Pull p = pull_shares(validity, guide, deepest);
     vec3 colour = mixed(p.share, colour_a, colour_b, colour_c, colour_d).rgb;
-    Texel texel = Texel(vec4(colour, p.confidence), deepest);
+    bool hole = dot(validity, vec4(1.0)) < 4.0;
+    Texel texel = Texel(vec4(colour, p.confidence), deepest, hole);
     if (there) {
         imageStore(halves, pixel, texel.colour);
         imageStore(half_guide, pixel, vec4(deepest));
         if (p.confidence < 1.0) append(half_list.x, half_list.y, pixel, 0);
-        if (dot(validity, vec4(1.0)) < 4.0) {
+        if (hole) {
             append(holes_list.x, holes_list.y, pixel, 0);
             mark_hole(a);
         }
@@ -84,4 +87,6 @@ void main() {
     imageStore(quarters, pixel, vec4(colour, p.confidence));
     imageStore(quarter_guide, pixel, vec4(deepest));
     if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
+    int holes = int(a.hole) + 2 * int(b.hole) + 4 * int(c.hole) + 8 * int(d.hole);
+    if (holes > 0) append(quarter_holes_list.x, quarter_holes_list.y, pixel, holes);
 }

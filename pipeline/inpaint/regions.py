@@ -21,6 +21,9 @@ Lists by pixel, appended by the passes that find them:
 
 ``("holes", 1)``
     Pixels of resolution 1 with a hole pixel among their children.
+``("holes", 2)``
+    Their parents. In place of a chain, which of its children those are: 1 for the first, 2 for the
+    next in x, 4 for the one below, 8 for the last; an odd border's last child repeats.
 ``("base", r)``, ``("moments", r)``
     Pixels of resolution r that push has to complete: of the base, of the chains of moments.
 ``("halves", k)``
@@ -293,7 +296,8 @@ class WorkLists:
                 plan(("halves", r - 1), r, pixels)
             plan(("pulled", r), r, self._tiles(r) * len(self._pulled(r)))
             plan(("moments", r), r, pixels * len(self._stored(r)))
-        plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
+        for r in (1, 2):
+            plan(("holes", r), r, self.sizes[r][0] * self.sizes[r][1])
 
     def _pack_regions(self) -> NDArray[np.uint32]:
         """The regions as the shader's `struct Region`."""

@@ -1,8 +1,8 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), variances_of_pixels(), deviations(), look_up() and sample() in reference.py,
-// spectral_gains() in mixing.py. Change both or neither.
+// Twin: shaped_noise(), fade(), deviations(), look_up() and sample() in reference.py. Change both or
+// neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
@@ -12,10 +12,7 @@
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
-#constant LEAST_GAIN  // no band is weakened to less,
-#constant MOST_GAIN   // nor raised to more
-#constant AIM         // over what a plane asks for
-#constant UNSEEN_VARIANCE  // added to the variances asked for and measured
+#constant FADE        // of the noise beside known background, where waves are soft
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -29,15 +26,13 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 #endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
-// w of the second: gain of the background's detail, with BACKGROUND.
+// w of the second: gain of the background's detail, with BACKGROUND; of level 0's third: how far
+// to fade in.
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
-
-// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j,
-// one matrix for each band of i; columns are the bands of j.
-const int PAIRS = LEVELS * (LEVELS + 1) / 2;
-layout(std140, binding = 0) uniform Overlap { mat3 overlap[LEVELS * PAIRS * 3]; };
+// Of 4x4 pixels, see gains.comp.glsl: levels side by side, channels below each other; rgb: bands.
+layout(rgba32f, binding = 6) uniform readonly image2D gains;
 
 uniform float z_near_m;
 uniform float noise_scale;
@@ -82,6 +77,7 @@ struct Pixel {
     ivec2 noise_corner;
     vec4 noise_share;
     vec3 noise;  // the sum so far: Y', Cb, Cr
+    float fade;
 #if BACKGROUND
     vec2 origin;  // of the texture; negative: none
     vec3 finer;   // what the frame shows there, at the level at hand
@@ -132,14 +128,16 @@ vec3 noise_bands(Pixel p, int level, int channel) {
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
-    float gain;  // of the background's detail
+    float gain;    // of the background's detail
+    float heeded;  // of the known background beside
 };
 
 Texel variances_at(ivec2 place, ivec4 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     ivec2 at = ivec2(3 * place.x, place.y) + size.zw;
     vec4 high = imageLoad(variances, at), along_x = imageLoad(variances, at + ivec2(1, 0));
-    return Texel(high.w, high.rgb, along_x.rgb, imageLoad(variances, at + ivec2(2, 0)).rgb, along_x.w);
+    vec4 along_y = imageLoad(variances, at + ivec2(2, 0));
+    return Texel(high.w, high.rgb, along_x.rgb, along_y.rgb, along_x.w, along_y.w);
 }
 
 // Variances are interpolated before their root is taken. See deviations().
@@ -153,59 +151,27 @@ vec3 deviation(vec3 variance) {
 
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
 
-// Of each band and channel; with CHANNELS 1 all channels have luma's.
+// What to multiply deviations by; with CHANNELS 1 all channels have luma's.
 struct Gains {
-    vec3 high[LEVELS], along_x[LEVELS], along_y[LEVELS];
+    vec3 high, along_x, along_y;
 };
 
-// What 2x2 pixels lack at their centre, first; then what to multiply their deviations by.
-void add_lacking(inout Gains g, int level, vec4 share, float guide, Texel a, Texel b, Texel c,
-                 Texel d) {
-    share = guided_shares(share, guide, vec4(a.guide, b.guide, c.guide, d.guide),
-                          depth_threshold).share;
-    g.high[level] = MIXED(high);
-    g.along_x[level] = MIXED(along_x);
-    g.along_y[level] = MIXED(along_y);
-}
-
-// Loops and arrays, unlike elsewhere: written out they take a tenth less of the fill's time, and
-// make the driver compile for 10 to 30 s.
-void find_gains(inout Gains g, int channel) {
-    vec3 wanted[LEVELS], found[LEVELS];
-    for (int i = 0; i < LEVELS; ++i) {
-        wanted[i] = sqrt(vec3(g.high[i][channel], g.along_x[i][channel], g.along_y[i][channel]));
-    }
-    int at = 0;
-    for (int level = 0; level < LEVELS; ++level) {
-        vec3 measured = vec3(0.0);
-        for (int i = 0; i < LEVELS; ++i) {
-            for (int j = i; j < LEVELS; ++j, at += 3) {
-                measured += overlap[at] * (wanted[i].x * wanted[j])
-                          + overlap[at + 1] * (wanted[i].y * wanted[j])
-                          + overlap[at + 2] * (wanted[i].z * wanted[j]);
-            }
-        }
-        found[level] = AIM * clamp(sqrt((wanted[level] * wanted[level] + UNSEEN_VARIANCE)
-                                        / (max(measured, vec3(0.0)) + UNSEEN_VARIANCE)),
-                                   LEAST_GAIN, MOST_GAIN);
-    }
-    for (int i = 0; i < LEVELS; ++i) {
+Gains gains_at(ivec2 parent, int level) {
+    ivec2 at = (parent >> 1) * ivec2(LEVELS, CHANNELS) + ivec2(level, 0);
+    vec3 luma = imageLoad(gains, at).rgb;
 #if CHANNELS == 1
-        g.high[i] = found[i].xxx;
-        g.along_x[i] = found[i].yyy;
-        g.along_y[i] = found[i].zzz;
+    return Gains(luma.xxx, luma.yyy, luma.zzz);
 #else
-        g.high[i][channel] = found[i].x;
-        g.along_x[i][channel] = found[i].y;
-        g.along_y[i][channel] = found[i].z;
+    vec3 blue = imageLoad(gains, at + ivec2(0, 1)).rgb, red = imageLoad(gains, at + ivec2(0, 2)).rgb;
+    return Gains(vec3(luma.x, blue.x, red.x), vec3(luma.y, blue.y, red.y), vec3(luma.z, blue.z, red.z));
 #endif
-    }
 }
 
 void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     if (!p.hole) return;
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
     share = guided_shares(share, p.guide, guides, depth_threshold).share;
+    if (level == 0) p.fade = max(0.0, 1.0 - FADE * MIXED(heeded));
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
@@ -218,9 +184,9 @@ void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, 
         return;
     }
 #endif
-    high *= g.high[level];
-    along_x *= g.along_x[level];
-    along_y *= g.along_y[level];
+    high *= g.high;
+    along_x *= g.along_x;
+    along_y *= g.along_y;
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
     p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
@@ -234,7 +200,7 @@ void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, 
 
 void finish(Pixel p) {
     if (!p.hole) return;
-    vec3 colour = p.colour + noise_scale * (RGB_FROM_YCBCR * p.noise);
+    vec3 colour = p.colour + p.fade * noise_scale * (RGB_FROM_YCBCR * p.noise);
     imageStore(image, p.place, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 
@@ -243,24 +209,10 @@ void work(ivec2 parent, int chain) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
 
-    Gains g;
-    Texel own = variances_at(parent, level_size[0]);
-    g.high[0] = own.high;
-    g.along_x[0] = own.along_x;
-    g.along_y[0] = own.along_y;
-    for (int level = 1; level < LEVELS; ++level) {
-        ivec4 size = level_size[level];
-        vec2 centre = (vec2(parent) + 0.5) / float(1 << level) - 0.5;
-        ivec2 corner = ivec2(floor(centre));
-        add_lacking(g, level, bilinear(centre - floor(centre)), own.guide,
-                    variances_at(corner, size), variances_at(corner + ivec2(1, 0), size),
-                    variances_at(corner + ivec2(0, 1), size), variances_at(corner + 1, size));
-    }
-    for (int channel = 0; channel < CHANNELS; ++channel) find_gains(g, channel);
-
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
         ivec4 size = level_size[0];
+        Gains g = gains_at(parent, 0);
         Texel t00 = variances_at(parent - 1, size), t02 = variances_at(parent + ivec2(1, -1), size);
         Texel t01 = variances_at(parent + ivec2(0, -1), size);
         Texel t10 = variances_at(parent + ivec2(-1, 0), size);
@@ -276,6 +228,7 @@ void work(ivec2 parent, int chain) {
     float scale = 0.25;
     for (int level = 1; level < LEVELS; ++level, scale *= 0.5) {
         ivec4 size = level_size[level];
+        Gains g = gains_at(parent, level);
         vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
         ivec2 corner = ivec2(floor(first));
         vec2 near = first - floor(first), far = near + scale;

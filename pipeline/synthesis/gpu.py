@@ -1,28 +1,21 @@
 """Metameric inpainting on the GPU. Twin: reference.py.
 
 Warp, then fill in place: lists of tiles near holes, the base colour, the pyramid's low
-bands, moments of every level pulled and pushed together, what is lacking, composite.
+bands, moments of every level pulled and pushed together, what is lacking, gains, composite.
 """
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.features.gpu import LowBandPass
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.synthesis.mixing import (
-    AIM,
-    LAGS,
-    LEAST_GAIN,
-    MOST_GAIN,
-    UNSEEN_VARIANCE,
-    fitted_mixing,
-)
+from pipeline.synthesis.gains import GainPass
+from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
+from pipeline.synthesis.reference import DETAIL_LIMIT, FADE, SMALLEST_LACKING
 from pipeline.synthesis.seek import SeekPass
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
@@ -33,42 +26,6 @@ from pipeline.synthesis.settings import (
 from pipeline.synthesis.variances import VariancePass, check_width
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
-
-
-def check_block(ctx: moderngl.Context, nbytes: int, levels: int) -> None:
-    """Require a driver whose uniform blocks hold the bands' overlap.
-
-    Raises
-    ------
-    InputError
-        If they do not: six levels need 18 KB, of which OpenGL promises 16.
-    """
-    limit = int(ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
-    if nbytes > limit:
-        raise InputError(
-            f"{levels} levels need uniform blocks of {nbytes} bytes, and this driver's hold"
-            f" {limit}; take fewer levels"
-        )
-
-
-def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
-    """`Mixing.overlap` as composite.comp.glsl reads it.
-
-    Returns
-    -------
-    ndarray of shape (levels, pairs, 3, 3, 4)
-        Of a level: for each two levels i <= j and each band of i, a matrix's columns; one
-        for each band of j, in which are the level's own bands, and a zero.
-    """
-    levels = len(overlap) // 3
-    blocks = overlap.reshape(levels, 3, levels, 3, levels, 3)
-    pairs = [
-        (1 if i == j else 2) * blocks[:, :, i, :, j]
-        for i in range(levels)
-        for j in range(i, levels)
-    ]
-    columns = np.stack(pairs, axis=1).transpose(0, 1, 3, 4, 2)  # (level, pair, of i, of j, own)
-    return np.pad(columns, ((0, 0),) * 4 + ((0, 1),)).astype(np.float32)
 
 
 class MetamericPass:
@@ -92,8 +49,6 @@ class MetamericPass:
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
         check_width(ctx, size)
-        overlap = overlap_by_levels(fitted_mixing(settings.levels).overlap)
-        check_block(ctx, overlap.nbytes, settings.levels)
         self.size = size
         self.settings = settings
         levels = settings.levels
@@ -115,6 +70,7 @@ class MetamericPass:
         self._channels = 1 if settings.channels == "correlated" else 3
         from_background = settings.texture == "background"
         self.variances = VariancePass(ctx, self.base, settings, with_gain=from_background)
+        self._gains = GainPass(ctx, self.base, self.variances, settings)
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
         self._composite = compile_compute(
             ctx,
@@ -126,10 +82,7 @@ class MetamericPass:
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
-            LEAST_GAIN=LEAST_GAIN,
-            MOST_GAIN=MOST_GAIN,
-            AIM=AIM,
-            UNSEEN_VARIANCE=UNSEEN_VARIANCE,
+            FADE=FADE,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
@@ -138,7 +91,6 @@ class MetamericPass:
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
-        self._overlap = ctx.buffer(overlap.tobytes())
         self._noise = create_texture(
             ctx, (TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f"
         )
@@ -151,6 +103,7 @@ class MetamericPass:
             self.base.dispatches
             + self.low_bands.dispatches
             + self.variances.dispatches
+            + self._gains.dispatches
             + (1 if self._seek else 0)
             + 1  # composite
         )
@@ -158,8 +111,8 @@ class MetamericPass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        passes = (self.base, self.low_bands, self.variances)
-        own = texture_bytes(self._noise) + self._overlap.size
+        passes = (self.base, self.low_bands, self.variances, self._gains)
+        own = texture_bytes(self._noise)
         if self._seek:
             own += self._seek.held_bytes
         return sum(item.held_bytes for item in passes) + own
@@ -226,6 +179,7 @@ class MetamericPass:
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
         self.variances(levels, depth_m, z_near_m)
+        self._gains()
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)
@@ -245,7 +199,7 @@ class MetamericPass:
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
         self.variances.texels.bind_to_image(4)
-        self._overlap.bind_to_uniform_block(0)
+        self._gains.texels.bind_to_image(6, read=True, write=False)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -254,7 +208,7 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.variances.release()
-        self._overlap.release()
+        self._gains.release()
         self._noise.release()
         self._composite.release()
         if self._seek:

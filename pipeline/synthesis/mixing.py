@@ -3,7 +3,7 @@
 One matrix suits no two spectra alike. What the mixed bands of given weights measure is known,
 though, and weights are corrected by it (docs/decisions/0048).
 
-Twin of `spectral_gains`: find_gains() in composite.comp.glsl. Change both or neither.
+Twin of `spectral_gains`: find_gains() in gains.comp.glsl. Change both or neither.
 """
 
 import json
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import BANDS, check_levels
+from pipeline.synthesis.lacking import SHARED_FROM_LEVEL
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 # Over what a plane asks for: in holes, variances fall towards the border.
@@ -24,6 +25,9 @@ LEAST_GAIN, MOST_GAIN = 0.25, 1.5
 # Added to the variance asked for and the one measured: a quarter of an 8-bit step, squared. Where
 # both are less, nobody sees the difference.
 UNSEEN_VARIANCE = 2.0**-20
+# Beside known background the base of a coarse level holds what single pixels of it happen to be:
+# so much of the finest high band's variance, by white noise's fall to a quarter per level.
+RESTLESS = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +98,18 @@ def measured_variances(
 
 
 def spectral_gains(
-    variances: NDArray[np.float64], overlap: NDArray[np.float64]
+    variances: NDArray[np.float64],
+    overlap: NDArray[np.float64],
+    heeded: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """By what to multiply deviations, so that mixed bands measure what they are asked for.
 
     The deviation asked for over the one that it would measure on a plane where every place asks
     for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
+
+    From level `SHARED_FROM_LEVEL` on ``heeded * RESTLESS / 4**level`` of the finest high band's
+    variance counts as measured too: so much of the base beside known background comes of single
+    pixels. White noise has little else at such a level, 1 / f next to none.
 
     Parameters
     ----------
@@ -107,6 +117,8 @@ def spectral_gains(
         Asked for, at least 0.
     overlap : (B, B, B)
         See `Mixing`.
+    heeded : (..., levels), optional
+        See `lacking.beside_known`; nothing by default.
 
     Returns
     -------
@@ -114,5 +126,9 @@ def spectral_gains(
         From `LEAST_GAIN` to `MOST_GAIN`, times `AIM`.
     """
     measured = measured_variances(np.sqrt(variances), overlap)
+    if heeded is not None:
+        for level in range(SHARED_FROM_LEVEL, len(overlap) // 3):
+            restless = RESTLESS * 0.25**level * heeded[..., level] * variances[..., 0]
+            measured[..., 3 * level : 3 * level + 3] += restless[..., None]
     gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
     return np.asarray(AIM * np.clip(gain, LEAST_GAIN, MOST_GAIN))

@@ -18,6 +18,7 @@ from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
     Level,
     band_statistics,
+    children,
     guide_from_depth,
     guided_base,
     guided_mean,
@@ -37,6 +38,8 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
+# Share of known background beside a soft texture's pixel of which its noise loses this times.
+FADE = 1.5
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
@@ -48,7 +51,7 @@ class Fill:
     base: NDArray[np.float64]  # (H, W, 3), before the noise
     anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
     statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
-    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 9), see `noise_variances`
+    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 10), see `noise_variances`
 
 
 def metameric_fill(
@@ -94,6 +97,7 @@ def metameric_fill(
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
+        warped.hole,
         guide,
         anchor_px,
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
@@ -110,6 +114,7 @@ def metameric_fill(
             cross=settings.channels == "correlated",
         )
         noise = np.where(found[..., None], detail, noise)
+    noise = noise * fade(lacking[0], guide, settings.depth_threshold)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
@@ -169,6 +174,7 @@ def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float
 
 def shaped_noise(
     lacking: list[Level],
+    hole: NDArray[np.bool_],
     guide: NDArray[np.float64],
     anchor_px: NDArray[np.float64],
     noise: NoiseBands,
@@ -176,33 +182,59 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
-    By deviations, and by the spectral gains that 2x2 pixels share; chroma that follows luma has
+    By deviations, and by the spectral gains that 4x4 pixels share; chroma that follows luma has
     luma's.
     """
     total = np.zeros((*guide.shape, 3))
     height, width = guide.shape
     channels = noise.tiles.shape[1]
-    asked = variances_of_pixels(lacking, channels, threshold)
-    gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap)
-    gains = gains.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
+    asked, heeded = variances_of_blocks(lacking, hole, channels, threshold)
+    gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap, heeded[:, :, None])
+    gains = gains.repeat(4, axis=0).repeat(4, axis=1)[:height, :width]
     for level, coarse in enumerate(lacking):
-        variance = sample(coarse, guide, level + 1, threshold).reshape(*guide.shape, 3, 3)
+        variance = sample(coarse, guide, level + 1, threshold)[..., :9]
+        variance = variance.reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
         texel = texel * np.moveaxis(gains[..., 3 * level : 3 * level + 3], 2, 3)
         total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
     return total
 
 
-def variances_of_pixels(
-    lacking: list[Level], channels: int, threshold: float
-) -> NDArray[np.float64]:
-    """What 2x2 pixels lack at their centre: (H / 2, W / 2, channels, 3 * levels)."""
-    centre = lacking[0].guide
-    found = [lacking[0].values]
-    for level, coarse in enumerate(lacking[1:], start=1):
-        found.append(sample(coarse, centre, level, threshold))
-    bands = np.concatenate(found, axis=2).reshape(*centre.shape, -1, 3)[..., :channels]
-    return np.moveaxis(bands, 3, 2)
+def variances_of_blocks(
+    lacking: list[Level], hole: NDArray[np.bool_], channels: int, threshold: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What 4x4 pixels that hold a hole pixel lack; of others, zero at the finest level.
+
+    At the finest level their mean over the 2x2 pixels that hold one, of the farthest one's
+    depth; the next level's texel is theirs; of others what is lacking at their centre.
+
+    Returns
+    -------
+    variances : (H / 4, W / 4, channels, 3 * levels)
+    heeded : (H / 4, W / 4, levels)
+        See `lacking.beside_known`.
+    """
+    finest = lacking[0]
+    holds_any = children(hole[..., None].astype(np.float64)).max(axis=2)
+    guides = np.where(children(holds_any) > 0, children(finest.guide[..., None]), -1.0)
+    guide = guides.max(axis=2, keepdims=True)
+    share = (guides >= 0) & (guide - guides <= threshold)
+    mean = (share * children(finest.values)).sum(axis=2) / np.maximum(1, share.sum(axis=2))
+    found = [mean, *(coarse.values for coarse in lacking[1:2])]
+    for level, coarse in enumerate(lacking[2:], start=2):
+        found.append(sample(coarse, guide[:, :, 0, 0], level - 1, threshold))
+    values = np.stack(found, axis=2)  # (H / 4, W / 4, levels, 10)
+    bands = values[..., :9].reshape(*mean.shape[:2], -1, 3)[..., :channels]
+    return np.moveaxis(bands, 3, 2), values[..., 9]
+
+
+def fade(finest: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
+    """Share of the noise that each pixel shows: (H, W, 1).
+
+    Where waves are soft, noise that started at once beside known background would show a seam.
+    """
+    heeded = sample(finest, guide, 1, threshold)[..., 9:]
+    return np.asarray(np.maximum(0.0, 1.0 - FADE * heeded))
 
 
 def shaped_detail(
@@ -223,7 +255,7 @@ def shaped_detail(
     for level, found in enumerate(detail):
         coarse = lacking[level]
         gain = detail_gain(statistics[level].values, coarse.values)
-        both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
+        both = replace(coarse, values=np.concatenate([coarse.values[..., :9], gain], axis=2))
         shape = sample(both, guide, level + 1, threshold)
         bands = deviations(shape[..., :9].reshape(*guide.shape, 3, 3), cross=cross)
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))

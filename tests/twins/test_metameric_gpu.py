@@ -28,11 +28,14 @@ from pipeline.inpaint.reference import (
     push,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.gpu import MetamericPass, check_block
+from pipeline.synthesis.gains import check_block
+from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import (
     LONG_UP_TO,
     SHARED_FROM_LEVEL,
+    SHARP_FROM,
     SHORT_FROM,
+    SOFT_UP_TO,
     known_background,
     noise_variances,
     wideness,
@@ -47,11 +50,13 @@ from pipeline.synthesis.mixing import (
 )
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
+    FADE,
     deviations,
+    fade,
     metameric_fill,
     sample,
     shaped_noise,
-    variances_of_pixels,
+    variances_of_blocks,
 )
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
@@ -154,7 +159,7 @@ class Run:
         """Give what is written once and for all."""
         lists = self.fill_pass.base.lists
         own = self.fill_pass
-        return own._noise, own._overlap, lists._packed_regions, lists._region_of_group
+        return own._noise, own._gains._overlap, lists._packed_regions, lists._region_of_group
 
     def buffers(self):
         """Give all buffers and textures that the pass writes, for poisoning."""
@@ -215,18 +220,18 @@ def variance_tolerance(bands, variance):
     return 2 * off + 20 * variance * ROUNDOFF
 
 
-def raised_tolerance(off, oriented, lacking):
-    """Bound what variances off by `off` do to what is lacking by how long its waves are, absolute.
+def waves_tolerance(off, oriented, first, last):
+    """Bound what variances off by `off` do to `long_waves` or `soft_waves`, absolute.
 
-    The ratio of a level's high band to the mean `oriented` one matters from LONG_UP_TO to
-    SHORT_FROM, and is off by (1 + SHORT_FROM) * off / oriented there. At most all is doubled.
+    The ratio of a level's high band to the mean `oriented` one matters from `first` to `last`, and
+    is off by (1 + last) * off / oriented there.
     """
-    steep = (1 + SHORT_FROM) / (SHORT_FROM - LONG_UP_TO)
+    steep = (1 + last) / (last - first)
     share = np.divide(off, oriented, out=np.ones_like(oriented), where=oriented > off)
-    return lacking * np.minimum(1.0, steep * share + 12 * ROUNDOFF)[:, None, None]
+    return np.minimum(1.0, steep * share + 12 * ROUNDOFF)
 
 
-def spectral_gains_and_errors(lacking, channels, threshold):
+def spectral_gains_and_errors(lacking, hole, channels, threshold):
     """Spectral gains of given variances, and by what share they may be off.
 
     Each of shape (H / 2, W / 2, channels, bands). A product of two deviations and of what it
@@ -235,7 +240,7 @@ def spectral_gains_and_errors(lacking, channels, threshold):
     of its error, 6 roundings, and what an interpolation of the variance asked for is off by.
     """
     overlap = fitted_mixing(len(lacking)).overlap
-    variances = variances_of_pixels(lacking, channels, threshold)
+    variances, heeded = variances_of_blocks(lacking, hole, channels, threshold)
     size, measured = (
         measured_variances(np.sqrt(variances), part) for part in (np.abs(overlap), overlap)
     )
@@ -243,14 +248,14 @@ def spectral_gains_and_errors(lacking, channels, threshold):
     off = 0.5 * roundings * size / (measured + UNSEEN_VARIANCE) + 6 + SHARES
     # However far a measure is off, the gain keeps its bounds.
     most = MOST_GAIN / LEAST_GAIN
-    return spectral_gains(variances, overlap), np.minimum(most, off * ROUNDOFF)
+    return spectral_gains(variances, overlap, heeded[:, :, None]), np.minimum(most, off * ROUNDOFF)
 
 
 def noise_tolerance(run, lacking, guide, anchor_px):
     """Bound the colour that given variances and base lead to, absolute: (H, W, 3).
 
     Interpolation of variances costs SHARES and 4 roundings, their root half of it and 4 of its
-    own. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
+    own; the share that fades SHARES and 4, times FADE. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
     off, so are noise, by what neighbouring texels differ along both axes, and its gain.
     For spectral gains see `spectral_gains_and_errors`.
     """
@@ -262,8 +267,10 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     total = np.zeros((*run.frame.size, 3))
     height, width = run.frame.size
     gains, gains_off = (
-        np.moveaxis(part, 2, 3).repeat(2, 0).repeat(2, 1)[:height, :width]
-        for part in spectral_gains_and_errors(lacking, 1 if cross else 3, settings.depth_threshold)
+        np.moveaxis(part, 2, 3).repeat(4, 0).repeat(4, 1)[:height, :width]
+        for part in spectral_gains_and_errors(
+            lacking, run.frame.hole, 1 if cross else 3, settings.depth_threshold
+        )
     )
     for k, level in enumerate(lacking):
         tile = noise.tiles[k].astype(np.float64)
@@ -272,8 +279,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         slope = 2 * TEXELS_PER_PX * (LARGEST_GAIN * step + GAIN_SLOPE * tallest)
         size = Level(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
-        here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
-        off = (LOOK_UP + SHARES + 10) * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
+        here = deviations(here[..., :9].reshape(*run.frame.size, 3, 3), cross=cross)
+        roundings = LOOK_UP + SHARES + 10 + FADE * (SHARES + 4)
+        off = roundings * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
         own = np.s_[:, :, 3 * k : 3 * k + 3]
         off = gains[own] * (off + gains_off[own] * LARGEST_GAIN * tallest)
         total += (off * here).sum(axis=2)
@@ -455,7 +463,8 @@ class Stages:
             self.moments.append(np.concatenate(pairs, axis=-1))
             self.validity.append(planes[..., 0, 3])
             here = fill_pass.variances.level_of(texels, k).astype(np.float64)
-            self.lacking.append(here[..., :3].reshape(*here.shape[:2], 9))
+            bands = here[..., :3].reshape(*here.shape[:2], 9)
+            self.lacking.append(np.concatenate([bands, here[:, :, 2, 3:]], axis=2))
             self.guides.append(here[:, :, 0, 3])
         lows = [read_back(low) for low in fill_pass.low_bands._coarser]
         run.load()
@@ -554,20 +563,28 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
             k,
             cross=cross,
         )
+        heeded = [values[wanted][:, 9] for values in (stages.lacking[k], right)]
         first = 1 if cross else 3  # a slope's error has no bound where luma has no variance
         found, right = (
-            values.reshape(-1, 3, 3)[wanted.ravel()][..., :first]
+            values[wanted][:, :9].reshape(-1, 3, 3)[..., :first]
             for values in (stages.lacking[k], right)
         )
         mean, second = own_tolerances(stages.bands[k])
         # Of a variance and of the base's energy about the mean; what is lacking may be doubled.
         off = 2 * (second + (2 + 4) * np.abs(stages.bands[k]).max() * mean)
         tolerance = variance_tolerance(stages.bands[k], right) + off
-        if k >= SHARED_FROM_LEVEL:
-            variance = means_and_variances(completed.values, cross=cross)[1][..., 0]
-            oriented = variance[..., 1:].mean(axis=-1)[wanted]
-            tolerance += raised_tolerance(tolerance.max(), oriented, right)
+        variance = means_and_variances(completed.values, cross=cross)[1][..., 0]
+        oriented = variance[..., 1:].mean(axis=-1)[wanted]
+        most, atol = tolerance.max(), 4 * ROUNDOFF
+        if k == 0:
+            atol = atol + waves_tolerance(most, oriented, SOFT_UP_TO, SHARP_FROM)
+        if k >= SHARED_FROM_LEVEL:  # what is lacking is doubled at most
+            tolerance += (
+                right * waves_tolerance(most, oriented, LONG_UP_TO, SHORT_FROM)[:, None, None]
+            )
         assert (np.abs(found - right) <= tolerance).all()
+        assert (np.abs(np.subtract(*heeded)) <= atol).all()
+        assert (heeded[1].max() > 0) == (k in (0, 3))
 
     guide = guide_from_depth(run.frame.depth_m, Z_NEAR_M)
     lacking = [
@@ -577,7 +594,8 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
         for k, (values, exact) in enumerate(zip(stages.lacking, fill.statistics, strict=True))
     ]
     noise = noise_bands(3, 4, 1 if cross else 3)
-    added = shaped_noise(lacking, guide, fill.anchor_px, noise, run.settings.depth_threshold)
+    added = shaped_noise(lacking, hole, guide, fill.anchor_px, noise, run.settings.depth_threshold)
+    added = added * fade(lacking[0], guide, run.settings.depth_threshold)
     colour = (stages.base + added @ RGB_FROM_YCBCR.T).clip(0, 1)
     tolerance = noise_tolerance(run, lacking, guide, fill.anchor_px)
     assert (np.abs(stages.filled - colour) <= tolerance)[hole].all()

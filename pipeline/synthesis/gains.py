@@ -1,0 +1,127 @@
+"""Spectral gains on the GPU: noise is corrected for what its bands would measure.
+
+Twins: `mixing.spectral_gains`, `reference.variances_of_blocks`.
+"""
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.texture import create_texture, texture_bytes
+from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.synthesis.lacking import SHARED_FROM_LEVEL
+from pipeline.synthesis.mixing import (
+    AIM,
+    LEAST_GAIN,
+    MOST_GAIN,
+    RESTLESS,
+    UNSEEN_VARIANCE,
+    fitted_mixing,
+)
+from pipeline.synthesis.settings import MetamericSettings
+from pipeline.synthesis.variances import VariancePass
+
+
+def check_block(ctx: moderngl.Context, nbytes: int, levels: int) -> None:
+    """Require a driver whose uniform blocks hold the bands' overlap.
+
+    Raises
+    ------
+    InputError
+        If they do not: six levels need 18 KB, of which OpenGL promises 16.
+    """
+    limit = int(ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
+    if nbytes > limit:
+        raise InputError(
+            f"{levels} levels need uniform blocks of {nbytes} bytes, and this driver's hold"
+            f" {limit}; take fewer levels"
+        )
+
+
+def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
+    """`Mixing.overlap` as composite.comp.glsl reads it.
+
+    Returns
+    -------
+    ndarray of shape (levels, pairs, 3, 3, 4)
+        Of a level: for each two levels i <= j and each band of i, a matrix's columns; one
+        for each band of j, in which are the level's own bands, and a zero.
+    """
+    levels = len(overlap) // 3
+    blocks = overlap.reshape(levels, 3, levels, 3, levels, 3)
+    pairs = [
+        (1 if i == j else 2) * blocks[:, :, i, :, j]
+        for i in range(levels)
+        for j in range(i, levels)
+    ]
+    columns = np.stack(pairs, axis=1).transpose(0, 1, 3, 4, 2)  # (level, pair, of i, of j, own)
+    return np.pad(columns, ((0, 0),) * 4 + ((0, 1),)).astype(np.float32)
+
+
+class GainPass:
+    """Say by what to multiply the noise's deviations in each 4x4 pixels that hold a hole pixel.
+
+    The result is `texels`, an image: of each block the levels side by side, their channels below
+    each other.
+
+    Parameters
+    ----------
+    base, variances : GuidedBasePass, VariancePass
+        They must have run on the frame.
+
+    Raises
+    ------
+    InputError
+        If the driver cannot hold what so many levels measure of each other.
+    """
+
+    dispatches = 1
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        base: GuidedBasePass,
+        variances: VariancePass,
+        settings: MetamericSettings,
+    ) -> None:
+        self._base, self._variances = base, variances
+        levels, channels = settings.levels, 1 if settings.channels == "correlated" else 3
+        overlap = overlap_by_levels(fitted_mixing(levels).overlap)
+        check_block(ctx, overlap.nbytes, levels)
+        self._overlap = ctx.buffer(overlap.tobytes())
+        columns, rows = base.resolutions.sizes[2]
+        self.texels = create_texture(ctx, (columns * levels, rows * channels), "rgba32f")
+        self._shader = compile_compute(
+            ctx,
+            "synthesis/gains.comp.glsl",
+            LEVELS=levels,
+            CHANNELS=channels,
+            LEAST_GAIN=LEAST_GAIN,
+            MOST_GAIN=MOST_GAIN,
+            AIM=AIM,
+            UNSEEN_VARIANCE=UNSEEN_VARIANCE,
+            SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
+            RESTLESS=RESTLESS,
+        )
+        self._shader["depth_threshold"] = settings.depth_threshold
+        set_array(self._shader, "level_size", variances.places)
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory, bytes."""
+        return texture_bytes(self.texels) + self._overlap.size
+
+    def __call__(self) -> None:
+        """Write `texels`."""
+        self._variances.texels.bind_to_image(4, read=True, write=False)
+        self.texels.bind_to_image(6, read=False, write=True)
+        self._overlap.bind_to_uniform_block(0)
+        self._base.lists.run(self._shader, ("holes", 2))
+
+    def release(self) -> None:
+        """Free everything this pass made."""
+        self._overlap.release()
+        self.texels.release()
+        self._shader.release()
