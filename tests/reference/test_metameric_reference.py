@@ -1,6 +1,7 @@
 """Shaping the noise, worked by hand, and what settings refuse."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,15 @@ from pipeline.synthesis.lacking import (
     noise_variances,
     wideness,
 )
-from pipeline.synthesis.reference import deviations, inpainted_statistics, metameric_fill, sample
+from pipeline.synthesis.reference import (
+    FADE,
+    deviations,
+    fade,
+    inpainted_statistics,
+    metameric_fill,
+    sample,
+    variances_of_blocks,
+)
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
@@ -105,6 +114,88 @@ def test_short_waves_lose_nothing_at_a_holes_border(high, raised):
 
     np.testing.assert_allclose(found, values[:, 3:] * raised)
     assert long_waves(np.tile(luma[:, None], (1, 1, 1, 3))) == pytest.approx(raised - 1)
+
+
+@pytest.mark.parametrize(
+    ("level", "high", "heeded"),
+    [
+        (0, 0.02, 0.4),
+        (0, 0.03, 0.2),
+        (0, 0.04, 0.0),
+        (1, 0.02, 0.0),
+        (2, 0.02, 0.0),
+        (3, 0.06, 0.4),
+    ],
+)
+def test_noise_heeds_known_background_where_waves_are_soft_and_at_coarse_levels(
+    level, high, heeded
+):
+    """Oriented bands of .03 and .05: finest waves are soft up to half their mean, sharp from it."""
+    values = np.zeros((3, 6))
+    values[:, 3] = (high, 0.03, 0.05)
+    flat, inside = np.zeros((2, 2, 3, 3)), np.zeros((2, 2), bool)
+
+    found = noise_variances(
+        values.reshape(1, 1, 18),
+        flat,
+        inside,
+        np.full((1, 1), 0.4),
+        np.zeros((1, 1)),
+        level,
+        cross=True,
+    )
+
+    assert found[0, 0, 9] == pytest.approx(heeded)
+
+
+def test_noise_fades_in_by_how_far_it_heeds_what_is_known():
+    """By hand: a quarter and three quarters of the way from 0 to .4; FADE times that is lost."""
+    values = np.zeros((1, 2, 10))
+    values[0, 1, 9] = 0.4
+    finest = Level(values, np.ones((1, 2)), np.full((1, 2), 0.5))
+
+    found = fade(finest, np.full((1, 4), 0.5), 0.04)
+
+    np.testing.assert_allclose(found[0, :, 0], [1, 1 - FADE * 0.1, 1 - FADE * 0.3, 1 - FADE * 0.4])
+    assert fade(replace(finest, values=values + 1), np.full((1, 4), 0.5), 0.04).max() == 0
+
+
+def test_a_block_lacks_what_its_parts_with_holes_do():
+    """8x8 pixels, one block with holes in three of its 2x2 pixels, of which one lies in front."""
+    hole = np.zeros((8, 8), bool)
+    hole[1, 1] = hole[0, 2] = hole[2, 0] = True
+    guide = np.full((4, 4), 0.5)
+    guide[1, 0] = 0.3
+    finest = np.full((4, 4, 10), 9.0)
+    finest[0, 0], finest[0, 1], finest[1, 0] = 1.0, 3.0, 5.0  # [1, 1] holds none
+    coarse = [np.full((edge, edge, 10), value) for edge, value in ((2, 0.5), (1, 0.25))]
+    lacking = [
+        Level(values, np.ones(values.shape[:2]), np.full(values.shape[:2], 0.5))
+        for values in (finest, *coarse)
+    ]
+    lacking[0] = replace(lacking[0], guide=guide)
+
+    behind, _ = variances_of_blocks(lacking, hole, 1, 0.1)
+    variances, heeded = variances_of_blocks(lacking, hole, 3, 0.4)
+
+    np.testing.assert_allclose(behind[0, 0], np.repeat([[2.0, 0.5, 0.25]], 3, axis=1))
+    np.testing.assert_allclose(variances[0, 0], np.repeat([[3.0, 0.5, 0.25]] * 3, 3, axis=1))
+    np.testing.assert_allclose(heeded[0, 0], [3.0, 0.5, 0.25])
+    np.testing.assert_array_equal(variances[1, 1, :, :3], 0.0)
+
+
+def test_an_odd_border_s_last_part_counts_twice():
+    """6x2 pixels: the second block has two parts in x, one of which is the border's again."""
+    hole = np.ones((2, 6), bool)
+    values = np.arange(1.0, 4.0)[None, :, None] * np.ones(10)
+    lacking = [
+        Level(values, np.ones((1, 3)), np.full((1, 3), 0.5)),
+        Level(np.zeros((1, 2, 10)), np.ones((1, 2)), np.full((1, 2), 0.5)),
+    ]
+
+    variances, _ = variances_of_blocks(lacking, hole, 1, 0.04)
+
+    np.testing.assert_allclose(variances[0, :, 0, 0], [1.5, 3.0])
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():

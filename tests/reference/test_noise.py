@@ -11,6 +11,7 @@ from pipeline.synthesis.mixing import (
     LAGS,
     LEAST_GAIN,
     MOST_GAIN,
+    RESTLESS,
     fitted_mixing,
     packed,
     spectral_gains,
@@ -224,6 +225,22 @@ def test_gains_are_bounded_and_leave_what_nobody_sees():
 
     np.testing.assert_array_equal(seen, [AIM * LEAST_GAIN, AIM * MOST_GAIN])
     np.testing.assert_allclose(unseen, AIM, rtol=1e-4)
+
+
+def test_what_single_pixels_leave_in_the_base_counts_as_measured():
+    """Bands that do not overlap, level 3: RESTLESS / 64 of the finest high band's .64 counts."""
+    overlap = np.zeros((12, 12, 12))
+    overlap[range(12), range(12), range(12)] = 1.0
+    variances = np.full((2, 12), 0.01)
+    variances[:, 0] = 0.64
+
+    found = spectral_gains(variances, overlap, np.array([[0.5, 0.5, 0.5, 0.0], [0, 0, 0, 0.5]]))
+
+    np.testing.assert_allclose(found[0], AIM)
+    np.testing.assert_allclose(found[1, :9], AIM)
+    restless = 0.5 * RESTLESS * 0.01
+    expected = AIM * np.sqrt(0.01 / (0.01 + restless))
+    np.testing.assert_allclose(found[1, 9:], expected, rtol=1e-4)
 
 
 def test_covariances_are_halved_and_made_whole_again():

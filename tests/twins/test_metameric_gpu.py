@@ -255,8 +255,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     """Bound the colour that given variances and base lead to, absolute: (H, W, 3).
 
     Interpolation of variances costs SHARES and 4 roundings, their root half of it and 4 of its
-    own; the share that fades SHARES and 4, times FADE. Luma's are positive. Chroma's may cancel, so their magnitudes count. Where a place is
-    off, so are noise, by what neighbouring texels differ along both axes, and its gain.
+    own. What fades in costs FADE times SHARES and 4. Luma's are positive. Chroma's may cancel, so
+    their magnitudes count. Where a place is off, so are noise, by what neighbouring texels differ
+    along both axes, and its gain.
     For spectral gains see `spectral_gains_and_errors`.
     """
     settings = run.settings
