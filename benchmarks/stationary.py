@@ -177,18 +177,29 @@ def measure(
 
 
 def row(scene: Scene, found: Bands) -> str:
-    """One line of the table."""
+    """One line of the table.
+
+    Of the coarsest level: how many whole coefficients of the hole lie side by side, and how many
+    in all do not see the disc and are measured.
+    """
     front, uncovered = scene.masks()
-    coarsest = int(whole_coefficients(front, uncovered, LEVELS)[-1].sum())
+    spanned = whole_coefficients(np.zeros_like(front), uncovered, LEVELS)[-1]
+    measured = whole_coefficients(front, uncovered, LEVELS)[-1]
     ranges = [f"{ratio.min():.2f} to {ratio.max():.2f}" for ratio in found.ratio]
     control = f"{found.control_ratio.min():.2f} to {found.control_ratio.max():.2f}"
-    cells = [scene.label, str(coarsest), *ranges, f"{found.offset.max():.2f}"]
+    counts = [str(spanned.sum(axis=1).max()), str(measured.sum())]
+    cells = [scene.label, *counts, *ranges, f"{found.offset.max():.2f}"]
     return f"| {' | '.join([*cells, control, f'{found.control_offset.max():.2f}'])} |"
 
 
 def header(textures: Sequence[Texture]) -> str:
     """Head of the table."""
-    columns = ["hole", "coefficients at level 3", *(texture.label for texture in textures)]
+    columns = [
+        "hole",
+        "level 3: side by side",
+        "measured",
+        *(texture.label for texture in textures),
+    ]
     columns += ["mean off", "control", "control's mean off"]
     rule = "| --- |" + " ---: |" * (len(columns) - 1)
     return f"| {' | '.join(columns)} |\n{rule}"
