@@ -92,7 +92,7 @@ void store_gains(Lacking l, int channel, ivec2 to) {
         }
         measured = max(measured, vec3(0.0));
         if (level >= SHARED_FROM_LEVEL) {
-            measured += RESTLESS * part * l.heeded[level] * wanted[0].x * wanted[0].x;
+            measured.yz += RESTLESS * part * l.heeded[level] * wanted[0].x * wanted[0].x;
         }
         vec3 asked = wanted[level] * wanted[level];
         vec3 gain = sqrt((asked + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE));

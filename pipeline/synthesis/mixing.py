@@ -107,9 +107,9 @@ def spectral_gains(
     The deviation asked for over the one that it would measure on a plane where every place asks
     for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
 
-    From level `SHARED_FROM_LEVEL` on ``heeded * RESTLESS / 4**level`` of the finest high band's
-    variance counts as measured too: so much of the base beside known background comes of single
-    pixels. White noise has little else at such a level, 1 / f next to none.
+    In oriented bands from level `SHARED_FROM_LEVEL` on ``heeded * RESTLESS / 4**level`` of the
+    finest high band's variance counts as measured too: so much of the base beside known background
+    comes of single pixels. White noise has little else at such a level, 1 / f next to none.
 
     Parameters
     ----------
@@ -129,6 +129,6 @@ def spectral_gains(
     if heeded is not None:
         for level in range(SHARED_FROM_LEVEL, len(overlap) // 3):
             restless = RESTLESS * 0.25**level * heeded[..., level] * variances[..., 0]
-            measured[..., 3 * level : 3 * level + 3] += restless[..., None]
+            measured[..., 3 * level + 1 : 3 * level + 3] += restless[..., None]
     gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
     return np.asarray(AIM * np.clip(gain, LEAST_GAIN, MOST_GAIN))

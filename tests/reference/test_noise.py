@@ -237,10 +237,10 @@ def test_what_single_pixels_leave_in_the_base_counts_as_measured():
     found = spectral_gains(variances, overlap, np.array([[0.5, 0.5, 0.5, 0.0], [0, 0, 0, 0.5]]))
 
     np.testing.assert_allclose(found[0], AIM)
-    np.testing.assert_allclose(found[1, :9], AIM)
+    np.testing.assert_allclose(found[1, :10], AIM)
     restless = 0.5 * RESTLESS * 0.01
     expected = AIM * np.sqrt(0.01 / (0.01 + restless))
-    np.testing.assert_allclose(found[1, 9:], expected, rtol=1e-4)
+    np.testing.assert_allclose(found[1, 10:], expected, rtol=1e-4)
 
 
 def test_covariances_are_halved_and_made_whole_again():
