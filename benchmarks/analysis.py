@@ -32,6 +32,7 @@ from analysis.pairs import Model, pair_index, probability
 from analysis.power import Assumptions, power_curve
 from analysis.scaling import scale
 from analysis.settings import from_protocol
+from benchmarks.output import file_to_write
 from protocols.load import load_protocol
 from protocols.revision import code_revision
 
@@ -328,7 +329,7 @@ def processor() -> str:
 def main(argv: list[str]) -> int:
     """Print tables; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.analysis", description=__doc__)
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     parser.add_argument("--quick", action="store_true", help="a tenth of the simulations")
     parser.add_argument("--speed-only", action="store_true", help="no error rates")
     arguments = parser.parse_args(argv)

@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.quality import write_into
+from benchmarks.output import PagePart, file_to_write
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
@@ -41,7 +41,7 @@ from pipeline.warp.gpu import WarpPass, WarpTextures
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
 
-BEGIN, END = "<!-- fill table: begin -->", "<!-- fill table: end -->"
+PART = PagePart("fill table")
 Z_NEAR_M = 2.0
 SEED = 1
 METAMERIC = {
@@ -320,9 +320,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--method", nargs="+", choices=ON_GPU + ON_CPU, default=ON_GPU + ON_CPU)
     parser.add_argument("--mask", nargs="+", choices=list(MASKS), default=list(MASKS))
     parser.add_argument("--repeats", type=int, default=9, help="timed runs of each (default 9)")
-    parser.add_argument("--json", type=Path, help="write the numbers, device and versions there")
-    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
-    parser.add_argument("--plot", type=Path, help="draw time against pixels there (.svg, .png)")
+    parser.add_argument(
+        "--json", type=file_to_write, help="write the numbers, device and versions there"
+    )
+    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
+    parser.add_argument(
+        "--plot", type=file_to_write, help="draw time against pixels there (.svg, .png)"
+    )
     arguments = parser.parse_args(argv)
     console = Console()
     ctx = create_context()
@@ -353,7 +357,7 @@ def main(argv: list[str]) -> int:
         arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         console.print(f"wrote {arguments.json}")
     if arguments.docs is not None:
-        write_into(arguments.docs, markdown(timings), BEGIN, END)
+        PART.replace(arguments.docs, markdown(timings))
     if arguments.plot is not None:
         plot(timings, arguments.plot)
         console.print(f"wrote {arguments.plot}")

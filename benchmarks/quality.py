@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from benchmarks.output import PagePart, file_to_write
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS
@@ -34,7 +35,7 @@ VARIANTS = [
     for inset_px in (0, 1, 2)
 ]
 RESULTS = Path(__file__).parent / "results" / "quality.json"
-BEGIN, END = "<!-- quality table: begin -->", "<!-- quality table: end -->"
+PART = PagePart("quality table")
 
 
 def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -87,22 +88,15 @@ def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     return "\n".join(lines)
 
 
-def write_into(document: Path, text: str, begin: str = BEGIN, end: str = END) -> None:
-    """Replace what stands between the markers of a document."""
-    before, found, rest = document.read_text(encoding="utf-8").partition(begin)
-    _, ended, after = rest.partition(end)
-    if not (found and ended):
-        raise SystemExit(f"{document}: must hold the lines {begin} and {end}")
-    document.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
-
-
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--variants", action="store_true", help="variants of one method instead")
-    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
-    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
+    parser.add_argument(
+        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
+    )
     arguments = parser.parse_args(argv)
     every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
     choices = VARIANTS if arguments.variants else every
@@ -126,7 +120,7 @@ def main(argv: list[str]) -> int:
     }
     arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     if arguments.docs is not None:
-        write_into(arguments.docs, table(results))
+        PART.replace(arguments.docs, table(results))
     return 0
 
 

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.quality import write_into
+from benchmarks.output import PagePart
 
-BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+PART = PagePart("measured")
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks/results"
 EDGE_PX, MASK = 1024, "thin"
@@ -21,10 +21,10 @@ def main(argv: list[str]) -> int:
     """Put the table into the README."""
     parser = argparse.ArgumentParser(prog="script/bench readme", description=__doc__)
     parser.add_argument("--results", type=Path, default=RESULTS)
-    parser.add_argument("--readme", type=Path, default=ROOT / "README.md")
+    parser.add_argument("--readme", type=PART.page, default=ROOT / "README.md")
     arguments = parser.parse_args(argv)
     text = table(arguments.results)
-    write_into(arguments.readme, text, BEGIN, END)
+    PART.replace(arguments.readme, text)
     print(text)
     return 0
 

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.quality import write_into
+from benchmarks.output import PagePart, file_to_write
 from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.schema import StudyProtocol
@@ -68,8 +68,7 @@ HEADINGS = {
     "6dof": "Six degrees of freedom",
 }
 RESULTS = Path(__file__).parent / "results" / "scores.json"
-BEGIN, END = "<!-- scores: begin -->", "<!-- scores: end -->"
-VARIANTS_BEGIN, VARIANTS_END = "<!-- variants: begin -->", "<!-- variants: end -->"
+PART, VARIANTS_PART = PagePart("scores"), PagePart("variants")
 
 
 def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> StudyProtocol:
@@ -193,9 +192,17 @@ def main(argv: list[str]) -> int:
         "--variants", action="store_true", help="metameric without noise, or without depth"
     )
     parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
-    parser.add_argument("--json", type=Path, help=f"where to store the numbers, e.g. {RESULTS}")
+    parser.add_argument(
+        "--json", type=file_to_write, help=f"where to store the numbers, e.g. {RESULTS}"
+    )
     arguments = parser.parse_args(argv)
     methods = list(VARIANTS) if arguments.variants else arguments.methods
+    part = VARIANTS_PART if arguments.variants else PART
+    if arguments.docs is not None:
+        try:
+            part.page(arguments.docs)
+        except argparse.ArgumentTypeError as error:
+            parser.error(f"argument --docs: {error}")
     results = {
         motion: make(
             motion,
@@ -209,8 +216,7 @@ def main(argv: list[str]) -> int:
     text = variants_text(results) if arguments.variants else document(results)
     print(text)
     if arguments.docs is not None:
-        marks = (VARIANTS_BEGIN, VARIANTS_END) if arguments.variants else (BEGIN, END)
-        write_into(arguments.docs, text, *marks)
+        part.replace(arguments.docs, text)
     if arguments.json is not None:
         record = {
             motion: json.loads((arguments.out / motion / "scores" / JSON_NAME).read_bytes())

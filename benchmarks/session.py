@@ -16,6 +16,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmarks.output import file_to_write
 from protocols.journal import Note
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
@@ -105,7 +106,7 @@ def time_appends(count: int = 300) -> AppendTiming:
 def main(argv: list[str]) -> int:
     """Print a table; with ``--json FILE`` also write it."""
     parser = argparse.ArgumentParser(prog="benchmarks.session", description=__doc__)
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     arguments = parser.parse_args(argv)
     sessions = [time_session(gaze_hz) for gaze_hz in (60.0, 250.0, 1000.0)]
     appends = time_appends()

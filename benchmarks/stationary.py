@@ -23,7 +23,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.quality import write_into
+from benchmarks.output import PagePart, file_to_write
 from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
@@ -35,7 +35,7 @@ Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
 FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
 FIRST_SEED = 1000
 RESULTS = Path(__file__).parent / "results" / "stationary.json"
-BEGIN, END = "<!-- stationary table: begin -->", "<!-- stationary table: end -->"
+PART = PagePart("stationary table")
 
 Mask = NDArray[np.bool_]
 Numbers = NDArray[np.float64]
@@ -205,26 +205,17 @@ def header(textures: Sequence[Texture]) -> str:
     return f"| {' | '.join(columns)} |\n{rule}"
 
 
-def _has_markers(document: Path) -> bool:
-    text = document.read_text(encoding="utf-8") if document.is_file() else ""
-    return END in text.partition(BEGIN)[2]
-
-
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
     parser.add_argument("--seeds", type=int, default=128, help="how many, for each texture")
-    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
-    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
+    parser.add_argument(
+        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
+    )
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")
-    # What would fail after minutes of measuring fails now.
-    json_file, document = arguments.json, arguments.docs
-    if json_file.is_dir() or not json_file.parent.is_dir():
-        parser.error(f"--json must be a file in a folder that exists (got {json_file})")
-    if document is not None and not _has_markers(document):
-        parser.error(f"--docs must be a page with the lines {BEGIN} and {END} (got {document})")
     seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
     lines, record = [header(TEXTURES)], []
     print(lines[0])
@@ -243,7 +234,7 @@ def main(argv: list[str]) -> int:
             method.release()
     finally:
         release_context(ctx)
-    json_file.write_text(
+    arguments.json.write_text(
         json.dumps(
             {
                 "version": package_version(),
@@ -259,8 +250,8 @@ def main(argv: list[str]) -> int:
         + "\n",
         encoding="utf-8",
     )
-    if document is not None:
-        write_into(document, "\n".join(lines), BEGIN, END)
+    if arguments.docs is not None:
+        PART.replace(arguments.docs, "\n".join(lines))
     return 0
 
 

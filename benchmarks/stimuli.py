@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.quality import write_into
+from benchmarks.output import PagePart
 from benchmarks.stimuli_report import Findings, Ratio, Speed
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from stimuli.scenery import Scenery
     from stimuli.worker import Bench
 
-BEGIN, END = "<!-- stimuli table: begin -->", "<!-- stimuli table: end -->"
+PART = PagePart("stimuli table")
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
 
 
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=["reference", "push-pull", "metameric"])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
-    parser.add_argument("--docs", type=Path, help="document whose table is replaced")
+    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
     parser.add_argument("--memory-of", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--share", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.write:
         RESULTS.write_text(json.dumps(found.content(), indent=1) + "\n", encoding="utf-8")
     if options.docs is not None:
-        write_into(options.docs, found.markdown(), BEGIN, END)
+        PART.replace(options.docs, found.markdown())
     return 0
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy import ndimage
 
+from benchmarks.output import file_to_write
 from benchmarks.quality import interior, pairs, warped_pair
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
@@ -292,7 +293,9 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="script/bench variants", description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
-    parser.add_argument("--json", type=Path, default=RESULTS, help="where to store the numbers")
+    parser.add_argument(
+        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
+    )
     arguments = parser.parse_args(argv)
     ctx = create_context()
     try:

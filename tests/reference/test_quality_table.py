@@ -1,9 +1,8 @@
 """The table of fill quality in docs/ is made by a command that measures what it says."""
 
 import numpy as np
-import pytest
 
-from benchmarks.quality import BEGIN, END, interior, measure, table, write_into
+from benchmarks.quality import PART, interior, measure, table
 from pipeline.quality import Quality
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
@@ -43,16 +42,13 @@ def test_a_pair_is_measured_inside_its_interior_holes(gl_context, rng):
 
 def test_the_table_replaces_what_stands_between_its_markers(tmp_path):
     document = tmp_path / "page.md"
-    document.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    document.write_text(f"before\n{PART.begin}\nold\n{PART.end}\nafter\n", encoding="utf-8")
     rows = table({"pair": (0.05, {"telea": Quality(15.0, 0.5, 0.4, 0.3)})})
 
-    write_into(document, rows)
+    PART.replace(document, rows)
 
     text = document.read_text(encoding="utf-8")
     assert "old" not in text
     assert "| pair (5.0 %) | telea | 15.00 | 0.500 | 0.40 | 0.300 |" in text
     assert text.startswith("before\n")
     assert text.endswith("after\n")
-    (tmp_path / "bare.md").write_text("no markers", encoding="utf-8")
-    with pytest.raises(SystemExit, match="must hold the lines"):
-        write_into(tmp_path / "bare.md", rows)

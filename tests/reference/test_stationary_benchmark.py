@@ -7,9 +7,8 @@ import pytest
 from scipy import ndimage
 
 from benchmarks.stationary import (
-    BEGIN,
-    END,
     LEVELS,
+    PART,
     Scene,
     Texture,
     header,
@@ -145,7 +144,7 @@ def test_a_row_has_a_cell_for_every_column():
 def test_the_command_measures_prints_and_renews_the_document(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("benchmarks.stationary.SCENES", (SCENE,))
     document = tmp_path / "page.md"
-    document.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    document.write_text(f"before\n{PART.begin}\nold\n{PART.end}\nafter\n", encoding="utf-8")
     stored = tmp_path / "numbers.json"
 
     assert main(["--seeds", "1", "--docs", str(document), "--json", str(stored)]) == 0
@@ -159,14 +158,14 @@ def test_what_could_not_be_stored_is_refused_before_anything_is_measured(
     monkeypatch, tmp_path, capsys
 ):
     monkeypatch.delattr("benchmarks.stationary.create_context")
-    (tmp_path / "page.md").write_text(f"{END}\n{BEGIN}\n", encoding="utf-8")
+    (tmp_path / "page.md").write_text(f"{PART.end}\n{PART.begin}\n", encoding="utf-8")
 
     for arguments, told in (
         (["--seeds", "0"], "--seeds must be at least 1 (got 0)"),
-        (["--json", f"{tmp_path}/none/x.json"], "--json must be a file in a folder that exists"),
-        (["--json", str(tmp_path)], "--json must be a file in a folder that exists"),
-        (["--docs", f"{tmp_path}/none.md"], "--docs must be a page with the lines"),
-        (["--docs", f"{tmp_path}/page.md"], "--docs must be a page with the lines"),
+        (["--json", f"{tmp_path}/none/x.json"], "--json: must be a file in a folder that exists"),
+        (["--json", str(tmp_path)], "--json: must be a file in a folder that exists"),
+        (["--docs", f"{tmp_path}/none.md"], "--docs: must be a page with the lines"),
+        (["--docs", f"{tmp_path}/page.md"], "--docs: must be a page with the lines"),
     ):
         with pytest.raises(SystemExit) as stopped:
             main(arguments)

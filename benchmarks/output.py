@@ -1,0 +1,58 @@
+"""Where benchmarks put what they measured; what could not be stored is refused beforehand."""
+
+from argparse import ArgumentTypeError
+from dataclasses import dataclass
+from pathlib import Path
+
+
+def file_to_write(name: str) -> Path:
+    """Type of an argument: a file that can be made, or replaced.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If its folder does not exist, or it is a folder itself.
+    """
+    path = Path(name)
+    if path.is_dir() or not path.parent.is_dir():
+        raise ArgumentTypeError(f"must be a file in a folder that exists (got {name})")
+    return path
+
+
+@dataclass(frozen=True)
+class PagePart:
+    """A part of a page that a benchmark replaces, between two lines that name it."""
+
+    name: str
+
+    @property
+    def begin(self) -> str:
+        """The line before it."""
+        return f"<!-- {self.name}: begin -->"
+
+    @property
+    def end(self) -> str:
+        """The line behind it."""
+        return f"<!-- {self.name}: end -->"
+
+    def page(self, name: str) -> Path:
+        """Type of an argument: a page that has such a part.
+
+        Raises
+        ------
+        ArgumentTypeError
+            If there is no such page, or it lacks one of the lines.
+        """
+        path = Path(name)
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        if self.end not in text.partition(self.begin)[2]:
+            raise ArgumentTypeError(
+                f"must be a page with the lines {self.begin} and {self.end} (got {name})"
+            )
+        return path
+
+    def replace(self, page: Path, text: str) -> None:
+        """Put `text` there."""
+        before, _, rest = page.read_text(encoding="utf-8").partition(self.begin)
+        after = rest.partition(self.end)[2]
+        page.write_text(f"{before}{self.begin}\n{text}\n{self.end}{after}", encoding="utf-8")
