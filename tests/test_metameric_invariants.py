@@ -261,6 +261,15 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     np.testing.assert_allclose(found.control_ratio, 1, atol=0.08)
 
 
+def test_white_noise_keeps_its_deviations_in_a_narrow_hole(method):
+    """Where its base is most restless: at level 3, of which five coefficients lie side by side."""
+    one = method("metameric", z_near_m=Z_NEAR_M)
+
+    found = measure(one, SCENES["a crescent of 44 by 128 px"][0], [Texture(0.0)], range(96))
+
+    np.testing.assert_allclose(found.ratio, 1, rtol=0, atol=0.1)
+
+
 # --- screen door ----------------------------------------------------------------------------
 
 HOLE = disc((96, 160), 70, 48, 26)

@@ -5,8 +5,8 @@
 // share it.
 //
 // What Mesa's software renderer taught: no local arrays here or in the passes (one that is
-// not unrolled lives in memory, 10x slower), no loops (2x; the composite's sums are the one
-// exception, which else compile for too long), no texture layers (they lie a
+// not unrolled lives in memory, 10x slower), no loops (2x; gains.comp.glsl is the one exception to
+// both: it visits few blocks, and would compile for too long), no texture layers (they lie a
 // power of two apart and push each other out of the cache, 3x), images rather than buffers
 // for what is read more often than written (a buffer is read lane by lane).
 

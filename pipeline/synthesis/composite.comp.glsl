@@ -27,7 +27,7 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
 // w of the second: gain of the background's detail, with BACKGROUND; of level 0's third: how far
-// to fade in.
+// to heed the known background beside it.
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;

@@ -40,7 +40,7 @@ Texel variances_at(ivec2 place, ivec4 size) {
     return Texel(high.w, high.rgb, along_x, along_y.rgb, along_y.w);
 }
 
-// A child without a hole pixel has no variances.
+// A child without a hole pixel may have none in this frame, and does not count.
 Texel child_at(ivec2 place, int holes) {
     if (holes == 0) return Texel(-1.0, vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
     return variances_at(place, level_size[0]);

@@ -7,7 +7,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -24,24 +23,8 @@ from pipeline.synthesis.settings import MetamericSettings
 from pipeline.synthesis.variances import VariancePass
 
 
-def check_block(ctx: moderngl.Context, nbytes: int, levels: int) -> None:
-    """Require a driver whose uniform blocks hold the bands' overlap.
-
-    Raises
-    ------
-    InputError
-        If they do not: six levels need 18 KB, of which OpenGL promises 16.
-    """
-    limit = int(ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
-    if nbytes > limit:
-        raise InputError(
-            f"{levels} levels need uniform blocks of {nbytes} bytes, and this driver's hold"
-            f" {limit}; take fewer levels"
-        )
-
-
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
-    """`Mixing.overlap` as composite.comp.glsl reads it.
+    """`Mixing.overlap` as gains.comp.glsl reads it.
 
     Returns
     -------
@@ -70,11 +53,6 @@ class GainPass:
     ----------
     base, variances : GuidedBasePass, VariancePass
         They must have run on the frame.
-
-    Raises
-    ------
-    InputError
-        If the driver cannot hold what so many levels measure of each other.
     """
 
     dispatches = 1
@@ -89,7 +67,6 @@ class GainPass:
         self._base, self._variances = base, variances
         levels, channels = settings.levels, 1 if settings.channels == "correlated" else 3
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
-        check_block(ctx, overlap.nbytes, levels)
         self._overlap = ctx.buffer(overlap.tobytes())
         columns, rows = base.resolutions.sizes[2]
         self.texels = create_texture(ctx, (columns * levels, rows * channels), "rgba32f")

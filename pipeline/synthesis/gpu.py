@@ -13,6 +13,7 @@ from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.synthesis.gains import GainPass
+from pipeline.synthesis.limits import check_limits
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.synthesis.reference import DETAIL_LIMIT, FADE, SMALLEST_LACKING
@@ -23,7 +24,7 @@ from pipeline.synthesis.settings import (
     check_seed,
     check_source_from_target,
 )
-from pipeline.synthesis.variances import VariancePass, check_width
+from pipeline.synthesis.variances import VariancePass
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
@@ -48,7 +49,7 @@ class MetamericPass:
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
-        check_width(ctx, size)
+        check_limits(ctx, size, settings.levels)
         self.size = size
         self.settings = settings
         levels = settings.levels

@@ -74,6 +74,11 @@ float known_background(ivec2 place, float deepest) {
     return 0.0625 * (corners + 2.0 * edges + 4.0 * known_at(place, deepest));
 }
 
+// Of the high band over the oriented ones, in luma.
+float shortness(vec3 variance) {
+    return variance.x / max(0.5 * (variance.y + variance.z), SMALLEST_VARIANCE);
+}
+
 // What the base holds, and noise has to fill.
 struct Held {
     float share;   // of the wanted variance that the base is taken to hold; negative: as measured
@@ -134,13 +139,12 @@ void work(ivec2 pixel, int chain) {
     vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     held.raised = 1.0;
     float heeded = 0.0;  // of the known background beside, see beside_known()
-    float shortness = wanted.x / max(0.5 * (wanted.y + wanted.z), SMALLEST_VARIANCE);
 #if IS_FINEST
-    heeded = known * clamp((SHARP_FROM - shortness) / (SHARP_FROM - SOFT_UP_TO), 0.0, 1.0);
+    heeded = known * clamp((SHARP_FROM - shortness(wanted)) / (SHARP_FROM - SOFT_UP_TO), 0.0, 1.0);
 #endif
     if (chain >= SHARED_FROM_LEVEL) {
         heeded = known;
-        float long_waves = clamp((SHORT_FROM - shortness) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
+        float long_waves = clamp((SHORT_FROM - shortness(wanted)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
         float known_share = min(known, MOST_SHARED);
         held.raised += long_waves * known_share / (1.0 - known_share);
     }

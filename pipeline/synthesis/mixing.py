@@ -3,7 +3,7 @@
 One matrix suits no two spectra alike. What the mixed bands of given weights measure is known,
 though, and weights are corrected by it (docs/decisions/0048).
 
-Twin of `spectral_gains`: find_gains() in gains.comp.glsl. Change both or neither.
+Twin of `spectral_gains`: store_gains() in gains.comp.glsl. Change both or neither.
 """
 
 import json

@@ -38,7 +38,7 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
-# Share of known background beside a soft texture's pixel of which its noise loses this times.
+# Noise of a soft texture loses this times the share of known background beside it.
 FADE = 1.5
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
@@ -182,8 +182,8 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
-    By deviations, and by the spectral gains that 4x4 pixels share; chroma that follows luma has
-    luma's.
+    By deviations, and by the spectral gains that 4x4 pixels share for what those with `hole`
+    pixels lack; chroma that follows luma has luma's.
     """
     total = np.zeros((*guide.shape, 3))
     height, width = guide.shape

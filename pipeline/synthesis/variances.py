@@ -9,7 +9,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.features.gpu import band_constants
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, texture_bytes
@@ -33,22 +32,6 @@ from pipeline.synthesis.lacking import (
 from pipeline.synthesis.settings import MetamericSettings
 
 BANDS = 3  # high, along x, along y: so many texels side by side
-
-
-def check_width(ctx: moderngl.Context, size: tuple[int, int]) -> None:
-    """Require a frame, (width, height), whose variances the driver can hold.
-
-    Raises
-    ------
-    InputError
-        If it is too wide.
-    """
-    limit = int(ctx.info["GL_MAX_TEXTURE_SIZE"]) // BANDS * 2
-    if size[0] > limit:
-        raise InputError(
-            f"frames to fill with metamers must be at most {limit} px wide on this driver"
-            f" (got {size[0]}x{size[1]})"
-        )
 
 
 class VariancePass:

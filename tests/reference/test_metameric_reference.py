@@ -18,7 +18,6 @@ from pipeline.synthesis.lacking import (
     wideness,
 )
 from pipeline.synthesis.reference import (
-    FADE,
     deviations,
     fade,
     inpainted_statistics,
@@ -149,39 +148,43 @@ def test_noise_heeds_known_background_where_waves_are_soft_and_at_coarse_levels(
 
 
 def test_noise_fades_in_by_how_far_it_heeds_what_is_known():
-    """By hand: a quarter and three quarters of the way from 0 to .4; FADE times that is lost."""
+    """By hand: a quarter and three quarters of the way from 0 to .4; 1.5 times that is lost."""
     values = np.zeros((1, 2, 10))
     values[0, 1, 9] = 0.4
     finest = Level(values, np.ones((1, 2)), np.full((1, 2), 0.5))
 
     found = fade(finest, np.full((1, 4), 0.5), 0.04)
 
-    np.testing.assert_allclose(found[0, :, 0], [1, 1 - FADE * 0.1, 1 - FADE * 0.3, 1 - FADE * 0.4])
+    np.testing.assert_allclose(found[0, :, 0], [1, 0.85, 0.55, 0.4])
     assert fade(replace(finest, values=values + 1), np.full((1, 4), 0.5), 0.04).max() == 0
 
 
 def test_a_block_lacks_what_its_parts_with_holes_do():
-    """8x8 pixels, one block with holes in three of its 2x2 pixels, of which one lies in front."""
-    hole = np.zeros((8, 8), bool)
-    hole[1, 1] = hole[0, 2] = hole[2, 0] = True
-    guide = np.full((4, 4), 0.5)
-    guide[1, 0] = 0.3
-    finest = np.full((4, 4, 10), 9.0)
-    finest[0, 0], finest[0, 1], finest[1, 0] = 1.0, 3.0, 5.0  # [1, 1] holds none
-    coarse = [np.full((edge, edge, 10), value) for edge, value in ((2, 0.5), (1, 0.25))]
+    """16x16 pixels; block 1, 1 has holes in three of its 2x2 pixels, of which one lies in front.
+
+    Its centre is 9, 3, 3 and 1 of 16 the four texels of the third level: 28 / 16.
+    """
+    hole = np.zeros((16, 16), bool)
+    hole[5, 5] = hole[4, 6] = hole[6, 4] = True
+    guide = np.full((8, 8), 0.5)
+    guide[3, 2] = 0.3
+    finest = np.full((8, 8, 10), 9.0)
+    finest[2, 2], finest[2, 3], finest[3, 2] = 1.0, 3.0, 5.0  # [3, 3] holds none
+    next_one, third = np.full((4, 4, 10), 9.0), np.arange(1.0, 5.0).reshape(2, 2, 1) * np.ones(10)
+    next_one[1, 1] = 0.5
     lacking = [
         Level(values, np.ones(values.shape[:2]), np.full(values.shape[:2], 0.5))
-        for values in (finest, *coarse)
+        for values in (finest, next_one, third)
     ]
     lacking[0] = replace(lacking[0], guide=guide)
 
     behind, _ = variances_of_blocks(lacking, hole, 1, 0.1)
     variances, heeded = variances_of_blocks(lacking, hole, 3, 0.4)
 
-    np.testing.assert_allclose(behind[0, 0], np.repeat([[2.0, 0.5, 0.25]], 3, axis=1))
-    np.testing.assert_allclose(variances[0, 0], np.repeat([[3.0, 0.5, 0.25]] * 3, 3, axis=1))
-    np.testing.assert_allclose(heeded[0, 0], [3.0, 0.5, 0.25])
-    np.testing.assert_array_equal(variances[1, 1, :, :3], 0.0)
+    np.testing.assert_allclose(behind[1, 1], np.repeat([[2.0, 0.5, 1.75]], 3, axis=1))
+    np.testing.assert_allclose(variances[1, 1], np.repeat([[3.0, 0.5, 1.75]] * 3, 3, axis=1))
+    np.testing.assert_allclose(heeded[1, 1], [3.0, 0.5, 1.75])
+    np.testing.assert_array_equal(variances[3, 3, :, :3], 0.0)
 
 
 def test_an_odd_border_s_last_part_counts_twice():

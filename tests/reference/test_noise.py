@@ -11,7 +11,6 @@ from pipeline.synthesis.mixing import (
     LAGS,
     LEAST_GAIN,
     MOST_GAIN,
-    RESTLESS,
     fitted_mixing,
     packed,
     spectral_gains,
@@ -228,19 +227,24 @@ def test_gains_are_bounded_and_leave_what_nobody_sees():
 
 
 def test_what_single_pixels_leave_in_the_base_counts_as_measured():
-    """Bands that do not overlap, level 3: RESTLESS / 64 of the finest high band's .64 counts."""
-    overlap = np.zeros((12, 12, 12))
-    overlap[range(12), range(12), range(12)] = 1.0
-    variances = np.full((2, 12), 0.01)
+    """By hand: bands that do not overlap, .64 in the finest high one and .01 in the others.
+
+    Half of .15 of .64 counts, over 64 at level 3 and 256 at level 4: .00075 and .0001875.
+    """
+    overlap = np.zeros((15, 15, 15))
+    overlap[range(15), range(15), range(15)] = 1.0
+    variances = np.full((2, 15), 0.01)
     variances[:, 0] = 0.64
 
-    found = spectral_gains(variances, overlap, np.array([[0.5, 0.5, 0.5, 0.0], [0, 0, 0, 0.5]]))
+    finer, coarser = spectral_gains(
+        variances, overlap, np.array([[0.5, 0.5, 0.5, 0, 0], [0, 0, 0, 0.5, 0.5]])
+    )
 
-    np.testing.assert_allclose(found[0], AIM)
-    np.testing.assert_allclose(found[1, :10], AIM)
-    restless = 0.5 * RESTLESS * 0.01
-    expected = AIM * np.sqrt(0.01 / (0.01 + restless))
-    np.testing.assert_allclose(found[1, 10:], expected, rtol=1e-4)
+    np.testing.assert_allclose(finer, AIM)
+    high = [0, 3, 6, 9, 12]
+    np.testing.assert_allclose(coarser[[*high, 1, 2, 4, 5, 7, 8]], AIM)
+    np.testing.assert_allclose(coarser[10:12], AIM * np.sqrt(0.01 / 0.01075), rtol=1e-4)
+    np.testing.assert_allclose(coarser[13:], AIM * np.sqrt(0.01 / 0.0101875), rtol=1e-4)
 
 
 def test_covariances_are_halved_and_made_whole_again():

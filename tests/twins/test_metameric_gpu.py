@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import moderngl
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from pipeline.camera import Camera, flow_between, reprojection
 from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
@@ -28,7 +29,7 @@ from pipeline.inpaint.reference import (
     push,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.gains import check_block
+from pipeline.synthesis.gains import overlap_by_levels
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import (
     LONG_UP_TO,
@@ -40,6 +41,7 @@ from pipeline.synthesis.lacking import (
     noise_variances,
     wideness,
 )
+from pipeline.synthesis.limits import check_limits, overlap_bytes
 from pipeline.synthesis.mixing import (
     LEAST_GAIN,
     MOST_GAIN,
@@ -234,7 +236,7 @@ def waves_tolerance(off, oriented, first, last):
 def spectral_gains_and_errors(lacking, hole, channels, threshold):
     """Spectral gains of given variances, and by what share they may be off.
 
-    Each of shape (H / 2, W / 2, channels, bands). A product of two deviations and of what it
+    Each of shape (H / 4, W / 4, channels, bands). A product of two deviations and of what it
     measures costs 2 * SHARES + 8 roundings. Nine products of two levels are summed in 4 steps,
     then pair by pair. They may cancel, so magnitudes count. The gain is the root of a ratio: half
     of its error, 6 roundings, and what an interpolation of the variance asked for is off by.
@@ -378,8 +380,23 @@ def test_every_setting_matches_reference(prepare, rng, settings):
     close_enough(run, run(), run.reference())
 
 
+def test_noise_of_a_soft_texture_vanishes_in_single_pixels(prepare, rng):
+    """Nearly all beside them is known: of what they heed, FADE times is more than all."""
+    size = (48, 64)
+    hole = rng.random(size) < 0.02
+    colour = ndimage.gaussian_filter(rng.standard_normal((*size, 3)), (1.5, 1.5, 0))
+    colour = (0.5 + 0.12 * colour / colour.std()).clip(0, 1).astype(np.float32)
+    flat = np.full(size, 5.0, np.float32), hole, np.zeros((*size, 2), np.float32)
+    run = prepare(WarpedFrame(colour, *flat))
+    fill = run.reference()
+
+    close_enough(run, run(), fill)
+    bare = np.abs(fill.colour - fill.base)[hole].max(axis=1) == 0
+    assert bare.mean() > 0.8
+
+
 def random_scene(rng):
-    """Any holes before, beside and behind any depths, of any size up to 90 px."""
+    """Any holes before, beside and behind any depths, of any size up to 90 px, soft or sharp."""
     height, width = (int(rng.integers(1, 1 << rng.integers(1, 7))) for _ in range(2))
     height, width = height + int(rng.integers(28)), width + int(rng.integers(28))
     x, y = np.arange(width), np.arange(height)[:, None]
@@ -392,8 +409,11 @@ def random_scene(rng):
             array[top:below, left:right] = rng.choice(values)
     hole[rng.integers(height), rng.integers(width)] = False
     flow = np.broadcast_to(rng.integers(-2000, 2000, 2) / 256, (height, width, 2))
+    colour = rng.random((height, width, 3), np.float32)
+    if rng.random() < 0.5:
+        colour = ndimage.gaussian_filter(colour, (1.2, 1.2, 0))
     return WarpedFrame(
-        rng.random((height, width, 3), np.float32),
+        colour,
         depth.astype(np.float32),
         hole,
         flow.astype(np.float32),
@@ -821,11 +841,17 @@ def test_textures_of_another_size_are_refused(gl_context, argument):
         thing.release()
 
 
-def test_a_frame_too_wide_for_the_driver_is_refused(gl_context):
-    width = int(gl_context.info["GL_MAX_TEXTURE_SIZE"]) // 3 * 2 + 1
+def widest(gl_context, levels):
+    edge = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
+    return edge // 3 * 2 if levels < 6 else edge // 6 * 4
 
-    with pytest.raises(InputError, match=rf"at most \d+ px wide .* \(got {width}x2\)"):
-        MetamericPass(gl_context, (width, 2), MetamericSettings())
+
+@pytest.mark.parametrize("levels", [4, 6])
+def test_a_frame_too_wide_for_the_driver_is_refused(gl_context, levels):
+    most = widest(gl_context, levels)
+
+    with pytest.raises(InputError, match=rf"at most {most} px wide .* \(got {most + 1}x2\)"):
+        MetamericPass(gl_context, (most + 1, 2), MetamericSettings(levels=levels))
 
 
 @pytest.mark.parametrize("turned", [(1, 1), (1, -1), (-1, 1)], ids=str)
@@ -847,15 +873,17 @@ def test_a_wide_hole_cut_by_the_frames_border_matches_reference(prepare, rng, pa
     close_enough(run, run(), run.reference())
 
 
-@pytest.mark.parametrize("tall", [False, True])
-def test_the_widest_and_the_tallest_frame_are_filled_to_the_end(prepare, gl_context, rng, tall):
+@pytest.mark.parametrize(("tall", "levels"), [(True, 4), (False, 4), (False, 6)])
+def test_the_widest_and_the_tallest_frame_are_filled_to_the_end(
+    prepare, gl_context, rng, tall, levels
+):
     """Entries of lists hold columns and rows; a hole lies in the last of them."""
     limit = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
-    frame = disc_scene(rng, (4, limit if tall else limit // 3 * 2))
+    frame = disc_scene(rng, (4, limit if tall else widest(gl_context, levels)))
     if tall:
         parts = (frame.colour, frame.depth_m, frame.hole, frame.flow_px)
         frame = WarpedFrame(*(np.ascontiguousarray(part.swapaxes(0, 1)) for part in parts))
-    run = prepare(frame)
+    run = prepare(frame, levels=levels)
 
     assert frame.hole[-1 if tall else 0, 0 if tall else -1]
     close_enough(run, run(), run.reference())
@@ -941,8 +969,13 @@ def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng):
 
 def test_a_driver_whose_uniform_blocks_are_too_small_is_refused():
     """OpenGL promises 16384 bytes: a driver with no more cannot take six levels."""
-    least = SimpleNamespace(info={"GL_MAX_UNIFORM_BLOCK_SIZE": 16384})
+    least = SimpleNamespace(info={"GL_MAX_UNIFORM_BLOCK_SIZE": 16384, "GL_MAX_TEXTURE_SIZE": 16384})
 
-    check_block(least, 16384, 5)
+    check_limits(least, (64, 64), 5)
     with pytest.raises(InputError, match=r"6 levels need .* 18144 bytes.* 16384; take fewer"):
-        check_block(least, 18144, 6)
+        MetamericPass(least, (64, 64), MetamericSettings(levels=6))  # before anything is made
+
+
+@pytest.mark.parametrize("levels", range(1, 7))
+def test_the_uniform_block_is_as_large_as_is_asked_for(levels):
+    assert overlap_by_levels(fitted_mixing(levels).overlap).nbytes == overlap_bytes(levels)
