@@ -112,8 +112,11 @@ TEXTURES = (
     Texture(0.5),
     Texture(1.0),
     Texture(1.5),
+    Texture(2.0),
     Texture(0.0, 1.0),
     Texture(1.0, 1.0),
+    Texture(0.0, 2.0),
+    Texture(1.0, 2.0),
 )
 
 
