@@ -76,6 +76,7 @@ VARIANTS = (
     Variant("channels independent", MetamericSettings(channels="independent")),
     Variant("base_gamma 0", MetamericSettings(base_gamma=0.0)),
     Variant("base_gamma 0.25", MetamericSettings(base_gamma=0.25)),
+    Variant("base_gamma 0.5", MetamericSettings(base_gamma=0.5)),
     Variant("gamma 0", MetamericSettings(gamma=0.0)),
     Variant("gamma 0.5", MetamericSettings(gamma=0.5)),
     Variant("gamma 1", MetamericSettings(gamma=1.0)),

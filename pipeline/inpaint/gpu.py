@@ -12,7 +12,11 @@ import moderngl
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
-from pipeline.inpaint.reference import ANY_DEPTH_BEHIND, NEARBY_RESOLUTIONS
+from pipeline.inpaint.reference import (
+    ANY_DEPTH_BEHIND,
+    NEARBY_RESOLUTIONS,
+    RELAXED_RESOLUTIONS,
+)
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED, WorkLists
 
@@ -111,6 +115,7 @@ class ChainPass:
         self._depth_threshold = depth_threshold
         self._nearby = NEARBY_RESOLUTIONS if is_base else 0
         assert self._nearby <= resolutions.top  # the tail takes from its own depth alone
+        self._relaxed = RELAXED_RESOLUTIONS if is_base else 0
         self._pull = compile_compute(
             ctx,
             "inpaint/pull.comp.glsl",
@@ -127,11 +132,16 @@ class ChainPass:
             CHAIN_TEXELS=resolutions.tail_texels,
             PLANES=planes,
             MOST_CHAINS=MAX_LEVELS,
+            RELAXED=max(0, self._relaxed - resolutions.top),
         )
-        for shader in (self._pull, self._push, self._tail):
+        self._shaders = [self._pull, self._push, self._tail]
+        if is_base:
+            self._relax = compile_compute(ctx, "inpaint/relax.comp.glsl", IS_FINEST=False)
+            self._shaders.append(self._relax)
+        for shader in self._shaders:
             shader["depth_threshold"] = depth_threshold
-        for shader in (self._push, self._tail):
-            shader["gamma"] = gamma
+            if "gamma" in shader:
+                shader["gamma"] = gamma
         self._finest = 1 if is_base else FIRST_STORED
         top = resolutions.top
         self._texels = {}
@@ -150,7 +160,8 @@ class ChainPass:
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return len(self._pulls) + 1 + len(self._pushes)
+        relaxed = sum(r < self._relaxed for r in self._pushes)
+        return len(self._pulls) + 1 + len(self._pushes) + 2 * relaxed
 
     @property
     def held_bytes(self) -> int:
@@ -164,6 +175,8 @@ class ChainPass:
         self._tail_step()
         for r in reversed(self._pushes):
             self._push_step(r)
+            if r < self._relaxed:
+                self._relax_steps(r)
 
     @property
     def _pulls(self) -> range:
@@ -205,6 +218,14 @@ class ChainPass:
         shader["behind"] = ANY_DEPTH_BEHIND if r < self._nearby else self._depth_threshold
         self._lists.run(shader, self._incomplete(r))
 
+    def _relax_steps(self, r: int) -> None:
+        shader = self._relax
+        self.at(r).bind_to_image(0)
+        self._guide.at(r).bind_to_image(1)
+        for parity in (0, 1):
+            shader["parity"] = parity
+            self._lists.run(shader, self._incomplete(r))
+
     def _bind(self, fine: int, coarse: int) -> None:
         self.at(fine).bind_to_image(0)
         self.at(coarse).bind_to_image(1)
@@ -229,7 +250,7 @@ class ChainPass:
         for texture in self._texels.values():
             texture.release()
         self._scratch.release()
-        for shader in (self._pull, self._push, self._tail):
+        for shader in self._shaders:
             shader.release()
 
 
@@ -285,13 +306,14 @@ class GuidedBasePass:
         self._last = compile_compute(
             ctx, "inpaint/base_last.comp.glsl", ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND
         )
-        for shader in (self._first, self._last):
+        self._relax = compile_compute(ctx, "inpaint/relax.comp.glsl", IS_FINEST=True)
+        for shader in (self._first, self._last, self._relax):
             shader["depth_threshold"] = depth_threshold
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return self.lists.dispatches + 1 + self.chain.dispatches + 1
+        return self.lists.dispatches + 1 + self.chain.dispatches + 1 + 2
 
     @property
     def held_bytes(self) -> int:
@@ -323,6 +345,10 @@ class GuidedBasePass:
         self.chain.at(1).bind_to_image(2)
         self.guide.at(1).bind_to_image(3)
         self.lists.run(self._last, ("holes", 1))
+        self._relax["z_near_m"] = z_near_m
+        for parity in (0, 1):
+            self._relax["parity"] = parity
+            self.lists.run(self._relax, ("holes", 1))
 
     def release(self) -> None:
         """Free everything this pass made."""
@@ -331,3 +357,4 @@ class GuidedBasePass:
         self.chain.release()
         self._first.release()
         self._last.release()
+        self._relax.release()

@@ -26,6 +26,9 @@ ONLY_NEARER = -1.0
 # Colour pushed into these finest resolutions takes whatever is not nearer: the block that it
 # comes from spans 2 << resolution pixels at most, so what lies behind is the hole's neighbour.
 NEARBY_RESOLUTIONS = 2
+# Colour is relaxed in these finest resolutions, pixel by pixel and 2x2 by 2x2 up to 32x32: what is
+# pushed alone is blocky, and meets the hole's border in a step.
+RELAXED_RESOLUTIONS = 6
 ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
 # Validity of a level's outermost coefficients. They see the frame's border repeated: in white noise
 # bands along it have up to 1.7 times their energy, and at 1 / f those across have half of it.
@@ -145,10 +148,49 @@ def guided_mean(
     return np.asarray(values), similar
 
 
-def pull_push(level: Level, gamma: float, threshold: float, nearby: int = 0) -> list[Level]:
+def relax(level: Level, gamma: float, threshold: float) -> Level:
+    """Draw what is not wholly known towards the mean of its four neighbours.
+
+    One step of Gauss and Seidel for Laplace's equation, of which push is a first guess: first all
+    pixels whose row and column add up to an even number, then, with those at hand, the others. A
+    pixel keeps ``validity ** gamma`` of what it is, and all of it where no neighbour is of its own
+    depth. Outside a frame its border goes on.
+    """
+    own = np.where(level.validity > 0, np.abs(level.validity) ** gamma, 0.0)
+    odd = np.add.outer(*map(np.arange, level.guide.shape)) % 2
+    steps = np.abs(level.guide - np.stack(_neighbours(level.guide)))
+    share = (steps <= threshold).astype(np.float64)
+    total = share.sum(axis=0)
+    share = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
+    values = level.values
+    for parity in (0, 1):
+        mean = sum(
+            part[..., None] * found for part, found in zip(share, _neighbours(values), strict=True)
+        )
+        drawn = own[..., None] * values + (1 - own[..., None]) * mean
+        values = np.where(((odd == parity) & (total > 0))[..., None], drawn, values)
+    return Level(values, level.validity, level.guide)
+
+
+def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Of each pixel the next one to the left, right, above and below; borders repeat."""
+    height, width = array.shape[:2]
+    rows, columns = np.arange(height), np.arange(width)
+    return [
+        array[:, np.maximum(columns - 1, 0)],
+        array[:, np.minimum(columns + 1, width - 1)],
+        array[np.maximum(rows - 1, 0)],
+        array[np.minimum(rows + 1, height - 1)],
+    ]
+
+
+def pull_push(
+    level: Level, gamma: float, threshold: float, nearby: int = 0, relaxed: int = 0
+) -> list[Level]:
     """Pull to 1x1, at least once, and push back; the completed levels, finest first.
 
-    The `nearby` finest levels take from whatever is not nearer; see `NEARBY_RESOLUTIONS`.
+    The `nearby` finest levels take from whatever is not nearer; see `NEARBY_RESOLUTIONS`. The
+    `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
     """
     levels = [level, pull(level, threshold)]
     while levels[-1].validity.shape != (1, 1):
@@ -156,6 +198,8 @@ def pull_push(level: Level, gamma: float, threshold: float, nearby: int = 0) -> 
     for index in reversed(range(len(levels) - 1)):
         behind = ANY_DEPTH_BEHIND if index < nearby else threshold
         levels[index] = push(levels[index], levels[index + 1], gamma, threshold, behind)
+        if index < relaxed:
+            levels[index] = relax(levels[index], gamma, threshold)
     return levels
 
 
@@ -203,7 +247,7 @@ def guided_base(
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
     level = Level(values, known, np.where(near, guide, 0.0))
-    return pull_push(level, gamma, threshold, NEARBY_RESOLUTIONS)
+    return pull_push(level, gamma, threshold, NEARBY_RESOLUTIONS, RELAXED_RESOLUTIONS)
 
 
 def band_statistics(

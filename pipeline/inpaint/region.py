@@ -6,7 +6,7 @@ Work follows the holes. The frame is cut into square cells; a cell of resolution
 
 CELL = 8  # edge of a work tile, in pixels of the resolution it works on
 STATISTICS_RINGS = 1  # cells of pyramid level k around a hole whose coefficients count
-SOURCE_RINGS = 2  # cells around a hole whose pixels are read at all
+SOURCE_RINGS = 3  # cells around a hole whose pixels are read at all
 SOURCE_RESOLUTION = 4  # at least: those cells are 128 px, wider than any dependency
 
 

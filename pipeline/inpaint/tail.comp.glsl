@@ -6,6 +6,7 @@
 #constant GROUP         // work-group size
 #constant MOST_CHAINS
 #constant CHAIN_TEXELS  // of all resolutions here together
+#constant RELAXED       // so many of the finest ones are relaxed
 
 #include "active.glsl"
 #include "guided.glsl"
@@ -98,6 +99,33 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
     }
 }
 
+#if RELAXED > 0
+// Twin: relax() in reference.py; see relax.comp.glsl.
+void relax_level(int first, ivec2 size, int parity) {
+    for (int i = int(gl_LocalInvocationID.x); i < size.x * size.y; i += GROUP) {
+        ivec2 pixel = ivec2(i % size.x, i / size.x);
+        if (((pixel.x + pixel.y) & 1) != parity) continue;
+        int place = scratch_at(first, size, pixel);
+        vec4 own = scratch[place];
+        if (own.w >= 1.0) continue;
+        ivec2 before = max(pixel - 1, ivec2(0)), after = min(pixel + 1, size - 1);
+        int left = scratch_at(first, size, ivec2(before.x, pixel.y));
+        int right = scratch_at(first, size, ivec2(after.x, pixel.y));
+        int above = scratch_at(first, size, ivec2(pixel.x, before.y));
+        int below = scratch_at(first, size, ivec2(pixel.x, after.y));
+        vec4 guides = vec4(scratch_guide[left], scratch_guide[right], scratch_guide[above],
+                           scratch_guide[below]);
+        vec4 share = vec4(lessThanEqual(abs(scratch_guide[place] - guides), vec4(depth_threshold)));
+        float total = dot(share, vec4(1.0));
+        if (total <= 0.0) continue;
+        vec3 mean = mixed(share / total, scratch[left], scratch[right], scratch[above],
+                          scratch[below]).rgb;
+        float keep = kept(own.w, gamma, true);
+        scratch[place] = vec4(keep * own.rgb + (1.0 - keep) * mean, own.w);
+    }
+}
+#endif
+
 void wait() {
     memoryBarrierBuffer();
     barrier();
@@ -128,6 +156,14 @@ void main() {
         push_level(fine_first, fine_size, fine_first + fine_size.x * fine_size.y,
                    halved(fine_size));
         wait();
+#if RELAXED > 0
+        if (level < RELAXED) {
+            relax_level(fine_first, fine_size, 0);
+            wait();
+            relax_level(fine_first, fine_size, 1);
+            wait();
+        }
+#endif
     }
     int chain = int(gl_WorkGroupID.x);
     int count = top_size.x * top_size.y;

@@ -17,6 +17,7 @@
 
 #include "pixels.glsl"
 #include "guided.glsl"
+#include "taps.glsl"
 #include "ycbcr.glsl"
 
 layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
@@ -31,11 +32,13 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
-// Of 4x4 pixels, see gains.comp.glsl: levels side by side, channels below each other; rgb: bands.
+// Of 4x4 pixels, see gains.comp.glsl: levels side by side, channels below each other; rgb: bands,
+// a: turn in which they were written.
 layout(rgba32f, binding = 6) uniform readonly image2D gains;
 
 uniform float z_near_m;
 uniform float noise_scale;
+uniform float turn;  // the gains' own
 uniform ivec4 level_size[LEVELS];          // columns, rows, where its first texel lies
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #if ANCHOR == 2
@@ -156,13 +159,33 @@ struct Gains {
     vec3 high, along_x, along_y;
 };
 
-Gains gains_at(ivec2 parent, int level) {
-    ivec2 at = (parent >> 1) * ivec2(LEVELS, CHANNELS) + ivec2(level, 0);
-    vec3 luma = imageLoad(gains, at).rgb;
+// The four blocks around 2x2 pixels, and their shares: of those that hold a hole pixel, or this turn
+// has found no gains for them. Twin: between_blocks() in reference.py.
+struct Blocks {
+    Taps first;  // texel of each
+    vec4 share;
+};
+
+Blocks blocks_around(ivec2 parent) {
+    ivec2 edges = ivec2(LEVELS, CHANNELS);
+    Taps taps = parents_of(parent, imageSize(gains) / edges);
+    taps = Taps(taps.a * edges, taps.b * edges, taps.c * edges, taps.d * edges);
+    vec4 turns = vec4(imageLoad(gains, taps.a).a, imageLoad(gains, taps.b).a,
+                      imageLoad(gains, taps.c).a, imageLoad(gains, taps.d).a);
+    vec4 share = vec4(9.0, 3.0, 3.0, 1.0) * vec4(equal(turns, vec4(turn)));
+    return Blocks(taps, share / dot(share, vec4(1.0)));
+}
+
+vec3 gains_of(Blocks blocks, ivec2 texel) {
+    return MIXED_AT(gains, blocks.first, blocks.share, texel).rgb;
+}
+
+Gains gains_at(Blocks blocks, int level) {
+    vec3 luma = gains_of(blocks, ivec2(level, 0));
 #if CHANNELS == 1
     return Gains(luma.xxx, luma.yyy, luma.zzz);
 #else
-    vec3 blue = imageLoad(gains, at + ivec2(0, 1)).rgb, red = imageLoad(gains, at + ivec2(0, 2)).rgb;
+    vec3 blue = gains_of(blocks, ivec2(level, 1)), red = gains_of(blocks, ivec2(level, 2));
     return Gains(vec3(luma.x, blue.x, red.x), vec3(luma.y, blue.y, red.y), vec3(luma.z, blue.z, red.z));
 #endif
 }
@@ -209,10 +232,12 @@ void work(ivec2 parent, int chain) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
 
+    Blocks blocks = blocks_around(parent);
+
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
         ivec4 size = level_size[0];
-        Gains g = gains_at(parent, 0);
+        Gains g = gains_at(blocks, 0);
         Texel t00 = variances_at(parent - 1, size), t02 = variances_at(parent + ivec2(1, -1), size);
         Texel t01 = variances_at(parent + ivec2(0, -1), size);
         Texel t10 = variances_at(parent + ivec2(-1, 0), size);
@@ -228,7 +253,7 @@ void work(ivec2 parent, int chain) {
     float scale = 0.25;
     for (int level = 1; level < LEVELS; ++level, scale *= 0.5) {
         ivec4 size = level_size[level];
-        Gains g = gains_at(parent, level);
+        Gains g = gains_at(blocks, level);
         vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
         ivec2 corner = ivec2(floor(first));
         vec2 near = first - floor(first), far = near + scale;

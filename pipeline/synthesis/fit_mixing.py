@@ -8,7 +8,7 @@ other deviations than ``s``. Mixing the weights first, ``v = T s``, cures it: wi
 covariance that band `b` measures between all bands of unit noise, it measures
 ``sqrt(v' C_b v)``. T is the least-squares answer to ``sqrt(v' C_b v) = s_b`` for
 
-- amplitudes 1 / f^e, with e from 0 (white) to 1.5, sharp and blurred, without and with a
+- amplitudes 1 / f^e, with e from 0 (white) to 2, sharp and blurred, without and with a
   direction;
 - all of it lacking, or what a base leaves to the noise in the middle of a hole;
 - deviations that vary together over the hole, and less so, as on photographs;
@@ -35,13 +35,25 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
-from pipeline.synthesis.mixing import LAGS, measured_variances, overlaps, packed, unpacked
+from pipeline.synthesis.mixing import (
+    LAGS,
+    LEAST_GAIN,
+    MOST_GAIN,
+    measured_variances,
+    overlaps,
+    packed,
+    unpacked,
+)
 from pipeline.synthesis.noise import TEXELS_PER_PX
 
 EDGE = 256  # of the noise that is measured, pixels
 SEEDS = 16
 # Exponent e of an amplitude 1 / f^e, and the deviation of a Gaussian blur in pixels.
-SPECTRA = ((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (0.0, 0.6), (0.0, 1.0), (1.0, 1.0))
+SPECTRA = (
+    *((exponent, 0.0) for exponent in (0.0, 0.5, 1.0, 1.5, 2.0)),
+    *((0.0, blur_px) for blur_px in (0.6, 1.0, 2.0)),
+    *((1.0, blur_px) for blur_px in (1.0, 2.0)),
+)
 ANISOTROPIES = (0.0, 0.5)  # of power along x; T treats y the same
 LOWEST_FREQUENCY = 1 / 32  # cycles per pixel; below, spectra are flat
 # What share of a level's variance a base holds already, of the oriented bands: none; in natural
@@ -54,8 +66,9 @@ SHARES = (
 HIGH_SHARE = 0.15  # of the high band: a base is smooth, and holds so much of that share
 TOGETHER = (1.0, 0.97, 0.88)  # correlation of two bands' energies from place to place, per step
 JITTERS, JITTER, JITTER_WEIGHT = 3, 0.3, 0.1  # how many, deviation of log, weight
-MOST_STEPS = 20  # of the fit of T: what gains leave to it is flat
+MOST_STEPS = 100  # of the fit of T: what gains leave to it is flat
 RIDGE_MATRIX, RIDGE_LAG = 0.05, 0.1
+SMALLEST = 1e-12  # variance whose root or logarithm is taken
 OFFSETS = (0.0, 0.15, 0.3, 0.5, 0.7, 0.85)  # texels, along each axis
 
 Array = NDArray[np.float64]
@@ -103,6 +116,10 @@ def noise_statistics(levels: int) -> tuple[Array, Array]:
     count = len(filters)
     frequency = np.asarray(2 * np.pi * np.fft.fftfreq(EDGE), np.float64)
     per_texel = frequency / TEXELS_PER_PX
+    passed = [np.ones((EDGE, EDGE))]  # by as many levels; see noise.softened
+    for level in range(levels):
+        low = _response(fitted_kernels().low, frequency * (1 << level))
+        passed.append(passed[-1] * np.abs(low) ** 2)
     turns = [np.cos(per_texel[:, None] * y + per_texel * x).ravel() for y, x in ((0, 0), *LAGS)]
     covariances, lagged = np.zeros((count,) * 3), np.zeros((len(turns), count, count))
     for seed in range(SEEDS):
@@ -110,9 +127,9 @@ def noise_statistics(levels: int) -> tuple[Array, Array]:
         noise = np.empty_like(filters)
         for index, response in enumerate(filters):
             level = index // 3
-            band = _fold(response * white, level)
-            band *= (EDGE >> level) ** 2 / np.linalg.norm(band)
-            noise[index] = response.conj() * 4**level * np.tile(band, (1 << level,) * 2)
+            band = np.tile(_fold(response * white, level), (1 << level,) * 2)
+            noise[index] = response.conj() * band * passed[level + (index % 3 > 0)]
+            noise[index] *= EDGE**2 / np.linalg.norm(noise[index])
         for index, response in enumerate(filters):
             level = index // 3
             band = _fold(response * noise, level).reshape(count, -1)
@@ -199,12 +216,13 @@ class MatrixFit:
         """Deviation of every band for wanted second moments (n, B, B) of weights: (n, B)."""
         weights = mixing @ wanted @ mixing.T
         flat = self.covariances.reshape(len(mixing), -1)
-        return np.sqrt(np.maximum(weights.reshape(len(wanted), -1) @ flat.T, 1e-12))
+        return np.sqrt(np.maximum(weights.reshape(len(wanted), -1) @ flat.T, SMALLEST))
 
     def corrected(self, mixing: Array, wanted: Array) -> Array:
-        """Deviations with their gains, without bounds or aim: (n, B) to (n, B)."""
+        """Deviations with their gains, without aim: (n, B) to (n, B)."""
         measured = measured_variances(wanted, overlaps(self.covariances, mixing))
-        return wanted**2 / np.sqrt(measured)
+        gain = wanted / np.sqrt(np.maximum(measured, SMALLEST))
+        return wanted * np.clip(gain, LEAST_GAIN, MOST_GAIN)
 
     def solve(self) -> Array:
         rng = np.random.default_rng(0)
@@ -242,7 +260,7 @@ class MatrixFit:
     ) -> Array:
         """Deviation measured over deviation wanted, (levels, 3), on an endless plane.
 
-        Gains are without bounds and AIM.
+        Gains are without AIM.
         """
         wanted = deviations_of(self.levels, exponent, blur_px=blur_px)
         given = self.corrected(mixing, wanted[None])[0] if with_gains else wanted

@@ -11,6 +11,7 @@
 #constant UNSEEN_VARIANCE    // added to the variances asked for and measured
 #constant SHARED_FROM_LEVEL  // from it on, single pixels beside show in the base:
 #constant RESTLESS           // so much of the finest high band's variance, and a quarter per level
+#constant UNEVEN             // of the second level's oriented bands' variance: in its high band
 
 #include "pixels.glsl"
 #include "guided.glsl"
@@ -25,6 +26,7 @@ const int PAIRS = LEVELS * (LEVELS + 1) / 2;
 layout(std140, binding = 0) uniform Overlap { mat3 overlap[LEVELS * PAIRS * 3]; };
 
 uniform ivec4 level_size[LEVELS];  // columns, rows, where its first texel lies
+uniform float turn;  // of calls: tells this one's gains from earlier ones
 
 struct Texel {
     float guide;
@@ -95,9 +97,10 @@ void store_gains(Lacking l, int channel, ivec2 to) {
             measured.yz += RESTLESS * part * l.heeded[level] * wanted[0].x * wanted[0].x;
         }
         vec3 asked = wanted[level] * wanted[level];
+        if (level == 1) measured.x += UNEVEN * 0.5 * (asked.y + asked.z);
         vec3 gain = sqrt((asked + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE));
         gain = AIM * clamp(gain, LEAST_GAIN, MOST_GAIN);
-        imageStore(gains, to + ivec2(level, channel), vec4(gain, 0.0));
+        imageStore(gains, to + ivec2(level, channel), vec4(gain, turn));
     }
 }
 

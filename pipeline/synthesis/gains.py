@@ -16,11 +16,14 @@ from pipeline.synthesis.mixing import (
     LEAST_GAIN,
     MOST_GAIN,
     RESTLESS,
+    UNEVEN,
     UNSEEN_VARIANCE,
     fitted_mixing,
 )
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.synthesis.variances import VariancePass
+
+MOST_TURNS = 1 << 24  # float32 tells so many whole numbers apart
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -47,7 +50,7 @@ class GainPass:
     """Say by what to multiply the noise's deviations in each 4x4 pixels that hold a hole pixel.
 
     The result is `texels`, an image: of each block the levels side by side, their channels below
-    each other.
+    each other; in w, `turn`, by which the last call's are known from earlier ones'.
 
     Parameters
     ----------
@@ -81,9 +84,12 @@ class GainPass:
             UNSEEN_VARIANCE=UNSEEN_VARIANCE,
             SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
             RESTLESS=RESTLESS,
+            UNEVEN=UNEVEN,
         )
         self._shader["depth_threshold"] = settings.depth_threshold
         set_array(self._shader, "level_size", variances.places)
+        self.texels.write(bytes(texture_bytes(self.texels)))  # of no turn
+        self.turn = 0
 
     @property
     def held_bytes(self) -> int:
@@ -92,6 +98,8 @@ class GainPass:
 
     def __call__(self) -> None:
         """Write `texels`."""
+        self.turn = self.turn % MOST_TURNS + 1
+        self._shader["turn"] = float(self.turn)
         self._variances.texels.bind_to_image(4, read=True, write=False)
         self.texels.bind_to_image(6, read=False, write=True)
         self._overlap.bind_to_uniform_block(0)

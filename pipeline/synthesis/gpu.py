@@ -201,6 +201,7 @@ class MetamericPass:
         self._noise.bind_to_image(3, read=True, write=False)
         self.variances.texels.bind_to_image(4)
         self._gains.texels.bind_to_image(6, read=True, write=False)
+        self._composite["turn"] = float(self._gains.turn)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 

@@ -17,10 +17,10 @@ KNOWN_ENOUGH = 0.2
 # Share of hole among 4x4 coefficients up to which it is thin, and from which on it is wide.
 THIN_UP_TO, WIDE_FROM = 0.625, 0.875
 WIDE_FROM_LEVEL = 2  # finer levels are settled near a hole's border only
-# From this level on noise is raised where it fills its kernels in part, by up to 1 / (1 - 1/2):
+# From this level on noise is raised where it fills its kernels in part, by up to 1 / (1 - 0.65):
 # kernels of finer levels are small against holes.
 SHARED_FROM_LEVEL = 3
-MOST_SHARED = 0.5
+MOST_SHARED = 0.65
 # Variance of the high band over that of the oriented ones up to which it is raised so, as for
 # amplitudes 1 / f, and from which on it is not, as for white noise: its waves are short.
 LONG_UP_TO, SHORT_FROM = 1.0, 1.2

@@ -27,7 +27,11 @@ LEAST_GAIN, MOST_GAIN = 0.25, 1.5
 UNSEEN_VARIANCE = 2.0**-20
 # Beside known background the base of a coarse level holds what single pixels of it happen to be:
 # so much of the finest high band's variance, by white noise's fall to a quarter per level.
-RESTLESS = 0.15
+RESTLESS = 0.25
+# Weights that differ from place to place do not cancel out in finer bands as even ones do, and the
+# second level's high band leaves most in the finest one: so it is asked for less the softer waves
+# are. This share of its oriented bands' variance counts as measured.
+UNEVEN = 0.045
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +113,8 @@ def spectral_gains(
 
     In oriented bands from level `SHARED_FROM_LEVEL` on ``heeded * RESTLESS / 4**level`` of the
     finest high band's variance counts as measured too: so much of the base beside known background
-    comes of single pixels. White noise has little else at such a level, 1 / f next to none.
+    comes of single pixels. White noise has little else at such a level, 1 / f next to none. In the
+    second level's high band it is `UNEVEN` of the oriented bands' variance.
 
     Parameters
     ----------
@@ -126,6 +131,8 @@ def spectral_gains(
         From `LEAST_GAIN` to `MOST_GAIN`, times `AIM`.
     """
     measured = measured_variances(np.sqrt(variances), overlap)
+    if len(overlap) > 3:
+        measured[..., 3] += UNEVEN * variances[..., 4:6].mean(axis=-1)
     if heeded is not None:
         for level in range(SHARED_FROM_LEVEL, len(overlap) // 3):
             restless = RESTLESS * 0.25**level * heeded[..., level] * variances[..., 0]

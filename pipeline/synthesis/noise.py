@@ -6,6 +6,10 @@ a coefficient map is not an image: each band passes its filter again and is brou
 full size (Walton et al. 2021, 3.4). Both are done here, once per seed. What is left to do
 per frame is to weigh the bands, for deviations vary slowly against the kernels.
 
+Small kernels leave much of a band beyond its own octave, which finer bands measure: in a soft
+texture more than all that they are asked for. So bands are softened on the way up: by the low-pass
+of each level that they come through, and oriented ones by that of their own.
+
 All bands come from the same white noise, so that equal weights give white noise back:
 weighing is a graphic equaliser. Bands overlap, so that each is mixed with its neighbours
 first (mixing.py), or textures other than white would not get what they were weighed for.
@@ -21,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import Kernels, analyse, band, double, fitted_kernels
+from pipeline.features.reference import BANDS, Kernels, analyse, band, double, fitted_kernels
 from pipeline.synthesis.mixing import fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
@@ -84,13 +88,13 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 
 def unit_bands(seed: int, levels: int, channels: int) -> NDArray[np.float64]:
-    """Make unmixed bands, (levels, channels, TILE, TILE, 3), coefficients of unit variance."""
+    """Make unmixed bands, (levels, channels, TILE, TILE, 3), each of unit variance."""
     # Philox's raw bits are specified; a library's normal deviates might change.
     uniform = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
     white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
     white = white.reshape(TILE, TILE, channels)
-    # As far as the filters of the coarsest level reach, there and back.
-    periodic = np.pad(white, ((2 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    # As far as the filters of the coarsest level reach, there, back and softened.
+    periodic = np.pad(white, ((4 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
     kernels = fitted_kernels()
     pyramid = analyse(periodic, levels, kernels)
     return np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
@@ -103,11 +107,25 @@ def _level(
     images = []
     pad = (len(bands[0]) - TILE) // 2
     for index, kernel in enumerate(kernels.bands()):
-        coefficients = bands[level][:, :, index]
-        margin = pad >> level
-        inner = coefficients[margin:-margin, margin:-margin]
-        image = band(coefficients / np.sqrt((inner**2).mean(axis=(0, 1))), kernel[::-1, ::-1])
+        image = band(bands[level][:, :, index], kernel[::-1, ::-1])
+        if BANDS[index] != "high":
+            image = softened(image, kernels)
         for finer in reversed(range(level)):
-            image = double(image, (len(bands[finer]),) * 2, kernels)
-        images.append(image[pad : pad + TILE, pad : pad + TILE])
+            image = softened(double(image, (len(bands[finer]),) * 2, kernels), kernels)
+        tile = image[pad : pad + TILE, pad : pad + TILE]
+        images.append(tile / np.sqrt((tile**2).mean(axis=(0, 1))))
     return np.stack(images, axis=-1).transpose(2, 0, 1, 3)
+
+
+def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64]:
+    """Pass the low-pass at full rate and, so that nothing moves, mirrored: (H, W, channels)."""
+    height, width = image.shape[:2]
+    for low, before in ((kernels.low, 1), (kernels.low[::-1, ::-1], 2)):
+        padded = np.pad(image, ((before, 3 - before),) * 2 + ((0, 0),), mode="edge")
+        taps = [
+            low[row, column] * padded[row : row + height, column : column + width]
+            for row in range(4)
+            for column in range(4)
+        ]
+        image = np.asarray(sum(taps))
+    return image

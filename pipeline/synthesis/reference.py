@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.features.reference import analyse, parents, spoiled_levels
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
     Level,
@@ -190,7 +190,7 @@ def shaped_noise(
     channels = noise.tiles.shape[1]
     asked, heeded = variances_of_blocks(lacking, hole, channels, threshold)
     gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap, heeded[:, :, None])
-    gains = gains.repeat(4, axis=0).repeat(4, axis=1)[:height, :width]
+    gains = between_blocks(gains, hole).repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
     for level, coarse in enumerate(lacking):
         variance = sample(coarse, guide, level + 1, threshold)[..., :9]
         variance = variance.reshape(*guide.shape, 3, 3)
@@ -226,6 +226,30 @@ def variances_of_blocks(
     values = np.stack(found, axis=2)  # (H / 4, W / 4, levels, 10)
     bands = values[..., :9].reshape(*mean.shape[:2], -1, 3)[..., :channels]
     return np.moveaxis(bands, 3, 2), values[..., 9]
+
+
+def between_blocks(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Interpolate gains of 4x4 pixels at 2x2, from the blocks that hold a hole pixel.
+
+    (H / 4, W / 4, ...) to (H / 2, W / 2, ...); zero where none of four does.
+    """
+    halves = children(hole[..., None].astype(np.float64)).max(axis=2)
+    holds = children(halves).max(axis=2)[..., 0]
+    (near_y, far_y), (near_x, far_x) = map(parents, halves.shape, holds.shape)
+    taps = (
+        (near_y, near_x, 9.0),
+        (near_y, far_x, 3.0),
+        (far_y, near_x, 3.0),
+        (far_y, far_x, 1.0),
+    )
+    shares = np.stack([share * holds[rows][:, columns] for rows, columns, share in taps])
+    shares /= np.maximum(shares.sum(axis=0), 1.0)
+    return np.asarray(
+        sum(
+            share[:, :, None, None] * gains[rows][:, columns]
+            for share, (rows, columns, _) in zip(shares, taps, strict=True)
+        )
+    )
 
 
 def fade(finest: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:

@@ -93,7 +93,7 @@ class MetamericSettings:
 
     levels: int = 4
     gamma: float = 0.25
-    base_gamma: float = 0.5
+    base_gamma: float = 0.6
     depth_threshold: float = 0.04
     noise: float = 1.0
     channels: Channels = "correlated"

@@ -10,6 +10,7 @@ from pipeline.features.reference import analyse
 from pipeline.inpaint.reference import (
     ANY_DEPTH_BEHIND,
     ONLY_NEARER,
+    RELAXED_RESOLUTIONS,
     Level,
     band_statistics,
     border_trust,
@@ -24,6 +25,7 @@ from pipeline.inpaint.reference import (
     pull,
     pull_push,
     push,
+    relax,
     straddles,
 )
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
@@ -201,12 +203,13 @@ def test_interpolation_may_reach_farther_but_never_nearer(other, expected):
     assert similar[1, 1]
 
 
-def test_what_lies_far_behind_reaches_three_pixels_into_a_hole():
+def test_what_lies_far_behind_reaches_eight_pixels_into_a_hole():
     """A dark shelf above a bright floor with a wide hole that both know to be floor.
 
-    By hand: the hole's first row at half size, two pixels high, mixes in the shelf's block
-    above it; at full size the third row of pixels still takes a quarter from that row. From
-    coarser resolutions only floor comes.
+    By hand: the hole's first row at half size mixes in the shelf's block above it, and a relaxation
+    hands it on by two rows, three rows or six pixels in all; at full size the seventh row of pixels
+    still takes a quarter from there, and the relaxation makes it two at most that hand it on. From
+    coarser resolutions only floor comes. Beyond the third row it is a twentieth of the difference.
     """
     hole = np.zeros((64, 64), bool)
     hole[16:, 20:44] = True
@@ -216,8 +219,9 @@ def test_what_lies_far_behind_reaches_three_pixels_into_a_hole():
 
     filled = guided_base(colour, hole, guide, levels=1, gamma=0.25, threshold=THRESHOLD)[0].values
 
-    np.testing.assert_allclose(filled[19:], 0.8, atol=1e-12)
+    np.testing.assert_allclose(filled[25:], 0.8, atol=1e-12)
     assert (filled[18, 20:44] < 0.8 - 0.01).all()
+    assert filled[19:].min() > 0.8 - 0.06 * (0.8 - 0.1)
 
 
 def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
@@ -228,6 +232,67 @@ def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
         pushed = push(level([[2.0]], [[validity]], [[0.5]]), coarse, 0.5, THRESHOLD)
 
         assert pushed.values[0, 0, 0] == expected
+
+
+def test_a_relaxation_by_hand():
+    """Between 8 and 0, three of nothing known; even ones first: borders repeat above and below.
+
+    The third becomes (2 + 2 * 4 + 2) / 4 = 3. Then the second takes (8 + 2 * 2 + 3) / 4, the fourth
+    (3 + 2 * 2 + 0) / 4.
+    """
+    row = level([[8.0, 2.0, 4.0, 2.0, 0.0]], [[1, 0, 0, 0, 1]])
+
+    relaxed = relax(row, 0.5, THRESHOLD)
+
+    np.testing.assert_allclose(relaxed.values[0, :, 0], [8.0, 3.75, 3.0, 1.75, 0.0])
+    np.testing.assert_array_equal(relaxed.validity, row.validity)
+
+
+def test_a_relaxation_keeps_what_is_known_of_a_pixel_and_its_depth():
+    """By hand: a quarter known keeps half of its 4 at gamma 1/2; neighbours in front do not count.
+
+    Nor do those behind. The mean is that of the others: 10 to the right, and of itself above and
+    below.
+    """
+    known = [[1, 0.25, 1]]
+
+    for other, mean in ((0.5, (0 + 10 + 4 + 4) / 4), (0.1, (10 + 4 + 4) / 3), (0.9, 18 / 3)):
+        found = relax(level([[0.0, 4.0, 10.0]], known, [[other, 0.5, 0.5]]), 0.5, THRESHOLD)
+
+        np.testing.assert_allclose(found.values[0, :, 0], [0.0, 0.5 * 4 + 0.5 * mean, 10.0])
+
+
+def test_relaxations_approach_a_harmonic_fill(rng):
+    """Done over and over they are Gauss and Seidel's: each pixel the mean of its neighbours."""
+    hole = np.zeros((9, 11), bool)
+    hole[2:7, 3:9] = True
+    found = Level(rng.random((9, 11, 1)), (~hole).astype(float), np.full((9, 11), 0.5))
+    for _ in range(200):
+        found = relax(found, 0.5, THRESHOLD)
+
+    values = found.values[..., 0]
+    mean = (values[1:-1, :-2] + values[1:-1, 2:] + values[:-2, 1:-1] + values[2:, 1:-1]) / 4
+    np.testing.assert_allclose(values[hole], mean[hole[1:-1, 1:-1]], atol=1e-12)
+
+
+def test_a_relaxed_fill_meets_its_border_more_smoothly():
+    """Smaller second differences across the border, a smaller error; what is known stays."""
+    axis = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    smooth = (np.sin(axis)[:, None] + np.cos(axis))[..., None]
+    known = np.ones((64, 64))
+    known[20:44, 16:48] = 0.0
+    guide = np.full((64, 64), 0.5)
+
+    pushed, relaxed = (
+        pull_push(Level(smooth, known, guide), 0.5, THRESHOLD, relaxed=count)[0].values[..., 0]
+        for count in (0, RELAXED_RESOLUTIONS)
+    )
+
+    np.testing.assert_array_equal(relaxed[known > 0], smooth[known > 0, 0])
+    across = [np.abs(np.diff(fill, 2, axis=0))[18:20, 16:48].mean() for fill in (pushed, relaxed)]
+    assert across[1] < 0.6 * across[0]
+    errors = [np.abs(fill - smooth[..., 0]).mean() for fill in (pushed, relaxed)]
+    assert errors[1] < errors[0]
 
 
 def test_a_row_of_eight_by_hand():
@@ -269,8 +334,8 @@ def test_pull_of_odd_sizes_repeats_the_last_pixel():
 sizes = st.tuples(st.integers(1, 13), st.integers(1, 13))
 
 
-@given(st.data(), sizes, st.sampled_from(GAMMAS), st.integers(0, 2**32 - 1))
-def test_filled_values_stay_within_the_range_of_what_is_known(data, size, gamma, seed):
+@given(st.data(), sizes, st.sampled_from(GAMMAS), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_filled_values_stay_within_the_range_of_what_is_known(data, size, gamma, relaxed, seed):
     """Any mask and any depths: a fill is a convex combination of known values."""
     rng = np.random.default_rng(seed)
     known = data.draw(hnp.arrays(bool, size))
@@ -279,7 +344,8 @@ def test_filled_values_stay_within_the_range_of_what_is_known(data, size, gamma,
     values = rng.normal(0, 10, (*size, 2))
     values[~known] = 1e6  # must not be seen
 
-    for filled in pull_push(Level(values, known.astype(float), guide), gamma, THRESHOLD):
+    level = Level(values, known.astype(float), guide)
+    for filled in pull_push(level, gamma, THRESHOLD, relaxed=relaxed):
         for channel in range(2):
             inside = values[known][:, channel]
             slack = 1e-12 * np.abs(inside).max()
@@ -295,25 +361,27 @@ def test_partly_valid_values_fill_within_their_range_as_well(data, size, seed):
     values = rng.uniform(-1, 1, (*size, 1))
     values[validity == 0] = 1e6
 
-    filled = pull_push(Level(values, validity, np.full(size, 0.5)), 0.5, THRESHOLD)[0].values
-
     inside = values[validity > 0]
-    assert inside.min() - 1e-12 <= filled.min()
-    assert filled.max() <= inside.max() + 1e-12
+    for relaxed in (0, 3):
+        level = Level(values, validity, np.full(size, 0.5))
+        filled = pull_push(level, 0.5, THRESHOLD, relaxed=relaxed)[0].values
+
+        assert inside.min() - 1e-12 <= filled.min()
+        assert filled.max() <= inside.max() + 1e-12
 
 
+@pytest.mark.parametrize("relaxed", [0, RELAXED_RESOLUTIONS])
 @pytest.mark.parametrize("gamma", GAMMAS)
 @pytest.mark.parametrize("size", [(1, 1), (5, 1), (1, 6), (9, 14), (40, 33)])
-def test_the_foreground_never_gets_into_the_background(gamma, size, rng):
+def test_the_foreground_never_gets_into_the_background(gamma, size, relaxed, rng):
     """Foreground value 1 at guide 0.1, background 0 at 0.6: holes with its depth get 0."""
     foreground = rng.random(size) < 0.4
     hole = rng.random(size) < 0.5
     foreground.flat[0], hole.flat[0] = False, False
     guide = np.where(foreground, 0.1, 0.6)
 
-    filled = pull_push(
-        Level(foreground[..., None].astype(float), (~hole).astype(float), guide), gamma, THRESHOLD
-    )[0]
+    level = Level(foreground[..., None].astype(float), (~hole).astype(float), guide)
+    filled = pull_push(level, gamma, THRESHOLD, relaxed=relaxed)[0]
 
     assert filled.values[~foreground].max() == 0
 
@@ -368,19 +436,19 @@ def test_what_is_near_a_hole_is_what_brute_force_says(cells, rings, tiles, rng):
 
 
 def test_base_reads_only_what_is_near_a_hole(rng):
-    """Pixels beyond two cells of 128 px: any colour gives the same fill."""
+    """Pixels beyond three cells of 128 px: any colour gives the same fill."""
     hole = np.zeros((16, 1200), bool)
     hole[3:9, 20:50] = True
     colour = rng.random((16, 1200, 3))
     other = colour.copy()
-    other[:, 384:] = rng.random((16, 816, 3))
+    other[:, 512:] = rng.random((16, 688, 3))
     guide = np.full(hole.shape, 0.5)
     settings = {"levels": 4, "gamma": 0.25, "threshold": THRESHOLD}
 
     one, two = (guided_base(c, hole, guide, **settings)[0].values for c in (colour, other))
 
     source = source_resolution(4)
-    assert near_a_hole(hole, source, SOURCE_RINGS, source).sum() == 16 * 384
+    assert near_a_hole(hole, source, SOURCE_RINGS, source).sum() == 16 * 512
     np.testing.assert_array_equal(one[hole], two[hole])
 
 

@@ -84,7 +84,7 @@ def test_beside_an_outline_the_base_holds_what_its_known_background_continues(kn
 
 @pytest.mark.parametrize(
     ("level", "known", "raised"),
-    [(2, 0.5, 1.0), (3, 0.0, 1.0), (3, 0.2, 1.25), (3, 0.5, 2.0), (5, 0.9, 2.0)],
+    [(2, 0.5, 1.0), (3, 0.0, 1.0), (3, 0.2, 1.25), (3, 0.5, 2.0), (5, 0.9, 1 / 0.35)],
 )
 def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fills(
     level, known, raised
@@ -354,7 +354,7 @@ def test_the_defaults_are_those_of_the_decisions():
     settings = MetamericSettings()
     of_depth_alone = inspect.signature(PushPullDepth).parameters
 
-    assert (settings.levels, settings.gamma, settings.base_gamma) == (4, 0.25, 0.5)
+    assert (settings.levels, settings.gamma, settings.base_gamma) == (4, 0.25, 0.6)
     assert of_depth_alone["gamma"].default == settings.base_gamma
     assert of_depth_alone["depth_threshold"].default == settings.depth_threshold
 
