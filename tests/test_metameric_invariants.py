@@ -89,7 +89,7 @@ def test_a_constant_image_stays_constant(levels, channels):
 
 @pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
 def test_a_constant_image_stays_constant_on_the_gpu(method, name):
-    """But for rounding: 22 per resolution of the base, and what bands of it are added up."""
+    """But for rounding: 36 per resolution, of the base and of what bands of it are added up."""
     hole = disc((60, 70), 30, 30, 15)
     frame = frame_of((0.1, 0.7, 0.3), hole)
 

@@ -6,8 +6,11 @@ Work follows the holes. The frame is cut into square cells; a cell of resolution
 
 CELL = 8  # edge of a work tile, in pixels of the resolution it works on
 STATISTICS_RINGS = 1  # cells of pyramid level k around a hole whose coefficients count
-SOURCE_RINGS = 3  # cells around a hole whose pixels are read at all
-SOURCE_RESOLUTION = 4  # at least: those cells are 128 px, wider than any dependency
+# Cells around a hole whose pixels are read at all, and the resolution of those cells, at least: 3
+# of 128 px. Pushes and relaxations lead 381 px away from a hole pixel at resolution 8, the coarsest
+# that is not the tail's in a frame of 16384 px (texels start there that it depends on).
+SOURCE_RINGS = 3
+SOURCE_RESOLUTION = 4
 
 
 def source_resolution(levels: int) -> int:

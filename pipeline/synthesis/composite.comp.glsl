@@ -159,8 +159,8 @@ struct Gains {
     vec3 high, along_x, along_y;
 };
 
-// The four blocks around 2x2 pixels, and their shares: of those that hold a hole pixel, or this turn
-// has found no gains for them. Twin: between_blocks() in reference.py.
+// The four blocks around 2x2 pixels, its own first, and the shares of those that hold a hole pixel:
+// of others this turn has found no gains. Twin: between_blocks() in reference.py.
 struct Blocks {
     Taps first;  // texel of each
     vec4 share;
@@ -172,7 +172,10 @@ Blocks blocks_around(ivec2 parent) {
     taps = Taps(taps.a * edges, taps.b * edges, taps.c * edges, taps.d * edges);
     vec4 turns = vec4(imageLoad(gains, taps.a).a, imageLoad(gains, taps.b).a,
                       imageLoad(gains, taps.c).a, imageLoad(gains, taps.d).a);
-    vec4 share = vec4(9.0, 3.0, 3.0, 1.0) * vec4(equal(turns, vec4(turn)));
+    bvec4 found = equal(turns, vec4(turn));
+    vec4 share = vec4(9.0, 3.0, 3.0, 1.0) * vec4(found);
+    // What is not there may be no number, and its share of nothing none either.
+    taps = Taps(taps.a, found.y ? taps.b : taps.a, found.z ? taps.c : taps.a, found.w ? taps.d : taps.a);
     return Blocks(taps, share / dot(share, vec4(1.0)));
 }
 

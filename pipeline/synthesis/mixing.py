@@ -27,7 +27,7 @@ LEAST_GAIN, MOST_GAIN = 0.25, 1.5
 UNSEEN_VARIANCE = 2.0**-20
 # Beside known background the base of a coarse level holds what single pixels of it happen to be:
 # so much of the finest high band's variance, by white noise's fall to a quarter per level.
-RESTLESS = 0.25
+RESTLESS = 0.6
 # Weights that differ from place to place do not cancel out in finer bands as even ones do, and the
 # second level's high band leaves most in the finest one: so it is asked for less the softer waves
 # are. This share of its oriented bands' variance counts as measured.

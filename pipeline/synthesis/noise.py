@@ -10,9 +10,9 @@ Small kernels leave much of a band beyond its own octave, which finer bands meas
 texture more than all that they are asked for. So bands are softened on the way up: by the low-pass
 of each level that they come through, and oriented ones by that of their own.
 
-All bands come from the same white noise, so that equal weights give white noise back:
-weighing is a graphic equaliser. Bands overlap, so that each is mixed with its neighbours
-first (mixing.py), or textures other than white would not get what they were weighed for.
+All bands come from the same white noise, so that where they overlap they add up to what their sum
+measures, and can cancel out. Each is mixed with its neighbours first (mixing.py), or textures would
+not get what they were weighed for.
 
 The tile holds two texels per pixel along each axis: what lies halfway between two pixels of
 noise is not their mean, which is softer, but the noise moved by half a pixel. A look-up

@@ -452,6 +452,30 @@ def test_base_reads_only_what_is_near_a_hole(rng):
     np.testing.assert_array_equal(one[hole], two[hole])
 
 
+def test_no_pixel_depends_on_more_than_is_read():
+    """Followed pixel by pixel along a row, up to the coarsest resolution that is dispatched.
+
+    A relaxation leads two texels on, a push to the parent and the next one on its side. What a
+    texel covers begins within the rings, so that its tile is one that is worked on.
+    """
+    farthest = 0
+    for pixel in range(512):
+        texels = {pixel}
+        for resolution in range(9):
+            if resolution < RELAXED_RESOLUTIONS:
+                texels = {texel + step for texel in texels for step in range(-2, 3)}
+            begins = max(
+                (max(texels) << resolution) - pixel, pixel - ((min(texels) + 1 << resolution) - 1)
+            )
+            farthest = max(farthest, begins)
+            texels = {
+                t for texel in texels for t in (texel >> 1, (texel >> 1) + 2 * (texel & 1) - 1)
+            }
+
+    assert farthest == 381
+    assert farthest < SOURCE_RINGS * (CELL << source_resolution(1))
+
+
 def test_moments_come_back_as_means_and_variances(rng):
     """Over constant maps of two values: mean 0.5 (a + b), variance 0.25 (a - b)^2."""
     bands = rng.normal(size=(2, 1, 3, 3))

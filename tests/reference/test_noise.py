@@ -1,4 +1,4 @@
-"""The noise: unit variance per band, tileable, the same everywhere, measuring what it is asked for."""
+"""The noise: unit variance per band, tileable, the same everywhere, as strong as asked for."""
 
 import numpy as np
 import pytest
@@ -116,7 +116,7 @@ def test_softening_moves_nothing_and_leaves_a_constant():
     np.testing.assert_allclose(flat, 0.3, rtol=1e-12)
 
 
-def test_white_noise_is_white_again(unit):
+def test_white_noise_is_white_again():
     """Mixed bands of white noise's own deviations, with their gains: a flat spectrum.
 
     In octaves: within a fifth in amplitude of its mean, but for what lies below the last level.
@@ -245,7 +245,7 @@ def test_gains_are_bounded_and_leave_what_nobody_sees():
 def test_what_counts_as_measured_besides():
     """By hand: bands that do not overlap, .64 in the finest high one and .01 in the others.
 
-    Half of .25 of .64 counts, over 64 at level 3 and 256 at level 4: .00125 and .0003125. The high
+    Half of .6 of .64 counts, over 64 at level 3 and 256 at level 4: .003 and .00075. The high
     band of level 1 is always asked for less: .045 of the oriented ones' .01 counts there.
     """
     overlap = np.zeros((15, 15, 15))
@@ -260,8 +260,8 @@ def test_what_counts_as_measured_besides():
     expected = np.full(15, AIM)
     expected[3] *= np.sqrt(0.01 / 0.01045)
     np.testing.assert_allclose(finer, expected, rtol=1e-4)
-    expected[10:12] *= np.sqrt(0.01 / 0.01125)
-    expected[13:] *= np.sqrt(0.01 / 0.0103125)
+    expected[10:12] *= np.sqrt(0.01 / 0.013)
+    expected[13:] *= np.sqrt(0.01 / 0.01075)
     np.testing.assert_allclose(coarser, expected, rtol=1e-4)
 
 

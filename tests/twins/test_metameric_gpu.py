@@ -53,6 +53,7 @@ from pipeline.synthesis.mixing import (
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     FADE,
+    between_blocks,
     deviations,
     fade,
     metameric_fill,
@@ -260,7 +261,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     own. What fades in costs FADE times SHARES and 4. Luma's are positive. Chroma's may cancel, so
     their magnitudes count. Where a place is off, so are noise, by what neighbouring texels differ
     along both axes, and its gain.
-    For spectral gains see `spectral_gains_and_errors`.
+    For spectral gains see `spectral_gains_and_errors`; their interpolation costs SHARES and 4.
     """
     settings = run.settings
     cross = settings.channels == "correlated"
@@ -270,7 +271,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     total = np.zeros((*run.frame.size, 3))
     height, width = run.frame.size
     gains, gains_off = (
-        np.moveaxis(part, 2, 3).repeat(4, 0).repeat(4, 1)[:height, :width]
+        np.moveaxis(between_blocks(part, run.frame.hole), 2, 3)
+        .repeat(2, 0)
+        .repeat(2, 1)[:height, :width]
         for part in spectral_gains_and_errors(
             lacking, run.frame.hole, 1 if cross else 3, settings.depth_threshold
         )
@@ -283,7 +286,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         size = Level(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here[..., :9].reshape(*run.frame.size, 3, 3), cross=cross)
-        roundings = LOOK_UP + SHARES + 10 + FADE * (SHARES + 4)
+        roundings = LOOK_UP + SHARES + 10 + FADE * (SHARES + 4) + SHARES + 4
         off = roundings * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
         own = np.s_[:, :, 3 * k : 3 * k + 3]
         off = gains[own] * (off + gains_off[own] * LARGEST_GAIN * tallest)
@@ -748,6 +751,26 @@ def test_nothing_left_in_memory_is_ever_read(prepare, levels, made_for, width):
     for without, other in zip(*carried, strict=True):
         assert np.isfinite(without).all()
         np.testing.assert_array_equal(without, other)
+    close_enough(run, results[0], run.reference())
+
+
+@pytest.mark.parametrize("begin", [125, 4000])
+def test_nothing_far_from_a_hole_is_read_in_a_wide_frame(prepare, rng, begin):
+    """Resolution 7 is dispatched there; what is not near the hole is first set to NaN, or to 7."""
+    size = (4, 8200)
+    hole = np.zeros(size, bool)
+    hole[:, begin : begin + 5] = True
+    depth_m = np.full(size, 5, np.float32)
+    flow = np.zeros((*size, 2), np.float32)
+    run = prepare(WarpedFrame(rng.random((*size, 3), np.float32), depth_m, hole, flow))
+    run()
+    results = []
+    for value in (np.nan, 7.0):
+        for item in run.buffers():
+            item.write(np.full(held_bytes(item) // 4, value, np.float32).tobytes())
+        results.append(run())
+
+    assert results[0].tobytes() == results[1].tobytes()
     close_enough(run, results[0], run.reference())
 
 
