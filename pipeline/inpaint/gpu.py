@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import moderngl
 
+from pipeline.errors import InputError
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
@@ -17,7 +18,7 @@ from pipeline.inpaint.reference import (
     NEARBY_RESOLUTIONS,
     RELAXED_RESOLUTIONS,
 )
-from pipeline.inpaint.region import CELL
+from pipeline.inpaint.region import CELL, MOST_EDGE_PX
 from pipeline.inpaint.regions import FIRST_STORED, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
@@ -28,7 +29,13 @@ MOMENT_PLANES = 5
 
 @dataclass(frozen=True)
 class Resolutions:
-    """Sizes (width, height) of all resolutions down to 1x1, and the last dispatched one."""
+    """Sizes (width, height) of all resolutions down to 1x1, and the last dispatched one.
+
+    Raises
+    ------
+    InputError
+        If an edge is above `MOST_EDGE_PX`.
+    """
 
     size: tuple[int, int]
     levels: int
@@ -36,6 +43,11 @@ class Resolutions:
     top: int = field(init=False)
 
     def __post_init__(self) -> None:
+        if max(self.size) > MOST_EDGE_PX:
+            raise InputError(
+                f"a frame to fill must be at most {MOST_EDGE_PX} px wide and high"
+                f" (got {self.size[0]}x{self.size[1]})"
+            )
         sizes = [self.size]
         while sizes[-1] != (1, 1) or len(sizes) < self.levels + 2:
             width, height = sizes[-1]

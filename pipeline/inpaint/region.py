@@ -8,9 +8,10 @@ CELL = 8  # edge of a work tile, in pixels of the resolution it works on
 STATISTICS_RINGS = 1  # cells of pyramid level k around a hole whose coefficients count
 # Cells around a hole whose pixels are read at all, and the resolution of those cells, at least: 3
 # of 128 px. Pushes and relaxations lead 381 px away from a hole pixel at resolution 8, the coarsest
-# that is not the tail's in a frame of 16384 px (texels start there that it depends on).
+# that is not the tail's in the largest frame (texels start there that it depends on).
 SOURCE_RINGS = 3
 SOURCE_RESOLUTION = 4
+MOST_EDGE_PX = 16384
 
 
 def source_resolution(levels: int) -> int:

@@ -40,10 +40,9 @@ void relax(ivec2 pixel) {
     ivec2 left = ivec2(before.x, pixel.y), right = ivec2(after.x, pixel.y);
     ivec2 above = ivec2(pixel.x, before.y), below = ivec2(pixel.x, after.y);
     vec4 guides = vec4(guide_at(left), guide_at(right), guide_at(above), guide_at(below));
-    vec4 share = vec4(lessThanEqual(abs(guide_at(pixel) - guides), vec4(depth_threshold)));
-    float total = dot(share, vec4(1.0));
-    if (total <= 0.0) return;
-    vec3 mean = mixed(share / total, imageLoad(level, left), imageLoad(level, right),
+    vec4 share = relax_shares(guide_at(pixel), guides);
+    if (share == vec4(0.0)) return;
+    vec3 mean = mixed(share, imageLoad(level, left), imageLoad(level, right),
                       imageLoad(level, above), imageLoad(level, below)).rgb;
     vec3 colour = keep * own.rgb + (1.0 - keep) * mean;
 #if IS_FINEST

@@ -100,6 +100,9 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
 }
 
 #if RELAXED > 0
+#if PLANES != 1
+#error "a relaxation takes a texel to be one vec4"
+#endif
 // Twin: relax() in reference.py; see relax.comp.glsl.
 void relax_level(int first, ivec2 size, int parity) {
     for (int i = int(gl_LocalInvocationID.x); i < size.x * size.y; i += GROUP) {
@@ -115,10 +118,9 @@ void relax_level(int first, ivec2 size, int parity) {
         int below = scratch_at(first, size, ivec2(pixel.x, after.y));
         vec4 guides = vec4(scratch_guide[left], scratch_guide[right], scratch_guide[above],
                            scratch_guide[below]);
-        vec4 share = vec4(lessThanEqual(abs(scratch_guide[place] - guides), vec4(depth_threshold)));
-        float total = dot(share, vec4(1.0));
-        if (total <= 0.0) continue;
-        vec3 mean = mixed(share / total, scratch[left], scratch[right], scratch[above],
+        vec4 share = relax_shares(scratch_guide[place], guides);
+        if (share == vec4(0.0)) continue;
+        vec3 mean = mixed(share, scratch[left], scratch[right], scratch[above],
                           scratch[below]).rgb;
         float keep = kept(own.w, gamma, true);
         scratch[place] = vec4(keep * own.rgb + (1.0 - keep) * mean, own.w);

@@ -60,6 +60,14 @@ Shares push_shares(float guide, vec4 guides, float behind) {
     return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides, behind);
 }
 
+// Of the next pixels to the left, right, above and below, for a relaxation: those of its own depth
+// alone. Sums to 1, or 0 if there are none. Twin: relax() in inpaint/reference.py.
+vec4 relax_shares(float guide, vec4 guides) {
+    vec4 share = vec4(lessThanEqual(abs(guide - guides), vec4(depth_threshold)));
+    float total = dot(share, vec4(1.0));
+    return total > 0.0 ? share / total : vec4(0.0);
+}
+
 // How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,
 // where nothing of its depth lies below.
 float kept(float validity, float gamma, bool similar) {

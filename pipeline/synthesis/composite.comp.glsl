@@ -162,7 +162,7 @@ struct Gains {
 // The four blocks around 2x2 pixels, its own first, and the shares of those that hold a hole pixel:
 // of others this turn has found no gains. Twin: between_blocks() in reference.py.
 struct Blocks {
-    Taps first;  // texel of each
+    Taps taps;  // first texel of each
     vec4 share;
 };
 
@@ -180,7 +180,7 @@ Blocks blocks_around(ivec2 parent) {
 }
 
 vec3 gains_of(Blocks blocks, ivec2 texel) {
-    return MIXED_AT(gains, blocks.first, blocks.share, texel).rgb;
+    return MIXED_AT(gains, blocks.taps, blocks.share, texel).rgb;
 }
 
 Gains gains_at(Blocks blocks, int level) {

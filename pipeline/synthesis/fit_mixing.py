@@ -2,7 +2,7 @@
 
     python -m pipeline.synthesis.fit_mixing
 
-Bands overlap: of a band that passes its filters again, neighbouring bands measure a part.
+Bands overlap: of a band that passes its filters again, softened, neighbouring ones measure a part.
 Bands of white noise, weighed by the deviations ``s`` of another texture, therefore measure
 other deviations than ``s``. Mixing the weights first, ``v = T s``, cures it: with `C_b` the
 covariance that band `b` measures between all bands of unit noise, it measures

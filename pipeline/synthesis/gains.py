@@ -23,7 +23,9 @@ from pipeline.synthesis.mixing import (
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.synthesis.variances import VariancePass
 
-MOST_TURNS = 1 << 24  # float32 tells so many whole numbers apart
+# float32 tells so many whole numbers apart; then a block that held a hole pixel in just that call,
+# and in none since, is taken for one of this call's.
+MOST_TURNS = 1 << 24
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:

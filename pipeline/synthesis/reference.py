@@ -182,8 +182,8 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
-    By deviations, and by the spectral gains that 4x4 pixels share for what those with `hole`
-    pixels lack; chroma that follows luma has luma's.
+    By deviations, and by spectral gains for what 4x4 pixels with `hole` ones among them lack, which
+    are interpolated; chroma that follows luma has luma's.
     """
     total = np.zeros((*guide.shape, 3))
     height, width = guide.shape

@@ -203,25 +203,27 @@ def test_interpolation_may_reach_farther_but_never_nearer(other, expected):
     assert similar[1, 1]
 
 
-def test_what_lies_far_behind_reaches_eight_pixels_into_a_hole():
+@pytest.mark.parametrize(("border", "rows"), [(16, 9), (17, 12), (18, 11), (19, 10)])
+def test_what_lies_far_behind_reaches_up_to_twelve_pixels_into_a_hole(border, rows):
     """A dark shelf above a bright floor with a wide hole that both know to be floor.
 
-    By hand: the hole's first row at half size mixes in the shelf's block above it, and a relaxation
-    hands it on by two rows, three rows or six pixels in all; at full size the seventh row of pixels
-    still takes a quarter from there, and the relaxation makes it two at most that hand it on. From
-    coarser resolutions only floor comes. Beyond the third row it is a twentieth of the difference.
+    By hand: at half size the row of blocks that holds the border's last row mixes in the shelf, and
+    of an even border the one below, which takes what is behind; from coarser resolutions only floor
+    comes. A relaxation hands it on by two rows, by four at an odd border, whose own row is the
+    shelf's as well. At full size the next row takes a quarter from there, and two more hand it on.
     """
     hole = np.zeros((64, 64), bool)
-    hole[16:, 20:44] = True
-    floor = np.arange(64)[:, None] >= 16
+    hole[border:, 20:44] = True
+    floor = np.arange(64)[:, None] >= border
     colour = np.broadcast_to(np.where(floor, 0.8, 0.1)[..., None], (64, 64, 3))
     guide = np.where(floor, 0.3, 0.7) * np.ones((64, 64))
 
     filled = guided_base(colour, hole, guide, levels=1, gamma=0.25, threshold=THRESHOLD)[0].values
 
-    np.testing.assert_allclose(filled[25:], 0.8, atol=1e-12)
-    assert (filled[18, 20:44] < 0.8 - 0.01).all()
-    assert filled[19:].min() > 0.8 - 0.06 * (0.8 - 0.1)
+    np.testing.assert_allclose(filled[border + rows :], 0.8, atol=1e-12)
+    assert filled[border + rows - 1, 20:44].min() < 0.8 - 1e-6
+    # Far inside little of it is left.
+    assert filled[border + 6 :, 20:44].min() > 0.8 - 0.2 * (0.8 - 0.1)
 
 
 def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
@@ -448,8 +450,11 @@ def test_base_reads_only_what_is_near_a_hole(rng):
     one, two = (guided_base(c, hole, guide, **settings)[0].values for c in (colour, other))
 
     source = source_resolution(4)
-    assert near_a_hole(hole, source, SOURCE_RINGS, source).sum() == 16 * 512
+    near = near_a_hole(hole, source, SOURCE_RINGS, source)
+    assert near.sum() == 16 * 512
     np.testing.assert_array_equal(one[hole], two[hole])
+    known = guided_base(colour, hole, guide, **settings)[0].validity
+    np.testing.assert_array_equal(known, near & ~hole)
 
 
 def test_no_pixel_depends_on_more_than_is_read():

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.gl.texture import create_texture, read_back, texture_from
-from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.inpaint.gpu import GuidedBasePass, Resolutions
 from pipeline.inpaint.reference import guide_from_depth, guided_base, near_a_hole
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, STATISTICS_RINGS, source_resolution
 from pipeline.inpaint.regions import FIRST_STORED, RING_REACH
@@ -200,7 +200,7 @@ def test_no_hole_changes_nothing(fill, rng):
 
 
 @pytest.mark.parametrize("levels", [1, 3, 6])
-@pytest.mark.parametrize("size", [(1, 1), (20, 700), (300, 410)])
+@pytest.mark.parametrize("size", [(1, 1), (20, 1600), (300, 410)])
 def test_lists_of_tiles_are_what_the_reference_calls_near(fill, rng, size, levels):
     hole = np.zeros(size, bool)
     for _ in range(2):
@@ -326,3 +326,9 @@ def test_textures_of_another_size_are_refused(gl_context, argument):
 def test_a_size_no_texture_can_have_is_refused(gl_context):
     with pytest.raises(InputError, match="texture edges must lie in"):
         GuidedBasePass(gl_context, (0, 4), gamma=0.25)
+
+
+@pytest.mark.parametrize("size", [(16385, 4), (4, 20000)])
+def test_a_frame_larger_than_its_lists_lead_is_refused(size):
+    with pytest.raises(InputError, match=rf"at most 16384 px wide and high \(got {size[0]}x"):
+        Resolutions(size, 4)

@@ -33,6 +33,7 @@ from pipeline.synthesis.gains import overlap_by_levels
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import (
     LONG_UP_TO,
+    MOST_SHARED,
     SHARED_FROM_LEVEL,
     SHARP_FROM,
     SHORT_FROM,
@@ -73,6 +74,7 @@ GUIDED = 9 + 13 + 14  # of one pull and push, gamma from 0, 0.25, 0.5, 1
 LOW_BAND = 9  # of one level
 BAND = 11  # of a coefficient from its 3x3 colours
 SHARES = 9  # of a guided interpolation
+MOST_RAISED = 1 / (1 - MOST_SHARED)  # what noise lacks of coarse levels at a hole's border
 LOOK_UP = 40  # of noise between texels, with its gain
 LARGEST_GAIN, GAIN_SLOPE = 1.4, 0.6  # over all of mixing.json; the latter per texel of an axis
 # From end to end: a sixteenth of an 8-bit step. A band whose variance the base has all but
@@ -216,11 +218,11 @@ def variance_tolerance(bands, variance):
     Its terms and those of the base's energy, measured or a share of it, are at most
     (2 x largest)^2 and cost 11 roundings: of a share a division and a mix, of a variance two,
     their product and difference. A coefficient's own error, BAND, counts twice its
-    size twice. What is lacking may be doubled.
+    size twice. What is lacking may be raised, by up to MOST_RAISED.
     """
     largest = np.abs(bands).max()
     off = (11 * (2 * largest) ** 2 + 2 * (2 * largest) * BAND * 0.733) * ROUNDOFF
-    return 2 * off + 20 * variance * ROUNDOFF
+    return MOST_RAISED * off + 20 * variance * ROUNDOFF
 
 
 def waves_tolerance(off, oriented, first, last):
@@ -594,18 +596,17 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
             for values in (stages.lacking[k], right)
         )
         mean, second = own_tolerances(stages.bands[k])
-        # Of a variance and of the base's energy about the mean; what is lacking may be doubled.
-        off = 2 * (second + (2 + 4) * np.abs(stages.bands[k]).max() * mean)
+        # Of a variance and of the base's energy about the mean; what is lacking may be raised.
+        off = MOST_RAISED * (second + (2 + 4) * np.abs(stages.bands[k]).max() * mean)
         tolerance = variance_tolerance(stages.bands[k], right) + off
         variance = means_and_variances(completed.values, cross=cross)[1][..., 0]
         oriented = variance[..., 1:].mean(axis=-1)[wanted]
         most, atol = tolerance.max(), 4 * ROUNDOFF
         if k == 0:
             atol = atol + waves_tolerance(most, oriented, SOFT_UP_TO, SHARP_FROM)
-        if k >= SHARED_FROM_LEVEL:  # what is lacking is doubled at most
-            tolerance += (
-                right * waves_tolerance(most, oriented, LONG_UP_TO, SHORT_FROM)[:, None, None]
-            )
+        if k >= SHARED_FROM_LEVEL:  # what is lacking is raised by 1 to MOST_RAISED
+            waves = waves_tolerance(most, oriented, LONG_UP_TO, SHORT_FROM)[:, None, None]
+            tolerance += (MOST_RAISED - 1) * right * waves
         assert (np.abs(found - right) <= tolerance).all()
         assert (np.abs(np.subtract(*heeded)) <= atol).all()
         assert (heeded[1].max() > 0) == (k in (0, 3))
@@ -696,6 +697,8 @@ def test_a_background_at_infinity_is_filled(prepare, rng):
 def test_two_runs_give_the_same_bits(prepare, rng):
     """Of one pass with another frame and seed between, and of another pass."""
     frame, other = (disc_scene(rng, (70, 130)) for _ in range(2))
+    moved = np.roll(other.hole, (3, 5), axis=(0, 1))  # nor may other places' gains be taken
+    other = WarpedFrame(other.colour, other.depth_m, moved, other.flow_px)
     run = prepare(frame)
 
     first = run()
@@ -756,7 +759,10 @@ def test_nothing_left_in_memory_is_ever_read(prepare, levels, made_for, width):
 
 @pytest.mark.parametrize("begin", [125, 4000])
 def test_nothing_far_from_a_hole_is_read_in_a_wide_frame(prepare, rng, begin):
-    """Resolution 7 is dispatched there; what is not near the hole is first set to NaN, or to 7."""
+    """Up to resolution 8 there are dispatches; all memory is first set to NaN, or to 7.
+
+    The blocks of 4x4 pixels beside the hole's hold nothing: their gains may be anything, too.
+    """
     size = (4, 8200)
     hole = np.zeros(size, bool)
     hole[:, begin : begin + 5] = True
