@@ -19,23 +19,26 @@ layout(r32f, binding = 2) uniform readonly image2D depth_m;
 uniform float z_near_m;
 uniform float depth_threshold;
 
-float guide_at(int x, int y) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, ivec2(x, y)).r); }
+float depth_at(int x, int y) { return imageLoad(depth_m, ivec2(x, y)).r; }
 
-// Smallest and largest guide of a row's four left (xy) and four right taps (zw).
+// Smallest and largest depth of a row's four left (xy) and four right taps (zw).
 vec4 extents(int y, int x, ivec2 last) {
     y = clamp(y, 0, last.y);
-    float a = guide_at(max(x - 1, 0), y), b = guide_at(x, y);
-    float c = guide_at(min(x + 1, last.x), y), d = guide_at(min(x + 2, last.x), y);
-    float e = guide_at(min(x + 3, last.x), y), f = guide_at(min(x + 4, last.x), y);
+    float a = depth_at(max(x - 1, 0), y), b = depth_at(x, y);
+    float c = depth_at(min(x + 1, last.x), y), d = depth_at(min(x + 2, last.x), y);
+    float e = depth_at(min(x + 3, last.x), y), f = depth_at(min(x + 4, last.x), y);
     float low = min(c, d), high = max(c, d);
     return vec4(min(min(a, b), low), max(max(a, b), high), min(min(e, f), low), max(max(e, f), high));
 }
 
-// Whether the left and the right result mix depths, given their four rows.
+vec2 guides(vec2 depths) { return max(vec2(0.0), 1.0 - z_near_m / depths); }
+
+// Whether the left and the right result mix depths, given their four rows. Guides grow with depth,
+// rounded as well: the farthest depth has the largest.
 bvec2 mixes(vec4 a, vec4 b, vec4 c, vec4 d) {
-    vec2 least = min(min(a.xz, b.xz), min(c.xz, d.xz));
-    vec2 most = max(max(a.yw, b.yw), max(c.yw, d.yw));
-    return greaterThan(most - least, vec2(depth_threshold));
+    vec2 nearest = min(min(a.xz, b.xz), min(c.xz, d.xz));
+    vec2 farthest = max(max(a.yw, b.yw), max(c.yw, d.yw));
+    return greaterThan(guides(farthest) - guides(nearest), vec2(depth_threshold));
 }
 #endif
 

@@ -32,8 +32,10 @@ struct Texel {
     vec4 colour;  // a: confidence
     float guide;
     bool hole;
+    bool there;  // in the frame, and no last one repeated
 };
 
+// A block of 4x4 pixels lies in one cell.
 void mark_hole(ivec2 pixel) {
     // Neighbours may write the same cell; all write the same value.
     uvec2 cell = uvec2(pixel / CELL);
@@ -58,17 +60,19 @@ Texel half_texel(ivec2 pixel) {
     Pull p = pull_shares(validity, guide, deepest);
     vec3 colour = mixed(p.share, colour_a, colour_b, colour_c, colour_d).rgb;
     bool hole = dot(validity, vec4(1.0)) < 4.0;
-    Texel texel = Texel(vec4(colour, p.confidence), deepest, hole);
+    Texel texel = Texel(vec4(colour, p.confidence), deepest, hole, there);
     if (there) {
         imageStore(halves, pixel, texel.colour);
         imageStore(half_guide, pixel, vec4(deepest));
-        if (p.confidence < 1.0) append(half_list.x, half_list.y, pixel, 0);
-        if (hole) {
-            append(holes_list.x, holes_list.y, pixel, 0);
-            mark_hole(a);
-        }
     }
     return texel;
+}
+
+bool incomplete(Texel texel) { return texel.there && texel.colour.a < 1.0; }
+
+// Bits as append_some() takes them.
+uint bits(bool a, bool b, bool c, bool d) {
+    return uint(a) + 2u * uint(b) + 4u * uint(c) + 8u * uint(d);
 }
 
 void main() {
@@ -76,6 +80,10 @@ void main() {
     if (any(greaterThanEqual(4 * pixel, imageSize(image)))) return;
     Texel a = half_texel(2 * pixel), b = half_texel(2 * pixel + ivec2(1, 0));
     Texel c = half_texel(2 * pixel + ivec2(0, 1)), d = half_texel(2 * pixel + 1);
+    append_some(half_list.x, half_list.y, 2 * pixel,
+                bits(incomplete(a), incomplete(b), incomplete(c), incomplete(d)));
+    append_some(holes_list.x, holes_list.y, 2 * pixel,
+                bits(a.hole && a.there, b.hole && b.there, c.hole && c.there, d.hole && d.there));
     // An odd border repeats its last texel.
     bvec2 whole = lessThan(4 * pixel + 2, imageSize(image));
     if (!whole.x) { b = a; d = c; }
@@ -87,6 +95,9 @@ void main() {
     imageStore(quarters, pixel, vec4(colour, p.confidence));
     imageStore(quarter_guide, pixel, vec4(deepest));
     if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
-    int holes = int(a.hole) + 2 * int(b.hole) + 4 * int(c.hole) + 8 * int(d.hole);
-    if (holes > 0) append(quarter_holes_list.x, quarter_holes_list.y, pixel, holes);
+    int holes = int(bits(a.hole, b.hole, c.hole, d.hole));
+    if (holes > 0) {
+        append(quarter_holes_list.x, quarter_holes_list.y, pixel, holes);
+        mark_hole(4 * pixel);
+    }
 }

@@ -25,6 +25,24 @@ void add(uint list, uint first, uint entry, uint per_group) {
     else if (group % MOST_GROUPS == 0u) atomicAdd(counts[list].y, 1u);
 }
 
+// The same for those of 2x2 pixels whose bit is set: 1 for the first, 2 for the next in x, 4 for the
+// one below, 8 for the last. Drivers take atomics thread by thread: one for four is faster.
+void append_some(uint list, uint first, ivec2 corner, uint bits) {
+    uint some = uint(bitCount(bits));
+    if (some == 0u) return;
+    uint slot = atomicAdd(counts[list].w, some);
+    uint begun = (slot + uint(LIST_GROUP) - 1u) / uint(LIST_GROUP);  // the next work group
+    if (begun * uint(LIST_GROUP) < slot + some) {
+        if (begun < MOST_GROUPS) atomicAdd(counts[list].x, 1u);
+        else if (begun % MOST_GROUPS == 0u) atomicAdd(counts[list].y, 1u);
+    }
+    uint at = first + slot, entry = entry_of(corner, 0);
+    if ((bits & 1u) != 0u) entries[at++] = entry;
+    if ((bits & 2u) != 0u) entries[at++] = entry + 1u;
+    if ((bits & 4u) != 0u) entries[at++] = entry + (1u << 14);
+    if ((bits & 8u) != 0u) entries[at] = entry + 1u + (1u << 14);
+}
+
 // No loop over groups: see guided.glsl.
 uint group_at_hand() { return gl_WorkGroupID.y * MOST_GROUPS + gl_WorkGroupID.x; }
 
