@@ -136,7 +136,9 @@ class ChainPass:
             PLANES=planes,
             MOST_CHAINS=MAX_LEVELS,
         )
-        self._push = compile_compute(ctx, "inpaint/push.comp.glsl", PLANES=planes)
+        self._push = compile_compute(
+            ctx, "inpaint/push.comp.glsl", PLANES=planes, GAMMA=float(gamma)
+        )
         self._tail = compile_compute(
             ctx,
             "inpaint/tail.comp.glsl",
@@ -145,15 +147,16 @@ class ChainPass:
             PLANES=planes,
             MOST_CHAINS=MAX_LEVELS,
             RELAXED=max(0, self._relaxed - resolutions.top),
+            GAMMA=float(gamma),
         )
         self._shaders = [self._pull, self._push, self._tail]
         if is_base:
-            self._relax = compile_compute(ctx, "inpaint/relax.comp.glsl", IS_FINEST=False)
+            self._relax = compile_compute(
+                ctx, "inpaint/relax.comp.glsl", IS_FINEST=False, GAMMA=float(gamma)
+            )
             self._shaders.append(self._relax)
         for shader in self._shaders:
             shader["depth_threshold"] = depth_threshold
-            if "gamma" in shader:
-                shader["gamma"] = gamma
         self._finest = 1 if is_base else FIRST_STORED
         top = resolutions.top
         self._texels = {}
@@ -318,7 +321,9 @@ class GuidedBasePass:
         self._last = compile_compute(
             ctx, "inpaint/base_last.comp.glsl", ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND
         )
-        self._relax = compile_compute(ctx, "inpaint/relax.comp.glsl", IS_FINEST=True)
+        self._relax = compile_compute(
+            ctx, "inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma)
+        )
         for shader in (self._first, self._last, self._relax):
             shader["depth_threshold"] = depth_threshold
 

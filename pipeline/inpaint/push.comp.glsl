@@ -2,6 +2,8 @@
 // Push: complete one resolution of one or more chains, in place.
 // Twin: push() in reference.py. Change both or neither.
 
+#constant GAMMA  // how much of itself an incomplete texel keeps, see kept()
+
 #include "pixels.glsl"
 #include "guided.glsl"
 #include "taps.glsl"
@@ -12,7 +14,6 @@ layout(rgba32f, binding = 1) uniform readonly image2D coarse;  // complete
 layout(r32f, binding = 2) uniform readonly image2D fine_guide;
 layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
 
-uniform float gamma;
 uniform float behind;  // see guided_shares
 uniform ivec2 coarse_size;
 
@@ -22,7 +23,7 @@ void work(ivec2 pixel, int chain) {
     taps = texels_at(taps, chain, coarse_size.y);
     ivec2 to = texel_at(pixel, chain, work_size.y);
     vec4 own = imageLoad(fine, to);
-    float keep = kept(own.w, gamma, below.similar);
+    float keep = kept(own.w, GAMMA, below.similar);
     vec4 values = (1.0 - keep) * MIXED_AT(coarse, taps, below.share, 0) + keep * own;
     imageStore(fine, to, vec4(values.rgb, own.w));
 #define PUSH(offset)                                                         \

@@ -4,6 +4,7 @@
 // Twin: relax() in reference.py. Change both or neither.
 
 #constant IS_FINEST  // 1: the frame itself, by 2x2; 0: a coarser resolution, by pixel
+#constant GAMMA      // how much of itself an incomplete texel keeps, see kept()
 
 #include "pixels.glsl"
 #include "guided.glsl"
@@ -19,8 +20,6 @@ float guide_at(ivec2 pixel) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m
 layout(rgba32f, binding = 0) uniform image2D level;  // a: validity
 layout(r32f, binding = 1) uniform readonly image2D guide;
 
-uniform float gamma;
-
 float guide_at(ivec2 pixel) { return imageLoad(guide, pixel).r; }
 #endif
 
@@ -34,7 +33,7 @@ void relax(ivec2 pixel) {
     if (own.a >= 0.5) return;
     float keep = 0.0;
 #else
-    float keep = kept(own.a, gamma, true);
+    float keep = kept(own.a, GAMMA, true);
 #endif
     ivec2 before = max(pixel - 1, ivec2(0)), after = min(pixel + 1, last);
     ivec2 left = ivec2(before.x, pixel.y), right = ivec2(after.x, pixel.y);

@@ -7,6 +7,7 @@
 #constant MOST_CHAINS
 #constant CHAIN_TEXELS  // of all resolutions here together
 #constant RELAXED       // so many of the finest ones are relaxed
+#constant GAMMA         // how much of itself an incomplete texel keeps, see kept()
 
 #include "active.glsl"
 #include "guided.glsl"
@@ -20,7 +21,6 @@ layout(std430, binding = 5) coherent buffer Scratch { vec4 scratch[]; };
 layout(r32f, binding = 2) uniform readonly image2D top_guide;
 layout(std430, binding = 7) coherent buffer ScratchGuide { float scratch_guide[]; };
 
-uniform float gamma;
 uniform ivec2 top_size;
 uniform uvec3 top_region[MOST_CHAINS];  // active tiles of each chain
 uniform uvec3 guide_region;             // active tiles of the guide
@@ -88,7 +88,7 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
             push_shares(scratch_guide[place], vec4(scratch_guide[a], scratch_guide[b],
                                                    scratch_guide[c], scratch_guide[d]),
                         depth_threshold);
-        float keep = kept(validity, gamma, below_by.similar);
+        float keep = kept(validity, GAMMA, below_by.similar);
         for (int p = 0; p < PLANES; ++p) {
             vec4 below = mixed(below_by.share, scratch[a * PLANES + p], scratch[b * PLANES + p],
                                scratch[c * PLANES + p], scratch[d * PLANES + p]);
@@ -122,7 +122,7 @@ void relax_level(int first, ivec2 size, int parity) {
         if (share == vec4(0.0)) continue;
         vec3 mean = mixed(share, scratch[left], scratch[right], scratch[above],
                           scratch[below]).rgb;
-        float keep = kept(own.w, gamma, true);
+        float keep = kept(own.w, GAMMA, true);
         scratch[place] = vec4(keep * own.rgb + (1.0 - keep) * mean, own.w);
     }
 }

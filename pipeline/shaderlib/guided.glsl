@@ -69,7 +69,8 @@ vec4 relax_shares(float guide, vec4 guides) {
 }
 
 // How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,
-// where nothing of its depth lies below.
+// where nothing of its depth lies below. Give gamma as a constant, and the driver folds the choice:
+// left open, every pixel takes the power as well.
 float kept(float validity, float gamma, bool similar) {
     if (validity <= 0.0) return 0.0;
     if (!similar || gamma == 0.0) return 1.0;

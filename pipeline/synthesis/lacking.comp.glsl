@@ -5,6 +5,7 @@
 // hole pixel's interpolation reaches has a coefficient that the hole spoils.
 // Twin: lacking.py, and push() in inpaint/reference.py. Change both or neither.
 
+#constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
 #constant KNOWN_ENOUGH       // share of known background that settles a band in a thin hole
 #constant MAY_BE_WIDE        // 1: holes may be wide against the level's kernels
@@ -31,7 +32,6 @@ layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
 layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a: confidence
 
-uniform float gamma;
 uniform ivec2 coarse_size;
 uniform ivec2 corner;  // of this level's variances
 
@@ -121,7 +121,7 @@ void work(ivec2 pixel, int chain) {
     Taps taps = parents_of(pixel, coarse_size);
     Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps), depth_threshold);
     taps = texels_at(taps, chain, coarse_size.y);
-    float keep = kept(m.moments.plane_0.w, gamma, below.similar);
+    float keep = kept(m.moments.plane_0.w, GAMMA, below.similar);
 #define COMPLETED(plane, offset) \
     ((1.0 - keep) * MIXED_AT(coarse, taps, below.share, offset) + keep * m.moments.plane)
     vec4 plane_0 = COMPLETED(plane_0, ivec2(0, 0));  // its w is no moment

@@ -117,6 +117,7 @@ class VariancePass:
                 SOFT_UP_TO=SOFT_UP_TO,
                 SHARP_FROM=SHARP_FROM,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                GAMMA=float(settings.gamma),
                 GAIN=with_gain,
                 **bands,
             )
@@ -124,8 +125,6 @@ class VariancePass:
         }
         for shader in (*self._first, *self._lacking.values()):
             shader["depth_threshold"] = settings.depth_threshold
-        for shader in self._lacking.values():
-            shader["gamma"] = settings.gamma
 
     @property
     def dispatches(self) -> int:
