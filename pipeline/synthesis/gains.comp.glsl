@@ -20,10 +20,10 @@
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 layout(rgba32f, binding = 6) uniform writeonly image2D gains;
 
-// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j,
-// one matrix for each band of i; columns are the bands of j.
+// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j.
+// See overlap_by_levels().
 const int PAIRS = LEVELS * (LEVELS + 1) / 2;
-layout(std140, binding = 0) uniform Overlap { mat3 overlap[LEVELS * PAIRS * 3]; };
+layout(std140, binding = 0) uniform Overlap { mat4 overlap[LEVELS * PAIRS]; };
 
 uniform ivec4 level_size[LEVELS];  // columns, rows, where its first texel lies
 uniform float turn;  // of calls: tells this one's gains from earlier ones
@@ -77,26 +77,31 @@ void add_coarse(inout Lacking l, int level, ivec2 block, float guide) {
 
 // Loops and arrays, unlike elsewhere: written out, the driver compiles for 10 to 30 s.
 void store_gains(Lacking l, int channel, ivec2 to) {
-    vec3 wanted[LEVELS];
+    vec3 wanted[LEVELS];  // of the high band, the sum of the oriented ones, their difference
     for (int i = 0; i < LEVELS; ++i) {
-        wanted[i] = sqrt(vec3(l.high[i][channel], l.along_x[i][channel], l.along_y[i][channel]));
+        vec3 band = sqrt(vec3(l.high[i][channel], l.along_x[i][channel], l.along_y[i][channel]));
+        wanted[i] = vec3(band.x, band.y + band.z, band.y - band.z);
     }
     float part = 1.0;  // of the finest high band's variance, in white noise
     int at = 0;
     for (int level = 0; level < LEVELS; ++level, part *= 0.25) {
-        vec3 measured = vec3(0.0);
+        vec2 even = vec2(0.0);  // of the high band, and half the oriented ones' sum
+        float odd = 0.0;        // half their difference
         for (int i = 0; i < LEVELS; ++i) {
-            for (int j = i; j < LEVELS; ++j, at += 3) {
-                measured += overlap[at] * (wanted[i].x * wanted[j])
-                          + overlap[at + 1] * (wanted[i].y * wanted[j])
-                          + overlap[at + 2] * (wanted[i].z * wanted[j]);
+            for (int j = i; j < LEVELS; ++j, ++at) {
+                vec3 a = wanted[i], b = wanted[j];
+                mat4 of = overlap[at];
+                even += a.x * (b.x * of[0].xy + b.y * of[0].zw)
+                      + a.y * (b.x * of[1].xy + b.y * of[1].zw) + (a.z * b.z) * of[2].xy;
+                odd += dot(of[3], vec4(a.x * b.z, a.z * b.x, a.y * b.z, a.z * b.y));
             }
         }
+        vec3 measured = vec3(even.x, even.y + odd, even.y - odd);
         measured = max(measured, vec3(0.0));
         if (level >= SHARED_FROM_LEVEL) {
             measured.yz += RESTLESS * part * l.heeded[level] * wanted[0].x * wanted[0].x;
         }
-        vec3 asked = wanted[level] * wanted[level];
+        vec3 asked = vec3(l.high[level][channel], l.along_x[level][channel], l.along_y[level][channel]);
         if (level == 1) measured.x += UNEVEN * 0.5 * (asked.y + asked.z);
         vec3 gain = sqrt((asked + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE));
         gain = AIM * clamp(gain, LEAST_GAIN, MOST_GAIN);

@@ -29,23 +29,52 @@ MOST_TURNS = 1 << 24
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
-    """`Mixing.overlap` as gains.comp.glsl reads it.
+    """`Mixing.overlap` as gains.comp.glsl reads it: by high bands and by sums and differences of
+    oriented ones.
+
+    What bands measure does not change when rows and columns change places. So the high band's
+    variance, and half the sum of the oriented ones', take no product of one difference, and half
+    their difference takes no other: that halves the sums.
 
     Returns
     -------
-    ndarray of shape (levels, pairs, 3, 3, 4)
-        Of a level: for each two levels i <= j and each band of i, a matrix's columns; one
-        for each band of j, in which are the level's own bands, and a zero.
+    ndarray of shape (levels, pairs, 4, 4)
+        Of a level: for each two levels i <= j four rows. The first three are of products, a
+        number for the high band and one for half the oriented bands' sum: of the high band of i
+        with that and the sum of j, of the sum of i with the same two, of differences; two zeros.
+        The last is for half the oriented bands' difference: high with difference, difference with
+        high, sum with difference, difference with sum.
     """
     levels = len(overlap) // 3
-    blocks = overlap.reshape(levels, 3, levels, 3, levels, 3)
-    pairs = [
-        (1 if i == j else 2) * blocks[:, :, i, :, j]
-        for i in range(levels)
-        for j in range(i, levels)
-    ]
-    columns = np.stack(pairs, axis=1).transpose(0, 1, 3, 4, 2)  # (level, pair, of i, of j, own)
-    return np.pad(columns, ((0, 0),) * 4 + ((0, 1),)).astype(np.float32)
+    # Deviations from theirs, the sum and the difference: 2 x = u + v, 2 y = u - v.
+    parts = np.array([[1, 0, 0], [0, 0.5, 0.5], [0, 0.5, -0.5]])
+    forms = overlap.reshape(levels, 3, levels, 3, levels, 3)
+    forms = np.einsum("bc,kcipjq,pr,qs->kbirjs", parts, forms, parts, parts)
+    high, total, difference = 0, 1, 2
+    even, odd = (high, total), difference
+    rows = []
+    for i, j in pairs_of(levels):
+        # (level, own, of i, of j)
+        form = (1 if i == j else 2) * forms[:, :, i, :, j]
+        both = form[:, even].transpose(0, 2, 3, 1)  # (level, of i, of j, own)
+        crossed = [(high, odd), (odd, high), (total, odd), (odd, total)]
+        rows.append(
+            np.stack(
+                [
+                    both[:, high, even].reshape(levels, 4),
+                    both[:, total, even].reshape(levels, 4),
+                    np.pad(both[:, odd, odd], ((0, 0), (0, 2))),
+                    np.stack([form[:, odd, p, q] for p, q in crossed], axis=-1),
+                ],
+                axis=1,
+            )
+        )
+    return np.stack(rows, axis=1).astype(np.float32)
+
+
+def pairs_of(levels: int) -> list[tuple[int, int]]:
+    """Each two levels, and each with itself, as the shader goes through them."""
+    return [(i, j) for i in range(levels) for j in range(i, levels)]
 
 
 class GainPass:

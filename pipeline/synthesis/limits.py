@@ -15,8 +15,7 @@ def check_limits(ctx: moderngl.Context, size: tuple[int, int], levels: int) -> N
     Raises
     ------
     InputError
-        If the frame is too wide, or uniform blocks do not hold the bands' overlap: six levels
-        need 18 KB, of which OpenGL promises 16.
+        If the frame is too wide.
     """
     edge = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
     widest = min(edge // BANDS * 2, edge // levels * 4)
@@ -25,15 +24,3 @@ def check_limits(ctx: moderngl.Context, size: tuple[int, int], levels: int) -> N
             f"frames to fill with metamers must be at most {widest} px wide on this driver"
             f" (got {size[0]}x{size[1]})"
         )
-    limit, needed = int(ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"]), overlap_bytes(levels)
-    if needed > limit:
-        raise InputError(
-            f"{levels} levels need uniform blocks of {needed} bytes, and this driver's hold"
-            f" {limit}; take fewer levels"
-        )
-
-
-def overlap_bytes(levels: int) -> int:
-    """Of `gains.overlap_by_levels`: three columns of four floats for every band of a pair."""
-    pairs = levels * (levels + 1) // 2
-    return levels * pairs * BANDS * 3 * 4 * 4
