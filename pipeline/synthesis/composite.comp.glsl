@@ -71,7 +71,8 @@ ivec2 noise_texel(ivec2 place) {
     return (place & (NOISE_TEXELS - 1)) * ivec2(LEVELS * CHANNELS, 1);
 }
 
-// A hole pixel and where its noise comes from.
+// A pixel and where its noise comes from. One that is no hole, or outside of the frame, is carried
+// along until it is time to store: drivers run both sides of a branch anyway.
 struct Pixel {
     ivec2 place;
     bool hole;
@@ -90,12 +91,9 @@ struct Pixel {
 Pixel pixel_at(ivec2 place) {
     Pixel p;
     p.place = place;
-    p.hole = false;
     p.noise = vec3(0.0);
-    if (any(greaterThanEqual(place, imageSize(image)))) return p;
     vec4 texel = imageLoad(image, place);
-    if (texel.a >= 0.5) return p;
-    p.hole = true;
+    p.hole = texel.a < 0.5 && all(lessThan(place, imageSize(image)));
     p.colour = texel.rgb;
     float depth = imageLoad(depth_m, place).r;
     p.guide = max(0.0, 1.0 - z_near_m / depth);
@@ -113,13 +111,11 @@ Pixel pixel_at(ivec2 place) {
 // the gain restores. See look_up().
 vec3 noise_bands(Pixel p, int level, int channel) {
     ivec2 next = ivec2(level * CHANNELS + channel, 0);
-    vec3 bands = imageLoad(noise, noise_texel(p.noise_corner) + next).rgb;
     vec4 w = p.noise_share;
-    if (w.x == 1.0) return bands;
-    bands = w.x * bands
-          + w.y * imageLoad(noise, noise_texel(p.noise_corner + ivec2(1, 0)) + next).rgb
-          + w.z * imageLoad(noise, noise_texel(p.noise_corner + ivec2(0, 1)) + next).rgb
-          + w.w * imageLoad(noise, noise_texel(p.noise_corner + 1) + next).rgb;
+    vec3 bands = w.x * imageLoad(noise, noise_texel(p.noise_corner) + next).rgb
+               + w.y * imageLoad(noise, noise_texel(p.noise_corner + ivec2(1, 0)) + next).rgb
+               + w.z * imageLoad(noise, noise_texel(p.noise_corner + ivec2(0, 1)) + next).rgb
+               + w.w * imageLoad(noise, noise_texel(p.noise_corner + 1) + next).rgb;
     vec4 lag = 2.0 * vec4(w.x * w.y + w.z * w.w, w.x * w.z + w.y * w.w, w.x * w.w, w.y * w.z);
     vec3 variance = dot(w, w) + vec3(dot(lag, lag_correlation[3 * level]),
                                      dot(lag, lag_correlation[3 * level + 1]),
@@ -194,7 +190,6 @@ Gains gains_at(Blocks blocks, int level) {
 }
 
 void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
-    if (!p.hole) return;
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
     share = guided_shares(share, p.guide, guides, depth_threshold).share;
     if (level == 0) p.fade = max(0.0, 1.0 - FADE * MIXED(heeded));
