@@ -7,7 +7,7 @@
 #constant LOW_MIXED   // one outer,
 #constant LOW_OUTER   // both outer
 #constant MIXED       // far below -1: so that the smallest tap still tells
-#constant DEPTH_EDGES // 1: the first halving, and results across a jump of depth are MIXED
+#constant DEPTH_EDGES // 1: the first halving where depth jumps: results across a jump are MIXED
 
 #include "tiles.glsl"
 

@@ -4,14 +4,14 @@
 // hole pixel as well.
 // Twin: guided_base() and near_a_hole() in reference.py. Change both or neither.
 
-#constant TILE         // work-group edge, pixels
 #constant CELL         // edge of a cell of resolution 0, pixels
 #constant RESOLUTIONS  // how many resolutions of cells there are
 
 #include "guided.glsl"
 #include "lists.glsl"
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+// A row of blocks: rows are read on and on (8x8 of them take half as long again).
+layout(local_size_x = LIST_GROUP) in;
 
 layout(rgba32f, binding = 0) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
 layout(r32f, binding = 1) uniform readonly image2D depth_m;   // background's inside holes
@@ -19,6 +19,7 @@ layout(rgba32f, binding = 2) uniform writeonly image2D halves;  // of 2x2
 layout(r32f, binding = 3) uniform writeonly image2D half_guide;
 layout(rgba32f, binding = 4) uniform writeonly image2D quarters;  // of 4x4
 layout(r32f, binding = 5) uniform writeonly image2D quarter_guide;
+layout(rg32f, binding = 6) uniform writeonly image2D extents;  // of 4x4: least, largest guide
 layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
 
 uniform float z_near_m;
@@ -30,7 +31,8 @@ uniform uvec2 quarter_list;
 
 struct Texel {
     vec4 colour;  // a: confidence
-    float guide;
+    float guide;    // the farthest of 2x2
+    float nearest;
     bool hole;
     bool there;  // in the frame, and no last one repeated
 };
@@ -60,7 +62,7 @@ Texel half_texel(ivec2 pixel) {
     Pull p = pull_shares(validity, guide, deepest);
     vec3 colour = mixed(p.share, colour_a, colour_b, colour_c, colour_d).rgb;
     bool hole = dot(validity, vec4(1.0)) < 4.0;
-    Texel texel = Texel(vec4(colour, p.confidence), deepest, hole, there);
+    Texel texel = Texel(vec4(colour, p.confidence), deepest, nearest(guide), hole, there);
     if (there) {
         imageStore(halves, pixel, texel.colour);
         imageStore(half_guide, pixel, vec4(deepest));
@@ -70,19 +72,14 @@ Texel half_texel(ivec2 pixel) {
 
 bool incomplete(Texel texel) { return texel.there && texel.colour.a < 1.0; }
 
-// Bits as append_some() takes them.
-uint bits(bool a, bool b, bool c, bool d) {
-    return uint(a) + 2u * uint(b) + 4u * uint(c) + 8u * uint(d);
-}
-
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(4 * pixel, imageSize(image)))) return;
     Texel a = half_texel(2 * pixel), b = half_texel(2 * pixel + ivec2(1, 0));
     Texel c = half_texel(2 * pixel + ivec2(0, 1)), d = half_texel(2 * pixel + 1);
-    append_some(half_list.x, half_list.y, 2 * pixel,
+    append_some(half_list.x, half_list.y, 2 * pixel, 0,
                 bits(incomplete(a), incomplete(b), incomplete(c), incomplete(d)));
-    append_some(holes_list.x, holes_list.y, 2 * pixel,
+    append_some(holes_list.x, holes_list.y, 2 * pixel, 0,
                 bits(a.hole && a.there, b.hole && b.there, c.hole && c.there, d.hole && d.there));
     // An odd border repeats its last texel.
     bvec2 whole = lessThan(4 * pixel + 2, imageSize(image));
@@ -94,6 +91,8 @@ void main() {
     vec3 colour = mixed(p.share, a.colour, b.colour, c.colour, d.colour).rgb;
     imageStore(quarters, pixel, vec4(colour, p.confidence));
     imageStore(quarter_guide, pixel, vec4(deepest));
+    float least = nearest(vec4(a.nearest, b.nearest, c.nearest, d.nearest));
+    imageStore(extents, pixel, vec4(least, deepest, 0.0, 0.0));
     if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
     int holes = int(bits(a.hole, b.hole, c.hole, d.hole));
     if (holes > 0) {

@@ -19,7 +19,7 @@ from pipeline.inpaint.reference import (
     RELAXED_RESOLUTIONS,
 )
 from pipeline.inpaint.region import CELL, MOST_EDGE_PX
-from pipeline.inpaint.regions import FIRST_STORED, WorkLists
+from pipeline.inpaint.regions import FIRST_STORED, LIST_GROUP, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128
@@ -70,13 +70,15 @@ class Resolutions:
 class GuidePyramid:
     """The guide of resolutions 1 to the top, one float per pixel: the farthest of each 2x2.
 
-    Written by the base chain, read by all.
+    Written by the base chain, read by all. `extents`, least and largest of each 4x4 pixels, are
+    for the pyramid's low bands, where there are any.
     """
 
     def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
         self._guides = [
             create_texture(ctx, resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
         ]
+        self.extents = create_texture(ctx, resolutions.sizes[2], "rg32f")
         self.scratch = ctx.buffer(reserve=4 * resolutions.tail_texels * MAX_LEVELS)
 
     def at(self, resolution: int) -> moderngl.Texture:
@@ -86,11 +88,11 @@ class GuidePyramid:
     @property
     def held_bytes(self) -> int:
         """Memory, bytes."""
-        return sum(map(texture_bytes, self._guides)) + self.scratch.size
+        return sum(map(texture_bytes, (*self._guides, self.extents))) + self.scratch.size
 
     def release(self) -> None:
         """Free guides and scratch."""
-        for texture in self._guides:
+        for texture in (*self._guides, self.extents):
             texture.release()
         self.scratch.release()
 
@@ -309,7 +311,6 @@ class GuidedBasePass:
         self._first = compile_compute(
             ctx,
             "inpaint/base_first.comp.glsl",
-            TILE=CELL,
             CELL=CELL,
             RESOLUTIONS=len(self.lists.cell_grids),
         )
@@ -352,8 +353,9 @@ class GuidedBasePass:
         self.guide.at(1).bind_to_image(3)
         self.chain.at(2).bind_to_image(4)
         self.guide.at(2).bind_to_image(5)
+        self.guide.extents.bind_to_image(6)
         width, height = self.resolutions.sizes[2]
-        self._first.run(-(-width // CELL), -(-height // CELL))
+        self._first.run(-(-width // LIST_GROUP), height)
         self.lists.build()
         self.chain()
         self._last["z_near_m"] = z_near_m

@@ -41,42 +41,35 @@ Six row(int y, int x) {
 #define LEFT(row) Four(row.a, row.b, row.c, row.d)
 #define RIGHT(row) Four(row.c, row.d, row.e, row.f)
 
-// Moments of one of the 2x2 texels that make up the pixel.
-Moments half_moments(Window window, WindowGuide guide, ivec2 texel, float deepest, int chain) {
-    ivec2 size = imageSize(level);
-    Moments found = measure(window, guide, 2 * texel, size, deepest).moments;
-    if (found.plane_0.w < 1.0 && all(lessThan(2 * texel, size))) {
-        append(halves_list.x, halves_list.y, texel, chain);
-    }
-    return found;
-}
+#define MOMENTS(SIDE, side, above, here, below, last, first, deepest)                \
+    measure(Window(SIDE(above), SIDE(here), SIDE(below), SIDE(last)),                \
+            WindowGuide(above.side, here.side, below.side, last.side), first, level_size, \
+            deepest).moments
 
 void work(ivec2 pixel, int chain) {
     ivec2 corner = 4 * pixel;
     Six r0 = row(corner.y - 1, corner.x), r1 = row(corner.y, corner.x);
     Six r2 = row(corner.y + 1, corner.x), r3 = row(corner.y + 2, corner.x);
     Six r4 = row(corner.y + 3, corner.x), r5 = row(corner.y + 4, corner.x);
-    ivec2 half_size = (imageSize(level) + 1) >> 1;
-    Taps taps = children_of(pixel, half_size);
+    ivec2 level_size = imageSize(level);
+    Taps taps = children_of(pixel, (level_size + 1) >> 1);
     vec4 guides = GUIDES_AT(half_guide, taps);
 
-    Moments a = half_moments(Window(LEFT(r0), LEFT(r1), LEFT(r2), LEFT(r3)),
-        WindowGuide(r0.guide_left, r1.guide_left, r2.guide_left, r3.guide_left),
-        2 * pixel, guides.x, chain);
-    Moments b = half_moments(Window(RIGHT(r0), RIGHT(r1), RIGHT(r2), RIGHT(r3)),
-        WindowGuide(r0.guide_right, r1.guide_right, r2.guide_right, r3.guide_right),
-        2 * pixel + ivec2(1, 0), guides.y, chain);
-    Moments c = half_moments(Window(LEFT(r2), LEFT(r3), LEFT(r4), LEFT(r5)),
-        WindowGuide(r2.guide_left, r3.guide_left, r4.guide_left, r5.guide_left),
-        2 * pixel + ivec2(0, 1), guides.z, chain);
-    Moments d = half_moments(Window(RIGHT(r2), RIGHT(r3), RIGHT(r4), RIGHT(r5)),
-        WindowGuide(r2.guide_right, r3.guide_right, r4.guide_right, r5.guide_right),
-        2 * pixel + 1, guides.w, chain);
+    // Of the 2x2 texels that make up the pixel.
+    Moments a = MOMENTS(LEFT, guide_left, r0, r1, r2, r3, corner, guides.x);
+    Moments b = MOMENTS(RIGHT, guide_right, r0, r1, r2, r3, corner + ivec2(2, 0), guides.y);
+    Moments c = MOMENTS(LEFT, guide_left, r2, r3, r4, r5, corner + ivec2(0, 2), guides.z);
+    Moments d = MOMENTS(RIGHT, guide_right, r2, r3, r4, r5, corner + 2, guides.w);
     // An odd border repeats its last texel.
-    if (taps.b == taps.a) { b = a; d = c; }
-    if (taps.c == taps.a) { c = a; d = b; }
+    bvec2 whole = notEqual(taps.d, taps.a);
+    if (!whole.x) { b = a; d = c; }
+    if (!whole.y) { c = a; d = b; }
 
     vec4 validity = vec4(a.plane_0.w, b.plane_0.w, c.plane_0.w, d.plane_0.w);
+    bvec4 incomplete = lessThan(validity, vec4(1.0));
+    append_some(halves_list.x, halves_list.y, 2 * pixel, chain,
+                bits(incomplete.x, incomplete.y && whole.x, incomplete.z && whole.y,
+                     incomplete.w && all(whole)));
     Pull p = pull_shares(validity, guides, imageLoad(quarter_guide, pixel).r);
     ivec2 to = texel_at(pixel, chain, work_size.y);
 #define PULLED(plane) mixed(p.share, a.plane, b.plane, c.plane, d.plane)

@@ -16,6 +16,9 @@ Lists by tile, of one region each or of what every chain takes from its own:
     Tiles of resolution k + 1 whose moments of level k are made, four in a work group.
 ``("pulled", r)``
     Tiles and chains of resolution r to pull.
+``("jumps", 2)``, ``("plain", 2)``
+    Those of ("source", 2), cut to tiles of `HALVED_TILE` pixels: whether a jump of depth may lie
+    under what the first halving makes there or not. Appended by the pass that finds them.
 
 Lists by pixel, appended by the passes that find them:
 
@@ -52,9 +55,10 @@ RegionKey: TypeAlias = tuple[str, int] | tuple[str, int, int]
 # resolution r begins less than 2^r px from the hole: inside the ring up to r = k + 3.
 RING_REACH = 3
 FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
+HALVED_TILE = 2  # edge of a tile of ("jumps", 2): a pixel of resolution 3
 TILES_AT_ONCE = 4  # of ("first", k) in one work group: 4x4 pixels each, see tiles.glsl
 
-_GROUP = 64
+LIST_GROUP = 64  # invocations of a work group, as lists.glsl has it
 _COUNTS_STRIDE = 16  # bytes of one uvec4
 
 
@@ -122,8 +126,8 @@ class WorkLists:
         last_list = list(self._lists.values())[-1]
         flag_count = sum(_padded(region.tiles) for region in self._regions.values())
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
-        self._reset_groups = -(-max(cell_count, len(self._lists)) // _GROUP)
-        self._build_groups = flag_count // _GROUP
+        self._reset_groups = -(-max(cell_count, len(self._lists)) // LIST_GROUP)
+        self._build_groups = flag_count // LIST_GROUP
         self._cells = ctx.buffer(reserve=4 * cell_count)
         self._counts = ctx.buffer(reserve=_COUNTS_STRIDE * len(self._lists))
         self._entries = ctx.buffer(reserve=4 * (last_list.first + last_list.capacity))
@@ -133,7 +137,7 @@ class WorkLists:
         self._reset = compile_compute(ctx, "inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
         self._reset["list_count"] = len(self._lists)
-        self._build = compile_compute(ctx, "inpaint/lists.comp.glsl", GROUP=_GROUP)
+        self._build = compile_compute(ctx, "inpaint/lists.comp.glsl", GROUP=LIST_GROUP)
 
     def reset(self) -> None:
         """Forget the last frame; storage buffers 0 to 2 stay bound for what marks cells next."""
@@ -296,6 +300,10 @@ class WorkLists:
                 plan(("halves", r - 1), r, pixels)
             plan(("pulled", r), r, self._tiles(r) * len(self._pulled(r)))
             plan(("moments", r), r, pixels * len(self._stored(r)))
+        if self._levels > 1:
+            tiles = self.sizes[3][0] * self.sizes[3][1]
+            plan(("jumps", 2), 2, tiles)
+            plan(("plain", 2), 2, tiles)
         for r in (1, 2):
             plan(("holes", r), r, self.sizes[r][0] * self.sizes[r][1])
 
@@ -312,10 +320,10 @@ class WorkLists:
         return np.array(rows, np.uint32)
 
     def _regions_of_groups(self) -> NDArray[np.uint32]:
-        groups = [_padded(item.tiles) // _GROUP for item in self._regions.values()]
+        groups = [_padded(item.tiles) // LIST_GROUP for item in self._regions.values()]
         return np.repeat(np.arange(len(groups), dtype=np.uint32), groups)
 
 
 def _padded(count: int) -> int:
     """Round up to whole work groups, so that none sees two regions."""
-    return -(-count // _GROUP) * _GROUP
+    return -(-count // LIST_GROUP) * LIST_GROUP

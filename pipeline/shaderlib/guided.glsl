@@ -85,3 +85,5 @@ vec4 mixed(vec4 share, vec4 a, vec4 b, vec4 c, vec4 d) {
 }
 
 float farthest(vec4 guide) { return max(max(guide.x, guide.y), max(guide.z, guide.w)); }
+
+float nearest(vec4 guide) { return min(min(guide.x, guide.y), min(guide.z, guide.w)); }

@@ -3,7 +3,7 @@
 #define LIST_GROUP 64       // pixels of a list that one work group visits
 #define MOST_GROUPS 32768u  // in a row of work groups: every driver takes that many
 
-layout(std430, binding = 1) buffer Counts { uvec4 counts[]; };  // groups x, y, z; entries
+layout(std430, binding = 1) buffer Counts { uint counts[]; };  // of a list: groups x, y, z; entries
 layout(std430, binding = 2) buffer Entries { uint entries[]; };  // x + (y << 14) + (chain << 28)
 
 uint entry_of(ivec2 place, int chain) {
@@ -14,29 +14,41 @@ ivec2 place_of(uint entry) { return ivec2(entry & 0x3fffu, (entry >> 14) & 0x3ff
 
 int chain_of(uint entry) { return int(entry >> 28); }
 
-// Puts an entry into a list that a later pass will visit, so many with each work group. Order
-// varies, results do not.
-void add(uint list, uint first, uint entry, uint per_group) {
-    uint slot = atomicAdd(counts[list].w, 1u);
-    entries[first + slot] = entry;
-    uint group = slot / per_group;
-    if (slot % per_group != 0u) return;
-    if (group < MOST_GROUPS) atomicAdd(counts[list].x, 1u);
-    else if (group % MOST_GROUPS == 0u) atomicAdd(counts[list].y, 1u);
+uint entries_in(uint list) { return counts[4u * list + 3u]; }
+
+// Takes places for `some` entries, so many to a work group of the pass that will visit them, and
+// says which is the first. Order varies, results do not. Drivers take atomics thread by thread: few
+// are faster.
+uint places_for(uint some, uint list, uint per_group) {
+    uint slot = atomicAdd(counts[4u * list + 3u], some);
+    uint group = (slot + per_group - 1u) / per_group;  // the next to begin
+    bool begins = group * per_group < slot + some;
+    bool in_first_row = group < MOST_GROUPS;
+    if (begins && (in_first_row || group % MOST_GROUPS == 0u)) {
+        atomicAdd(counts[4u * list + (in_first_row ? 0u : 1u)], 1u);
+    }
+    return slot;
 }
 
-// The same for those of 2x2 pixels whose bit is set: 1 for the first, 2 for the next in x, 4 for the
-// one below, 8 for the last. Drivers take atomics thread by thread: one for four is faster.
-void append_some(uint list, uint first, ivec2 corner, uint bits) {
-    uint some = uint(bitCount(bits));
-    if (some == 0u) return;
-    uint slot = atomicAdd(counts[list].w, some);
-    uint begun = (slot + uint(LIST_GROUP) - 1u) / uint(LIST_GROUP);  // the next work group
-    if (begun * uint(LIST_GROUP) < slot + some) {
-        if (begun < MOST_GROUPS) atomicAdd(counts[list].x, 1u);
-        else if (begun % MOST_GROUPS == 0u) atomicAdd(counts[list].y, 1u);
-    }
-    uint at = first + slot, entry = entry_of(corner, 0);
+// Puts an entry into a list.
+void add(uint list, uint first, uint entry, uint per_group) {
+    entries[first + places_for(1u, list, per_group)] = entry;
+}
+
+void append(uint list, uint first, ivec2 pixel, int chain) {
+    add(list, first, entry_of(pixel, chain), uint(LIST_GROUP));
+}
+
+// Which of 2x2 pixels: 1 for the first, 2 for the next in x, 4 for the one below, 8 for the last.
+uint bits(bool a, bool b, bool c, bool d) {
+    return uint(a) + 2u * uint(b) + 4u * uint(c) + 8u * uint(d);
+}
+
+// Appends those of 2x2 pixels whose bit is set.
+void append_some(uint list, uint first, ivec2 corner, int chain, uint bits) {
+    if (bits == 0u) return;
+    uint at = first + places_for(uint(bitCount(bits)), list, uint(LIST_GROUP));
+    uint entry = entry_of(corner, chain);
     if ((bits & 1u) != 0u) entries[at++] = entry;
     if ((bits & 2u) != 0u) entries[at++] = entry + 1u;
     if ((bits & 4u) != 0u) entries[at++] = entry + (1u << 14);
@@ -45,7 +57,3 @@ void append_some(uint list, uint first, ivec2 corner, uint bits) {
 
 // No loop over groups: see guided.glsl.
 uint group_at_hand() { return gl_WorkGroupID.y * MOST_GROUPS + gl_WorkGroupID.x; }
-
-void append(uint list, uint first, ivec2 pixel, int chain) {
-    add(list, first, entry_of(pixel, chain), uint(LIST_GROUP));
-}

@@ -21,7 +21,7 @@ void main() {
     int index = int(gl_LocalInvocationID.x);
     uint item = group_at_hand() * uint(TILES);
     if (TILES > 1) item += uint(index / TILE_PIXELS);
-    if (item >= counts[list_index].w) return;
+    if (item >= entries_in(list_index)) return;
     uint entry = entries[list_first + item];
     ivec2 pixel = TILE * place_of(entry) + ivec2(index % TILE, index % TILE_PIXELS / TILE);
     if (all(lessThan(pixel, work_size))) work(pixel, chain_of(entry));

@@ -62,8 +62,7 @@ class MetamericPass:
         )
         self.low_bands = LowBandPass(
             ctx,
-            self.base.resolutions.sizes,
-            self.base.lists,
+            self.base,
             levels,
             skip_depth_edges=settings.skip_depth_edges,
             depth_threshold=settings.depth_threshold,

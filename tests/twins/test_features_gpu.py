@@ -27,9 +27,7 @@ def low_bands(gl_context):
         base = GuidedBasePass(gl_context, size, gamma=0.25, levels=levels)
         skip = depth is not None
         depth = np.ones(image.shape[:2], np.float32) if depth is None else depth
-        lows = LowBandPass(
-            gl_context, base.resolutions.sizes, base.lists, levels, skip_depth_edges=skip
-        )
+        lows = LowBandPass(gl_context, base, levels, skip_depth_edges=skip)
         texture = texture_from(gl_context, image, "rgba32f")
         depth_m = texture_from(gl_context, depth, "r32f")
         base(texture, depth_m, 1.0)
@@ -87,6 +85,38 @@ def test_low_bands_across_a_depth_edge_say_so_at_every_level(low_bands, rng, siz
         expected = np.where(mixed, MIXED, np.where(touched, 0.0, 1.0))
         near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
         np.testing.assert_array_equal(found[level][..., 3][near], expected[near])
+
+
+@pytest.mark.parametrize("size", [(9, 300), (203, 177)])
+def test_depth_is_looked_at_where_a_low_band_may_mix_it_and_hardly_elsewhere(gl_context, rng, size):
+    """Tiles of 8x8 pixels. Kernels reach one pixel farther; what decides is known of 4x4 pixels."""
+    image = np.ones((*size, 4), np.float32)
+    image[size[0] // 2, size[1] // 2, 3] = 0
+    depth = np.where(rng.random(size) < 0.002, 2.0, 4.0).astype(np.float32)
+    base = GuidedBasePass(gl_context, size[::-1], gamma=0.25, levels=4)
+    lows = LowBandPass(gl_context, base, 4, skip_depth_edges=True)
+    texture = texture_from(gl_context, image, "rgba32f")
+    depth_m = texture_from(gl_context, depth, "r32f")
+    base(texture, depth_m, 1.0)
+    lows(texture, depth_m, 1.0)
+
+    rows, columns = -(-size[0] // 8), -(-size[1] // 8)
+    found = np.zeros((2, rows, columns), int)
+    for which, name in enumerate(("plain", "jumps")):
+        np.add.at(found[which], tuple(base.lists.entries((name, 2))[:, :2].T), 1)
+    for thing in (lows, base, texture, depth_m):
+        thing.release()
+
+    def jump_within(margin):
+        padded = np.pad(depth, ((margin, margin + 8), (margin, margin + 8)), mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (8 + 2 * margin,) * 2)
+        return np.ptp(windows[::8, ::8], axis=(2, 3))[:rows, :columns] > 0
+
+    np.testing.assert_array_equal(found.sum(axis=0), 1)  # the whole frame is near the hole
+    plain = found[0] == 1
+    assert not jump_within(1)[plain].any()
+    assert plain[~jump_within(4)].all()
+    assert 10 < plain.sum() < plain.size - 10
 
 
 def test_a_constant_stays_the_same_bits_in_every_low_band(low_bands):
