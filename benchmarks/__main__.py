@@ -6,6 +6,7 @@ import sys
 # name: what it measures. Each is a module of this folder with `main(argv) -> status`.
 BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
+    "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "stationary": "band statistics of stationary textures in holes behind a disc",

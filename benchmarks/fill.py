@@ -136,7 +136,7 @@ class Bench:
         return [replace(t, median_ms=round(t.to_push_pull * push_pull_ms, 3)) for t in timings]
 
     def _time(self, method: str, repeats: int) -> Timing:
-        work, passes, held, done = self._work(method)
+        work, passes, held, done = self.work(method)
         ratios, copies = [], []
         for turn in range(repeats + 1):
             mine = self._once(work)
@@ -161,10 +161,10 @@ class Bench:
     def _once(self, work: Callable[[], None]) -> float:
         return measure(self.ctx, work, repeats=1, warm_up=0).median_ms
 
-    def _work(
+    def work(
         self, method: str
     ) -> tuple[Callable[[], None], int | None, int | None, Callable[[], None]]:
-        """What to time, its passes, the memory it holds, and how to free it."""
+        """What to time, its dispatches, the bytes it holds, and how to free it."""
         if method in METAMERIC:
             metameric = MetamericPass(self.ctx, self.size, METAMERIC[method])
 

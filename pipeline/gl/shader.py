@@ -60,18 +60,20 @@ def compile_compute(
 
 
 def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeShader:
-    """Compile a flattened shader.
+    """Compile a flattened shader; its `extra` is the file it is from.
 
     Raises
     ------
     ShaderError
         If the driver refuses it, with its words and the places in the files as written.
     """
+    path = source.origin[0][0] if source.origin else "an empty shader"
     try:
-        return ctx.compute_shader(source.text)
+        shader = ctx.compute_shader(source.text)
     except moderngl.Error as error:
-        path = source.origin[0][0] if source.origin else "an empty shader"
         raise ShaderError(f"{path} does not compile:\n{_relocate(str(error), source)}") from error
+    shader.extra = path
+    return shader
 
 
 def set_array(shader: moderngl.ComputeShader, name: str, rows: NDArray[Any]) -> None:

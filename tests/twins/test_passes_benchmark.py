@@ -1,0 +1,35 @@
+"""The benchmark of passes: every dispatch of a call is timed, under its shader's name."""
+
+import moderngl
+import pytest
+
+from benchmarks.fill import Bench
+from benchmarks.passes import time_passes, timed_dispatches
+
+
+@pytest.mark.parametrize("method", ["metameric", "push-pull"])
+def test_every_dispatch_is_timed_once(gl_context, method):
+    run = moderngl.ComputeShader.run
+    bench = Bench(gl_context, 64, "thin")
+    _, dispatches, _, release = bench.work(method)
+    release()
+
+    passes, whole_ms = time_passes(bench, method, repeats=2)
+
+    bench.release()
+    assert sum(item.dispatches for item in passes) == dispatches
+    names = [item.shader for item in passes]
+    assert len(set(names)) == len(names)
+    assert all(name.endswith(".comp.glsl") for name in names)
+    assert all(item.least_ms > 0 for item in passes)
+    assert whole_ms > 0
+    assert moderngl.ComputeShader.run is run
+
+
+def test_what_goes_wrong_inside_leaves_no_clock_behind(gl_context):
+    run = moderngl.ComputeShader.run
+
+    with pytest.raises(ZeroDivisionError), timed_dispatches(gl_context):
+        _ = 1 / 0
+
+    assert moderngl.ComputeShader.run is run
