@@ -13,16 +13,18 @@ from study_app.stage import Page
 from study_app.wording import fill
 
 CENTRE, ASIDE = (320, 240), (60, 400)
-# Frames take long to read, so that the preparing page can be seen.
-SLOW_DISK = """
+# No frame can be read before a file is there: so long the preparing page stands.
+HELD_DISK = """
 import time
+from pathlib import Path
 from study_app import clips
 from study_app.cli import main
 read_frame = clips.read_frame
-def slowly(*arguments):
-    time.sleep(0.1)
+def when_let(*arguments):
+    while not Path({gate!r}).exists():
+        time.sleep(0.01)
     return read_frame(*arguments)
-clips.read_frame = slowly
+clips.read_frame = when_let
 main()
 """
 
@@ -76,8 +78,10 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         return screen.picture()[210:270, 280:360].std() > 60
 
     screen.point(*CENTRE)
+    gate = tmp_path / "gate"
     process = screen.start(
-        *screen.session("run", study, "--gaze", "mouse", "--skip-validation"), code=SLOW_DISK
+        *screen.session("run", study, "--gaze", "mouse", "--skip-validation"),
+        code=HELD_DISK.format(gate=str(gate)),
     )
     try:
         turn(pages.page(texts.consent, "space"), "consent")
@@ -85,6 +89,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
             turn(pages.page(text, "space"), "instructions")
         turn(pages.page(texts.start, "space"), "start")
         see(fixed["preparing"], "preparing")
+        gate.touch()
 
         # Looking away voids the attempt, and the participant is told.
         wait(clip_is_seen, "the first clip")
