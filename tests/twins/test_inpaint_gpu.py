@@ -261,6 +261,20 @@ def test_the_list_of_holes_holds_every_block_with_a_hole_once(fill, rng):
     assert len(np.unique(holding)) > 8
 
 
+def test_a_list_has_as_many_work_groups_as_its_entries_need(fill, rng):
+    """Appended one by one or four at once, by pixel 64 to a group and by tile one or four."""
+    lists = fill(random_scene(rng, (190, 210), 0.1), levels=4).base.lists
+
+    groups = np.frombuffer(lists._counts.read(), np.uint32).reshape(-1, 4)[:, :3]
+    per_group = {"holes": 64, "base": 64, "source": 1, "first": 4, "pulled": 1}
+    seen = 0
+    for (key, (entries, _)), (x, y, z) in zip(lists.entry_counts().items(), groups, strict=True):
+        if key[0] in per_group:
+            assert (x, y, z) == (-(-entries // per_group[key[0]]), 1, 1), key
+            seen += entries > 64
+    assert seen > 5
+
+
 def test_more_holes_than_work_groups_in_a_row(fill):
     """32 769 groups of 64 blocks, one block in the last: a second row of groups must fill it."""
     size = (2050, 4096)
