@@ -271,6 +271,9 @@ def estimate(history: History, grid: Grid) -> Estimate:
     for axis, name in enumerate(PARAMETERS):
         values = np.asarray(getattr(grid, name).values)
         share = weight.sum(axis=tuple(other for other in range(4) if other != axis))
+        if values.size == 1:  # known, whatever its share is rounded to
+            found[name] = Marginal(float(values[0]), 0.0)
+            continue
         mean = float(share @ values)
         found[name] = Marginal(mean, math.sqrt(float(share @ (values - mean) ** 2)))
     return Estimate(**found, entropy_nats=float(entr(weight).sum()))
