@@ -20,7 +20,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib import import_module, metadata
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -207,9 +206,7 @@ def run_questplus(people: Observers, grid: Grid) -> Run | None:
             stimulus = staircase.next_stim
             levels.append(stimulus["intensity"])
             correct = people.answers(observer, trial, levels[-1])
-            staircase.update(
-                stim=stimulus, outcome={"response": "correct" if correct else "wrong"}
-            )
+            staircase.update(stim=stimulus, outcome={"response": "correct" if correct else "wrong"})
         found.append(staircase.param_estimate["mean"])
         shown.append(levels)
     return Run(np.array(found), np.array(shown))
@@ -307,9 +304,7 @@ def recoveries(count: int) -> list[Recovery]:
         people = observers(count, QUEST_TRIALS, 0.1 if yes_no else 0.5, seed=21)
         grid = quest_grid(yes_no=yes_no)
         theirs = run_questplus(people, grid)
-        rows.append(
-            recovery(name, people.threshold, run_quest(people, grid), "questplus", theirs)
-        )
+        rows.append(recovery(name, people.threshold, run_quest(people, grid), "questplus", theirs))
     people = observers(count, UP_DOWN_TRIALS, 0.5, seed=22)
     for name, settings in up_down_rules().items():
         truth = people.level_at(up_down.performance(settings))
@@ -328,9 +323,9 @@ def recoveries(count: int) -> list[Recovery]:
 class PairRecovery:
     """How well scores come back after 5, 10 and 15 batches of n - 1 comparisons.
 
-    Root mean square error in JOD and rank correlation, both of the posterior mean with a wide
-    prior (3 JOD) whoever chose the pairs. `most` is how often the busiest condition came in one
-    batch, after the first.
+    Root mean square error in JOD and rank correlation, both of the posterior mean under the
+    prior that the scores were drawn with, whoever chose the pairs. `most` is how often the busiest
+    condition came in one batch, after the first.
     """
 
     chosen_by: str
@@ -398,7 +393,7 @@ def _pair_study(
             first = uniform[i, j, wins[i, j] + wins[j, i]] < share
             wins[(i, j) if first else (j, i)] += 1
         if batch in (4, 9, 14):
-            mean = active_pairs.posterior(wins, prior_sd_jod=3.0).mean
+            mean = active_pairs.posterior(wins, prior_sd_jod=range_jod / np.sqrt(12.0)).mean
             rmse.append(float(np.sqrt(np.mean((mean - truth) ** 2))))
             rank.append(float(spearmanr(mean, truth).statistic))
     return rmse, rank, most
@@ -502,7 +497,11 @@ def _versions() -> dict[str, str | None]:
 def _print(rows: list[Any]) -> None:
     tables = [
         {
-            key: "-" if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
+            key: "-"
+            if value is None
+            else f"{value:.3f}"
+            if isinstance(value, float)
+            else str(value)
             for key, value in asdict(row).items()
         }
         for row in rows
@@ -524,7 +523,7 @@ def main(argv: list[str]) -> int:
     tables = {
         "timings": timings(),
         "recovery": recoveries(OBSERVERS // share),
-        "pairs": pair_recoveries(50 // share),
+        "pairs": pair_recoveries(30 // share),
     }
     for rows in tables.values():
         _print(rows)

@@ -23,9 +23,13 @@ Two things differ, and both make it smaller:
   infers again for each pair and answer, and to save time skips most pairs by chance. Here none
   is skipped.
 
+**The prior** hardly changes which pairs are chosen, but it does set the scale of the scores while
+answers are few: pairs that are hard to tell say little about how far the extremes lie apart. So
+take `posterior` for choosing pairs, and the analysis for results.
+
 **Ties.** A spanning tree depends on the order of the pairs alone. Gains that differ by less than
-about `TIE` of the largest count as equal, and chance orders them. So a first batch, where nothing is
-known, is a random tree, and the last bit of a library's function decides nothing.
+about `TIE` of the largest count as equal, and chance orders them. So a first batch, where
+nothing is known, is a random tree, and the last bit of a library's function decides nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +49,8 @@ from protocols.errors import StudyError
 JOD_SIGMA = float(1.0 / ndtri(0.75))
 """Standard deviation that makes a difference of 1 JOD mean 75 % of the answers."""
 
-PRIOR_SD_JOD = 2.0
+PRIOR_SD_JOD = float(np.sqrt(0.5)) * JOD_SIGMA
+"""As in ASAP: half the variance of an answer. About 1.05 JOD."""
 
 TIE = 1e-9
 

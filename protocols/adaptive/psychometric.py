@@ -57,9 +57,7 @@ _RISE = {
 """Slope times width, for each shape in which they do not depend on the threshold."""
 
 
-def slope_of(
-    width: ArrayLike, shape: Shape, threshold: ArrayLike | None = None
-) -> Floats:
+def slope_of(width: ArrayLike, shape: Shape, threshold: ArrayLike | None = None) -> Floats:
     """Return the slope of the table above for a width.
 
     Parameters

@@ -117,9 +117,9 @@ class Grid:
                 f"width: must be greater than 0 (got {self.width.values[0]:g});"
                 " where performance falls with the level, set falling"
             )
-        for name in ("guess", "lapse"):
-            if not 0 <= getattr(self, name).values[0]:
-                raise StudyError(f"{name}: must be at least 0 (got {getattr(self, name).values[0]:g})")
+        for name, axis in (("guess", self.guess), ("lapse", self.lapse)):
+            if axis.values[0] < 0:
+                raise StudyError(f"{name}: must be at least 0 (got {axis.values[0]:g})")
         top = self.guess.values[-1] + self.lapse.values[-1]
         if top >= 1:
             raise StudyError(f"guess + lapse: must stay below 1 (got up to {top:g})")
@@ -177,7 +177,9 @@ class _Tables:
 
 @lru_cache(maxsize=8)
 def _tables(grid: Grid) -> _Tables:
-    axes = np.ix_(*(np.asarray(getattr(grid, name).values, dtype=np.float64) for name in PARAMETERS))
+    axes = np.ix_(
+        *(np.asarray(getattr(grid, name).values, dtype=np.float64) for name in PARAMETERS)
+    )
     guess, threshold, width, lapse = (axis[None] for axis in axes)
     correct = probability(
         np.asarray(grid.levels)[:, None, None, None, None],
