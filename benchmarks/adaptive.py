@@ -18,6 +18,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from typing import Any
@@ -359,16 +360,22 @@ def pair_recoveries(studies: int) -> list[PairRecovery]:
             found = [
                 _pair_study(make(study), study, conditions, range_jod) for study in range(studies)
             ]
-            rmse, rank, most = (np.array(part) for part in zip(*found, strict=True))
+            errors = [float(value) for value in np.mean([one[0] for one in found], axis=0)]
+            ranks = [float(value) for value in np.mean([one[1] for one in found], axis=0)]
+            most = max(one[2] for one in found)
             rows.append(
                 PairRecovery(
                     name,
                     conditions,
                     range_jod,
                     studies,
-                    *(float(value) for value in rmse.mean(axis=0)),
-                    *(float(value) for value in rank.mean(axis=0)),
-                    most=int(most.max()),
+                    rmse_5=errors[0],
+                    rmse_10=errors[1],
+                    rmse_15=errors[2],
+                    rank_5=ranks[0],
+                    rank_10=ranks[1],
+                    rank_15=ranks[2],
+                    most=most,
                 )
             )
     return rows
@@ -414,7 +421,7 @@ def _choose_random(seed: int, conditions: int) -> Chooser:
 
 
 def _choose_asap(seed: int, conditions: int) -> Chooser:
-    networkx = import_module("networkx")
+    networkx: Any = import_module("networkx")
     if not hasattr(networkx, "from_numpy_matrix"):  # it went in networkx 3
         networkx.from_numpy_matrix = networkx.from_numpy_array
     asap = import_module("asap_cpu").ASAP(conditions)
@@ -454,7 +461,7 @@ def timings() -> list[Timing]:
         ]
         points = int(np.prod(grid.size))
         name = f"QUEST+, 40 answers, {len(grid.levels)} levels, {points:,} grid points"
-        rows.append(_time(name, lambda h=history, g=grid: quest_plus.next_level(h, g), 50))
+        rows.append(_time(name, partial(quest_plus.next_level, history, grid), 50))
     track = up_down_rules()["3 in a row"]
     people = observers(1, UP_DOWN_TRIALS, 0.5, seed=22)
     steps = [
@@ -520,7 +527,7 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     share = 10 if arguments.quick else 1
     print(f"{processor()}, {os.cpu_count()} cores, revision {code_revision()}")
-    tables = {
+    tables: dict[str, list[Any]] = {
         "timings": timings(),
         "recovery": recoveries(OBSERVERS // share),
         "pairs": pair_recoveries(30 // share),
