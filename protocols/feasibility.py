@@ -91,7 +91,7 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
                 width_px=width,
                 height_px=height,
                 fps=protocol.stimuli.frame_hz,
-                bit_depth=protocol.stimuli.bit_depth,
+                bit_depth=16 if protocol.stimuli.bit_depth == 16 else 8,
                 seed=protocol.stimuli.seed,
                 parameters={},
                 hole_share=None,

@@ -22,6 +22,7 @@ _RECIPE = ("scenes", "sizes", "methods", "clips")
 _TO_TASK = (("design", "pairings"), ("trial", "gap_s"))
 _KEYS = (("left_keys", ("left",)), ("right_keys", ("right",)))
 _ANSWERS = ("first", "second")
+_STIMULI = {"first": [0], "second": [1]}
 
 
 def upgraded_protocol(raw: Raw) -> Raw:
@@ -137,6 +138,9 @@ def upgraded_attempt(raw: Raw) -> Raw:
             {"name": shown["clip"], "sha256": shown["clip_sha256"]}
             | {key: shown[key] for key in ("frames_shown", "frames_planned")}
             for shown in new.pop("clips")
+        ],
+        "phases": [
+            phase | {"stimuli": _STIMULI.get(phase["phase"], [])} for phase in new.pop("phases")
         ],
         "answers": _ANSWERS if sides[0] == "left" else _ANSWERS[::-1],
         "expected": right,

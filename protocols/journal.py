@@ -197,6 +197,8 @@ class Phase(Model):
     """Planned refreshes; null where the participant decides."""
     dropped: Count
     """Refreshes at which nothing new could be shown."""
+    stimuli: tuple[Count, ...] = ()
+    """Which of the attempt's stimuli it showed."""
 
 
 class ShownStimulus(Model):

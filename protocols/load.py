@@ -17,11 +17,11 @@ from protocols.format1 import upgraded_protocol
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
-from protocols.schema import StudyProtocol, problems_between
+from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
-_RECIPE: TypeAdapter[Recipe] = TypeAdapter(StudyProtocol.model_fields["stimuli"].annotation)
+_RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
 def load_protocol(path: Path) -> StudyProtocol:
@@ -70,7 +70,7 @@ def _with_tables(raw: dict[str, object], folder: Path) -> dict[str, object]:
         recipe = _RECIPE.validate_python(raw.get("stimuli"))
     except ValidationError:
         return raw
-    found = recipe.resolved(folder)
+    found: Recipe = recipe.resolved(folder)
     return raw if found is recipe else raw | {"stimuli": found.model_dump()}
 
 

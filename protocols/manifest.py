@@ -65,6 +65,10 @@ class Clip(Model):
     frames_sha256: Annotated[tuple[Sha256, ...], Field(min_length=1)]
     """Hash of every PNG file, in order."""
 
+    def column(self, name: str) -> str:
+        """Return a value of the condition as text; empty where there is no such column."""
+        return str(self.condition.get(name, ""))
+
     @property
     def sha256(self) -> str:
         """One hash for all frames."""
@@ -226,7 +230,11 @@ def _file_bytes(manifest: Manifest) -> bytes:
 
 def _of_format_2(raw: object) -> object:
     """Return a manifest as format 2 has it, where it is whole enough to tell."""
-    if not isinstance(raw, dict) or raw.get("format") != 1 or not isinstance(raw.get("clips"), list):
+    if (
+        not isinstance(raw, dict)
+        or raw.get("format") != 1
+        or not isinstance(raw.get("clips"), list)
+    ):
         return raw
     try:
         return raw | {"clips": [upgraded_clip(clip) for clip in raw["clips"]]}

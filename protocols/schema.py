@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Literal, Union
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -34,10 +36,10 @@ if TYPE_CHECKING:
     AnyAnalysis = Analysis
 else:  # what is registered, plug-ins included: known when the program starts
     _KIND = Field(discriminator="kind")
-    AnyRecipe = Annotated[Union[tuple(RECIPES.values())], _KIND]
-    AnyTask = Annotated[Union[tuple(TASKS.values())], _KIND]
+    AnyRecipe = Annotated[reduce(or_, RECIPES.values()), _KIND]
+    AnyTask = Annotated[reduce(or_, TASKS.values()), _KIND]
     AnyAnalysis = Annotated[
-        Union[tuple(dict.fromkeys(task.analysis for task in TASKS.values()))], _KIND
+        reduce(or_, dict.fromkeys(task.analysis for task in TASKS.values())), _KIND
     ]
 
 

@@ -61,7 +61,9 @@ def rewritten(text: str) -> str:
         for key in keys:
             for lines in _taken(named.get(section), key):
                 if key == "catch":
-                    lines[-1] = re.sub(r"\bsize = (\"[^\"]*\")", r"where = { size = \1 }", lines[-1])
+                    lines[-1] = re.sub(
+                        r"\bsize = (\"[^\"]*\")", r"where = { size = \1 }", lines[-1]
+                    )
                 if key != "kind":
                     task += lines
     _merge(named.get("response"), ("left_keys", "right_keys"), "keys = [{}, {}]")
@@ -117,9 +119,7 @@ def _merge(part: _Part | None, keys: tuple[str, str], form: str) -> None:
     if part is None or not set(keys) <= {name for name, _ in part.entries}:
         return
     values = {name: lines for name, lines in part.entries if name in keys}
-    said = [
-        "\n".join(values[key]).partition("=")[2].strip().partition("  #")[0] for key in keys
-    ]
+    said = ["\n".join(values[key]).partition("=")[2].strip().partition("  #")[0] for key in keys]
     comments = [line for key in keys for line in values[key] if line.lstrip().startswith("#")]
     place = next(i for i, (name, _) in enumerate(part.entries) if name in keys)
     part.entries[place] = ("merged", [*comments, form.format(*said)])

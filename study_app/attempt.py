@@ -25,8 +25,8 @@ TRACKER_PATIENCE_S = 2.0
 class Flipped(NamedTuple):
     """One flip of an attempt."""
 
-    index: int
-    """Of the phase it showed."""
+    phase: int
+    """Which phase it showed."""
     frames: tuple[tuple[int, int], ...]
     """(stimulus, frame) of everything of the trial's that it showed."""
     flip: Flip
@@ -110,7 +110,7 @@ def run_attempt(
         phase = timeline.phases[state.index]
         shown = stage.show(_picture(state, planned, timeline))
         flip = pacer.flip(shown.t_s)
-        before = log.flips[-1].index if log.flips else None
+        before = log.flips[-1].phase if log.flips else None
         log.shown.append(shown)
         log.flips.append(Flipped(state.index, state.shown_frames(timeline), flip))
         if before != state.index:  # the first flip of a phase
@@ -122,7 +122,7 @@ def run_attempt(
                 onset_s = flip.t_s
         gaze = _read_gaze(watcher, stage, log, recording=not state.over)
         if watcher and log.quality is None and timeline.rests(state.index):
-            if any(timeline.phases[entry.index].watched for entry in log.flips):
+            if any(timeline.phases[entry.phase].watched for entry in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
             watcher.monitor.rest()
         if state.over and not written:

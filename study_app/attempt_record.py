@@ -47,7 +47,7 @@ def attempt_event(
     rt_s = None
     if trial.completed and log.answer:
         onset_s = next(
-            entry.flip.t_s for entry in log.flips if timeline.phases[entry.index].ends_on
+            entry.flip.t_s for entry in log.flips if timeline.phases[entry.phase].ends_on
         )
         rt_s = round(log.answer.t_s - onset_s, 6)
     judged = trial.completed and planned.correct is not None
@@ -104,10 +104,10 @@ def _phases(
     records = []
     for number, (index, _, flip) in enumerate(flips):
         last = index == len(timeline.phases) - 1  # the blank that ends the trial
-        if last or (number and flips[number - 1].index == index):
+        if last or (number and flips[number - 1].phase == index):
             continue
         end = next(
-            (i for i in range(number, len(flips)) if flips[i].index != index), len(flips) - 1
+            (i for i in range(number, len(flips)) if flips[i].phase != index), len(flips) - 1
         )
         inside = [flips[i].flip for i in range(number + 1, end + 1)]
         records.append(
@@ -118,6 +118,7 @@ def _phases(
                 refreshes=sum(entry.refreshes for entry in inside),
                 planned=timeline.planned(index),
                 dropped=sum(entry.missed for entry in inside),
+                stimuli=tuple(stimulus for stimulus, _ in flips[number].frames),
             )
         )
     return tuple(records)

@@ -22,11 +22,11 @@ from protocols.journal import (
     VoidReason,
 )
 from protocols.plan import Plan
+from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
-from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSource
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
@@ -118,9 +118,7 @@ def conduct(
 
 def _main_done(recorder: Recorder) -> int:
     return sum(
-        isinstance(event, Attempt)
-        and event.outcome == "completed"
-        and event.role == "main"
+        isinstance(event, Attempt) and event.outcome == "completed" and event.role == "main"
         for event in recorder.events
     )
 

@@ -19,6 +19,7 @@ from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
 from study_app.display_check import (
@@ -28,7 +29,6 @@ from study_app.display_check import (
     check_display,
     write_report,
 )
-from protocols.viewing import Viewing
 from study_app.gaze.open_source import Desk, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource

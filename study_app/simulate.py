@@ -18,8 +18,8 @@ from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.schema import StudyProtocol
-from study_app.conduct import Outcome, conduct
 from protocols.viewing import Viewing
+from study_app.conduct import Outcome, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from protocols.chance import Chance
@@ -68,6 +69,10 @@ class Adaptive(Model):
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
+        raise NotImplementedError
+
+    def sentence(self, study: StudyProtocol) -> str:
+        """Return what a participant meets, for a preregistration."""
         raise NotImplementedError
 
     def trials_of(self, study: StudyProtocol) -> int:
@@ -170,6 +175,15 @@ class AdaptiveLevels(Adaptive):
                     if colon and " " not in place
                     else Problem("task.adaptive", line)
                 )
+
+    def sentence(self, study: StudyProtocol) -> str:
+        """Return the tracks and their rule."""
+        levels = self.levels(study)
+        return (
+            f"{len(self._tracks(study))} interleaved tracks of {self.trials} trials, one for each"
+            f" {' x '.join(self.by) or 'participant'}; {self.column} is chosen from"
+            f" {len(levels)} levels between {levels[0]:g} and {levels[-1]:g} by {self.rule}"
+        )
 
     def _cells(self, study: StudyProtocol) -> list[Cell]:
         return study.task.cells(study, study.main_scenes())
@@ -274,17 +288,19 @@ class ActivePairs(Adaptive):
         turn: int,
     ) -> Arrangement:
         """Return the next pair of the present batch, in the trial's scene and size."""
-        from protocols.adaptive.active_pairs import pair_after
+        from protocols.adaptive.active_pairs import next_batch
 
         task = _pair_task(study)
         methods = [str(value) for value in study.stimuli.values(task.compare)]
         first, second = task.answers()
-        results = []
-        for attempt in past:
+        batch = len(past) // (len(methods) - 1)
+        wins = np.zeros((len(methods), len(methods)))
+        for attempt in past[: batch * (len(methods) - 1)]:
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
-            results.append((methods.index(won), methods.index(lost)))
-        i, j = pair_after(results, len(methods), study.design.seed)
+            wins[methods.index(won), methods.index(lost)] += 1
+        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch, wins.tolist()))
+        i, j = pairs[len(past) % len(pairs)]
         wanted = {methods[i], methods[j]}
         for cell in task.cells(study, study.main_scenes()):
             condition = cell.arrangements[0].condition
@@ -300,7 +316,8 @@ class ActivePairs(Adaptive):
             yield Problem("task.pairings", "must be left out where sampling chooses the pairs")
         if study.design.repeats != 1:
             yield Problem(
-                "design.repeats", f"must be 1 where sampling has trials (got {study.design.repeats})"
+                "design.repeats",
+                f"must be 1 where sampling has trials (got {study.design.repeats})",
             )
         methods = len(study.stimuli.values(task.compare))
         per_group = methods * (methods - 1) // 2
@@ -311,6 +328,14 @@ class ActivePairs(Adaptive):
                 "every scene and size must have stimuli of every method, so that any pair can be"
                 " shown anywhere; leave scenes without a reference out",
             )
+
+    def sentence(self, study: StudyProtocol) -> str:
+        """Return how pairs are chosen."""
+        methods = len(study.stimuli.values(_pair_task(study).compare))
+        return (
+            f"{self.trials} pairs of {methods} methods, chosen in batches by the information that"
+            " their answers are expected to give"
+        )
 
     def _groups(self, study: StudyProtocol) -> list[Condition]:
         task = _pair_task(study)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from protocols.errors import Problem
 from protocols.hashing import Json
+from protocols.prose import Block
 from protocols.units import Condition, Model, Scalar
 
 if TYPE_CHECKING:
@@ -58,6 +59,10 @@ class Recipe(Model):
     def labels(self) -> Mapping[str, str]:
         """Return what reports print for the values of conditions."""
         return {}
+
+    def described(self, _display: Display, _scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return what a preregistration says of the stimuli."""
+        raise NotImplementedError
 
     def size_px(self, display: Display) -> tuple[int, int]:
         """Return (width, height) of every stimulus in native pixels of `display`."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import TypeAdapter, ValidationError, model_validator
 
 from protocols.errors import Problem, StudyError
-from protocols.recipes.base import Recipe, Stimulus
+from protocols.prose import Block
+from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
 from protocols.units import Hertz, Model, Name, Pixels, Scalar, Seconds, Text
 
@@ -87,6 +89,22 @@ class Files(Recipe):
     def pool(self) -> tuple[Stimulus, ...]:
         """Return every entry in the order of the table."""
         return tuple(Stimulus(entry.name, entry.condition) for entry in self.entries)
+
+    def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return what there is, and its conditions."""
+        what = "pictures" if self.frames == 1 else f"videos of {self.duration_s:g} s"
+        values = [
+            f"{column}: " + ", ".join(str(value) for value in self.values(column))
+            for column in self.columns()
+            if column != SCENE
+        ]
+        named = ", ".join(scene for scene in scenes if scene)
+        return (
+            f"{len(self.entries)} {what}, made elsewhere, {self.width_px} x {self.height_px} px,"
+            f" never rescaled, on {display.name}: {display.description or 'no description'}.",
+            *([f"Scenes: {named}."] if named else []),
+            values,
+        )
 
     def size_px(self, _display: Display) -> tuple[int, int]:
         """Return (width, height) of every picture."""

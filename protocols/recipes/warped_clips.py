@@ -5,7 +5,7 @@ A clip is one scene at one size of disocclusion, filled by one method.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +15,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from protocols.errors import Problem
 from protocols.hashing import Json
+from protocols.prose import Block, Table, labelled
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Condition,
@@ -26,12 +27,12 @@ from protocols.units import (
     Parameters,
     Pixels,
     RimPixels,
+    Scalar,
     Seconds,
     SecondsOrNone,
     Seed,
     Share,
     SignedDegrees,
-    Scalar,
     Text,
     Vector3,
 )
@@ -412,6 +413,36 @@ class WarpedClips(Recipe):
         """Return the labels of methods, sizes and scenes."""
         entries = (*self.methods, *self.sizes, *self.scenes)
         return {entry.name: entry.label or entry.name for entry in entries}
+
+    def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return clips, scenes, sizes and methods."""
+        width, height = self.size_px(display)
+        clips, labels = self.clips, self.labels()
+        sizes = [
+            f"{labelled(size.name, size.label)}: "
+            + (
+                f"mean hole share {100 * size.hole_share:g} %"
+                if size.hole_share is not None
+                else f"path extent {size.extent_m:g} m"
+            )
+            for size in self.sizes
+        ]
+        methods = tuple(
+            (
+                labelled(method.name, method.label),
+                method.registry_name,
+                ", ".join(f"{k} = {v}" for k, v in method.parameters.items()) or "defaults",
+            )
+            for method in self.methods
+        )
+        return (
+            f"Clips of {clips.duration_s:g} s at {clips.fps:g} frames per second,"
+            f" {clips.width_deg:g} x {clips.height_deg:g} deg ({width} x {height} px, never"
+            f" rescaled) on {display.name}: {display.description or 'no description'}.",
+            "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
+            "Sizes: " + "; ".join(sizes) + ".",
+            Table(("method", "registry name", "parameters"), methods),
+        )
 
     def size_px(self, display: Display) -> tuple[int, int]:
         """Return (width, height) of every clip."""

@@ -138,9 +138,7 @@ class Abx(RightOrWrong):
             yield from self.check_columns(study, "task.compare", (str(self.compare),))
 
 
-def _cell(
-    scene: str, condition: Mapping[str, Scalar], named: dict[str, str], place: int
-) -> Cell:
+def _cell(scene: str, condition: Mapping[str, Scalar], named: dict[str, str], place: int) -> Cell:
     """Return both orders of A and B, each with X as the one and as the other."""
     one, other = named
     arrangements = []

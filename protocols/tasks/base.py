@@ -123,6 +123,18 @@ class Task(Model):
         """Return a trial in a sentence, from fixation to answer, for a preregistration."""
         raise NotImplementedError
 
+    def design_sentence(self, study: StudyProtocol) -> str:
+        """Return what a participant meets how often, for a preregistration."""
+        rule = self.adaptation
+        if rule is not None:
+            return rule.sentence(study)
+        cells = len(self.cells(study, study.main_scenes()))
+        return f"{cells} conditions, each {study.design.repeats} times"
+
+    def catch_sentence(self) -> str:
+        """Return what the catch trials show."""
+        raise NotImplementedError
+
     # The tables.
 
     def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:

@@ -27,6 +27,26 @@ if TYPE_CHECKING:
     from protocols.schema import StudyProtocol
 
 
+SCENE_COLUMNS = (
+    Column("scene", "text", "", "Scene of both stimuli"),
+    Column("size", "text", "", "Size of the disocclusion"),
+)
+PAIR_COLUMNS = (
+    Column("first", "text", "", "Method shown in interval 1, or on the left"),
+    Column("second", "text", "", "Method shown in interval 2, or on the right"),
+    Column("expected", "text", "", "Catch trials: the right answer"),
+    Column("first_side", "text", "", "Side of the key that stands for interval 1"),
+)
+CHOICE_COLUMNS = (
+    Column("choice", "text", "", "Which was picked: first or second"),
+    Column("chosen", "text", "", "Method picked"),
+    Column("rejected", "text", "", "Method not picked"),
+    Column("chose_first", "0/1", "", "1: the first was picked"),
+    Column("chosen_side", "text", "", "Side whose key was pressed"),
+    Column("correct", "0/1", "", "Catch trials: 1 if the expected method was picked"),
+)
+
+
 class CatchPair(Model):
     """Trials whose answer is known, spread evenly over the blocks."""
 
@@ -196,33 +216,33 @@ class PairTask(Task):
             for one, other in (pairing, pairing[::-1])
         )
 
+    def design_sentence(self, study: StudyProtocol) -> str:
+        """Return which pairs are shown how often."""
+        if self.sampling is not None:
+            return self.sampling.sentence(study)
+        pairs = ", ".join(f"{a} / {b}" for a, b in self.paired(study))
+        return (
+            f"pairings {pairs}, each in every scene and size {study.design.repeats} times, in both"
+            " orders"
+        )
+
+    def catch_sentence(self) -> str:
+        """Return what the catch trials show."""
+        assert self.catch is not None
+        where = ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
+        return f"{self.catch.better} against {self.catch.worse}, {where}"
+
     def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
         """Return scene, size, any other column, and the two values compared."""
         others = [
-            name
-            for name in study.stimuli.columns()
-            if name not in ("scene", "size", self.compare)
+            name for name in study.stimuli.columns() if name not in ("scene", "size", self.compare)
         ]
-        return (
-            Column("scene", "text", "", "Scene of both stimuli"),
-            Column("size", "text", "", "Size of the disocclusion"),
-            *(Column(name, "value", "", "Column of the stimuli's table") for name in others),
-            Column("first", "text", "", "Method shown in interval 1"),
-            Column("second", "text", "", "Method shown in interval 2"),
-            Column("expected", "text", "", "Catch trials: the right answer"),
-            Column("first_side", "text", "", "Side of the key that stands for interval 1"),
-        )
+        added = [Column(name, "value", "", "Column of the stimuli's table") for name in others]
+        return (*SCENE_COLUMNS, *added, *PAIR_COLUMNS)
 
     def answer_columns(self) -> tuple[Column, ...]:
         """Return what was picked."""
-        return (
-            Column("choice", "text", "", "Interval picked: first or second"),
-            Column("chosen", "text", "", "Method picked"),
-            Column("rejected", "text", "", "Method not picked"),
-            Column("chose_first", "0/1", "", "1: interval 1 was picked"),
-            Column("chosen_side", "text", "", "Side whose key was pressed"),
-            Column("correct", "0/1", "", "Catch trials: 1 if the expected method was picked"),
-        )
+        return CHOICE_COLUMNS
 
     def row(self, attempt: Attempt) -> dict[str, object]:
         """Return an attempt in these columns."""

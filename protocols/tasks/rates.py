@@ -46,9 +46,7 @@ class RatesAnalysis(Analysis):
             return
         yield from task.check_columns(study, "analysis.level", (self.level,))
         wrong = [
-            value
-            for value in study.stimuli.values(self.level)
-            if isinstance(value, (bool, str))
+            value for value in study.stimuli.values(self.level) if isinstance(value, (bool, str))
         ]
         if wrong:
             yield Problem(

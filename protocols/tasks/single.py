@@ -48,13 +48,20 @@ class RightOrWrong(Task):
         """How many catch trials there are."""
         return 0 if self.catch is None else self.catch.trials
 
+    def catch_sentence(self) -> str:
+        """Return what the catch trials show."""
+        assert self.catch is not None
+        return ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
+
     def answer_columns(self) -> tuple[Column, ...]:
         """Return what was answered, and whether it was right."""
         return (
             Column("expected", "text", "", "The right answer"),
             Column("answer", "text", "", "The answer given"),
             Column("correct", "0/1", "", "1: the answer was right"),
-            Column("key_place", "integer", "", "Which answer key was pressed, from the left, from 0"),
+            Column(
+                "key_place", "integer", "", "Which answer key was pressed, from the left, from 0"
+            ),
             Column("track", "text", "", "Adaptive track; empty: levels were constant"),
         )
 

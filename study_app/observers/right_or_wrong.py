@@ -55,8 +55,7 @@ class SensitivityModel(ObserverModel):
         slope = 0.0 if analysis.level is None else -2.0 if analysis.falling else 2.0
         return cls(
             strength={
-                name: 1.0 + 0.6 * (place % 3)
-                for place, name in enumerate(analysis.compared(study))
+                name: 1.0 + 0.6 * (place % 3) for place, name in enumerate(analysis.compared(study))
             },
             slope=slope,
             by=analysis.by,

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from study_app.observer import ArtificialObserver, ObserverModel
 
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
-from study_app.observer import ArtificialObserver, ObserverModel
 
 DEMO = load_protocol(Path("demo"))
 PLAN = make_plan(DEMO, virtual_manifest(DEMO, load_display("fhd27-60hz")), "P1", 0)

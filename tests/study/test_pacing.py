@@ -6,9 +6,9 @@ import math
 import random
 
 import pytest
+from study_app.observer import ArtificialObserver, ObserverModel
 
 from protocols.load import load_display
-from study_app.observer import ArtificialObserver, ObserverModel
 from study_app.pacing import LATE_SHARE, Pacer
 from study_app.stage import Picture
 from study_app.trial import Phase

@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from study_app.observer import ArtificialObserver, ObserverModel
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -32,14 +33,13 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor, persistence_s
-from protocols.viewing import Viewing
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
-from study_app.observer import ArtificialObserver, ObserverModel
 from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
