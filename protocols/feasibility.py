@@ -286,7 +286,8 @@ def _built_size(protocol: StudyProtocol, display: Display, manifest: Manifest) -
             return [
                 Problem(
                     f"clip {clip.name}",
-                    f"must be {protocol.stimuli.frame_hz:g} fps (got {clip.fps:g} fps); build again",
+                    f"must be {protocol.stimuli.frame_hz:g} fps (got {clip.fps:g} fps);"
+                    " build again",
                 )
             ]
     return []

@@ -132,7 +132,7 @@ def _parse(line: bytes) -> AnyEvent | str:
         )
     try:
         return EVENT.validate_json(_of_format_2(line), strict=True)
-    except _Contradiction as error:
+    except _ContradictionError as error:
         return f"attempt: {error}"
     except ValidationError as error:
         try:
@@ -145,7 +145,7 @@ def _parse(line: bytes) -> AnyEvent | str:
         return f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
 
 
-class _Contradiction(Exception):
+class _ContradictionError(Exception):
     """A line of format 1 that cannot be read as format 2."""
 
 
@@ -161,6 +161,6 @@ def _of_format_2(line: bytes) -> bytes:
     except json.JSONDecodeError:
         return line
     except KeyError as error:
-        raise _Contradiction(f"{error.args[0]}: Field required") from None
+        raise _ContradictionError(f"{error.args[0]}: Field required") from None
     except (TypeError, ValueError) as error:
-        raise _Contradiction(str(error)) from None
+        raise _ContradictionError(str(error)) from None

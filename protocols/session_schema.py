@@ -276,7 +276,7 @@ class Analysis(Model):
     """Level of the tests."""
     exclusions: Exclusions = Exclusions()
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
         yield from ()
 

@@ -284,7 +284,7 @@ class ActivePairs(Adaptive):
         study: StudyProtocol,
         trial: PlannedTrial,
         past: Sequence[Attempt],
-        chance: Chance,
+        _chance: Chance,
         turn: int,
     ) -> Arrangement:
         """Return the next pair of the present batch, in the trial's scene and size."""
@@ -299,7 +299,7 @@ class ActivePairs(Adaptive):
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
             wins[methods.index(won), methods.index(lost)] += 1
-        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch, wins.tolist()))
+        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch))
         i, j = pairs[len(past) % len(pairs)]
         wanted = {methods[i], methods[j]}
         for cell in task.cells(study, study.main_scenes()):

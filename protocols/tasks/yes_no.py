@@ -55,5 +55,6 @@ class YesNo(SingleStimulus):
         if len(answers) == 1:
             yield Problem(
                 "task.signal",
-                f"must hold for some stimuli and not for others (every answer is {answers.pop()!r})",
+                "must hold for some stimuli and not for others (every right answer is"
+                f" {answers.pop()!r})",
             )
