@@ -1,4 +1,4 @@
-"""Textures of named formats: creation, upload, read back, and a pool that reuses them.
+"""Textures of named formats: creation, upload and read back.
 
 Arrays are (row, column[, channel]); the GPU's (width, height) stays inside this module
 and the pass hosts. Row 0 of an array is texel row 0.
