@@ -1,7 +1,8 @@
 #version 430
-// Tell which of the listed quads are stretched (torn apart, or in ring 0), and along which
-// sides of a torn one the surface beyond reaches into it.
-// Twin: torn_quads() and with_strips() in reference.py. Change both or neither.
+// Tell which of the listed quads are stretched (torn apart, or in ring 0), along which sides of
+// a torn one the surface beyond reaches into it, and what is one pixel thin there.
+// Twin: torn_quads(), with_strips(), with_thin() and in_between() in reference.py. Change both
+// or neither.
 
 #constant LANES       // work-group size
 #constant SURFACE_PX  // sides in line that must stretch alike to be one surface
@@ -46,22 +47,53 @@ bool torn(ivec2 first) {
         || torn(first + right, down);
 }
 
+// Whether a vertex moves as something in between its two opposite neighbours `along` a line.
+bool in_between(ivec2 vertex, ivec2 along) {
+    ivec2 pixel = pixel_of(vertex);
+    ivec2 here = subpixels(imageLoad(flow_px, pixel).xy);
+    ivec2 before = here - subpixels(imageLoad(flow_px, pixel_of(vertex - along)).xy);
+    ivec2 after = subpixels(imageLoad(flow_px, pixel_of(vertex + along)).xy) - here;
+    return longest(before) > stretch - SUB && longest(after) > stretch - SUB
+        && dot(dvec2(before), dvec2(after)) > 0.0;
+}
+
+// Whether nothing thin lies at a vertex: it is no pixel of the source, or one of mixed depth.
+bool apart(ivec2 vertex) {
+    if (any(lessThan(vertex, ivec2(RINGS)))) return true;
+    if (any(greaterThanEqual(vertex, imageSize(depth_m) + RINGS))) return true;
+    return in_between(vertex, ivec2(1, 0)) || in_between(vertex, ivec2(0, 1))
+        || in_between(vertex, ivec2(1, 1)) || in_between(vertex, ivec2(-1, 1));
+}
+
+// Bit k + 1 for a strip along side k, BAND and SPECK for what is thin.
+uint parts_of_torn(ivec2 first) {
+    uint found = 0u;
+    uint torn_beyond = 0u;  // a bit for each side
+    for (int k = 0; k < 4; ++k) {
+        ivec2 beyond = first + outwards(k);
+        if (in_ring_0(beyond) || !drawable(load_quad(beyond, 0))) continue;
+        if (torn(beyond)) torn_beyond |= 1u << k;
+        else found |= 2u << k;
+    }
+    bool above = (torn_beyond & 1u) != 0u, before = (torn_beyond & 8u) != 0u;
+    if ((!above && !before) || apart(first)) return found;
+    ivec2 right = ivec2(1, 0), down = ivec2(0, 1), corner = first - right - down;
+    if (above && !torn(first, right) && !apart(first + right)) found |= 1u << BAND;
+    if (before && !torn(first, down) && !apart(first + down)) found |= 2u << BAND;
+    if (above && before && !in_ring_0(corner) && drawable(load_quad(corner, 0)) && torn(corner))
+        found |= 1u << SPECK;
+    return found;
+}
+
 void main() {
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;
     for (uint slot = gl_GlobalInvocationID.x; slot < large_count; slot += stride) {
         uint index = large[slot];
         ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-        if (in_ring_0(first)) {
-            large[slot] = index | STRETCHED;
-        } else if (torn(first)) {
-            uint found = STRETCHED;
-            for (int k = 0; k < 4; ++k) {
-                ivec2 beyond = first + outwards(k);
-                if (!in_ring_0(beyond) && drawable(load_quad(beyond, 0)) && !torn(beyond))
-                    found |= STRIP << k;
-            }
-            large[slot] = index | found;
-        }
+        uint found = 1u;
+        if (in_ring_0(first)) found = 1u | TORN;
+        else if (torn(first)) found = 1u | TORN | parts_of_torn(first);
+        parts[slot] = found;
     }
 }

@@ -77,6 +77,7 @@ def warp(
     elif settings.variant == "remove":
         drawn &= ~stretched
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
+    mesh, stretched, drawn = with_thin(mesh, stretched, drawn, flow_px, window, settings)
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     warped = resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
@@ -152,10 +153,8 @@ def with_strips(
     height, width = (length + 2 * RINGS - 1 for length in source_size)
     row, column = np.divmod(np.arange(height * width), width)
     whole = mesh.drawable & ~stretched
-    torn = mesh.drawable & stretched & ~mesh.ring_0
-    low, high = pixel_box(mesh.at, window, REACH)
-    torn &= (low <= high).all(axis=1)
-    parts = [mesh]
+    torn = mesh.drawable & stretched & ~mesh.ring_0 & within_reach(mesh.at, window)
+    parts = []
     for k, (right, down) in enumerate(((0, -1), (1, 0), (0, 1), (-1, 0))):
         # Torn quads are not in ring 0, so there is always a quad beyond.
         quad = np.flatnonzero(torn)
@@ -165,18 +164,122 @@ def with_strips(
         side = mesh.at[quad[:, None], ends]
         reach = side + (side - mesh.at[beyond[:, None], ends]) // 2
         order = [*ends, *ends[::-1]]
+        at = np.concatenate([side, reach[:, ::-1]], axis=1)
+        parts.append(surface(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order]))
+    return with_surfaces(mesh, stretched, drawn, parts)
+
+
+def with_thin(
+    mesh: Mesh,
+    stretched: Bools,
+    drawn: Bools,
+    flow_px: NDArray[np.float32],
+    window: Window,
+    settings: WarpSettings,
+) -> tuple[Mesh, Bools, Bools]:
+    """Let what is one pixel thin in the source show, though all quads around it are torn.
+
+    Two neighbouring pixels whose side is whole, while both of its quads are torn, are joined by
+    a band as wide as the side is long, half of it on either hand. A pixel whose four quads are
+    torn shows one pixel of itself. Pixels in between two others, as those inside a blurred
+    step in depth, show neither: they are mixtures and would stand alone in the hole.
+
+    Parameters
+    ----------
+    mesh, stretched, drawn
+        The mesh's quads first; what `with_strips` added may follow.
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Motion of the source's pixels.
+    """
+    stretch = settings.stretch_subpixels(window)
+    size = flow_px.shape[:2]
+    grid = (size[0] + 2 * RINGS - 1, size[1] + 2 * RINGS - 1)
+    count = grid[0] * grid[1]
+    at, ring_0 = mesh.at[:count], mesh.ring_0[:count]
+    torn = mesh.drawable[:count] & stretched[:count] & ~ring_0
+    listed = (torn & within_reach(at, window)).reshape(grid)
+    torn = torn.reshape(grid)
+    apart = np.ones((grid[0] + 1, grid[1] + 1), np.bool_)  # per vertex: nothing thin lies there
+    real = tuple(slice(RINGS, RINGS + length) for length in size)
+    apart[real] = in_between(flow_px, stretch)
+    across, downwards = mesh_sides(flow_px, stretch, settings.surface_px)
+    parts = []
+    for down, right, severed in ((0, 1, across[:-1]), (1, 0, downwards[:, :-1])):
+        # The quad at a side's first vertex lies below it, or right of it.
+        beyond = np.roll(torn, (right, down), axis=(0, 1))
+        ends = ~apart[:-1, :-1] & ~apart[down : grid[0] + down, right : grid[1] + right]
+        quad = np.flatnonzero(listed & beyond & ends & ~severed)
+        order = [0, 1, 1, 0] if right else [0, 3, 3, 0]
+        first, second = at[quad, order[0]], at[quad, order[1]]
+        along = second - first
+        width = np.stack([along[:, 1], -along[:, 0]], axis=-1)
+        half = width // 2
+        corner = [first + half, second + half, second + half - width, first + half - width]
         parts.append(
-            Mesh(
-                at=np.concatenate([side, reach[:, ::-1]], axis=1),
-                pixel=mesh.pixel[quad[:, None], order],
-                depth_m=mesh.depth_m[quad[:, None], order],
-                drawable=np.ones(len(quad), np.bool_),
-                ring_0=np.zeros(len(quad), np.bool_),
+            surface(
+                np.stack(corner, axis=1),
+                mesh.pixel[quad[:, None], order],
+                mesh.depth_m[quad[:, None], order],
             )
         )
-    added = sum(len(part.at) for part in parts[1:])
+    alone = torn & np.roll(torn, 1, axis=0)
+    alone &= np.roll(alone, 1, axis=1)
+    quad = np.flatnonzero(listed & alone & ~apart[:-1, :-1])
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SUBPIXELS // 2)
+    order = [0, 0, 0, 0]
+    parts.append(
+        surface(
+            at[quad[:, None], order] + square,
+            mesh.pixel[quad[:, None], order],
+            mesh.depth_m[quad[:, None], order],
+        )
+    )
+    return with_surfaces(mesh, stretched, drawn, parts)
+
+
+def in_between(flow_px: NDArray[np.float32], stretch: int) -> Bools:
+    """Tell which pixels move as something in between two opposite neighbours; shape (H, W).
+
+    Along a row, a column or a diagonal, both neighbours move otherwise by more than tears two
+    pixels apart, and the change goes on in the same direction.
+    """
+    moved = np.pad(displacement(flow_px), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    height, width = flow_px.shape[:2]
+    here = moved[1:-1, 1:-1]
+    result = np.zeros((height, width), np.bool_)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        change = [
+            sign * (moved[1 + y : 1 + y + height, 1 + x : 1 + x + width] - here)
+            for sign, y, x in ((-1, -down, -right), (1, down, right))
+        ]
+        apart = [abs(part).max(axis=-1) > stretch - SUBPIXELS for part in change]
+        result |= apart[0] & apart[1] & ((change[0] * change[1]).sum(axis=-1) > 0)
+    return result
+
+
+def within_reach(at: Ints, window: Window) -> Bools:
+    """Tell which torn quads are looked at for the surfaces that reach into them."""
+    low, high = pixel_box(at, window, REACH)
+    near: Bools = (low <= high).all(axis=1)
+    return near
+
+
+def surface(at: Ints, pixel: Ints, depth_m: Floats) -> Mesh:
+    """Make quads that are drawn beside the mesh's own."""
+    none = np.zeros(len(at), np.bool_)
+    return Mesh(at=at, pixel=pixel, depth_m=depth_m, drawable=~none, ring_0=none)
+
+
+def with_surfaces(
+    mesh: Mesh, stretched: Bools, drawn: Bools, parts: list[Mesh]
+) -> tuple[Mesh, Bools, Bools]:
+    """Append whole quads to `mesh`."""
+    added = sum(len(part.at) for part in parts)
     joined = Mesh(
-        *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Mesh))
+        *(
+            np.concatenate([getattr(part, field.name) for part in (mesh, *parts)])
+            for field in fields(Mesh)
+        )
     )
     return (
         joined,
@@ -206,16 +309,27 @@ def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> B
     also one blurred over a few pixels, does not. Lengths are the larger of the extents in x
     and y.
     """
+    across, down = mesh_sides(flow_px, stretch, surface_px)
+    torn: Bools = across[:-1] | across[1:] | down[:, :-1] | down[:, 1:]
+    return torn.ravel()
+
+
+def mesh_sides(
+    flow_px: NDArray[np.float32], stretch: int, surface_px: int
+) -> tuple[Bools, Bools]:
+    """Tell which sides of the mesh are torn, by the vertex left of or above them.
+
+    Between horizontal neighbours, shape (H + 4, W + 3); between vertical ones, (H + 3, W + 4).
+    """
     height, width, _ = flow_px.shape
     row, column = np.indices((height, width)) * SUBPIXELS
     moved = np.stack([column, row], axis=-1) + displacement(flow_px)
-    across = torn_sides(moved, stretch, surface_px)  # between horizontal neighbours
+    across = torn_sides(moved, stretch, surface_px)
     down = torn_sides(moved.swapaxes(0, 1), stretch, surface_px).swapaxes(0, 1)
     # In the mesh, a row or column repeats its border pixel: those sides have no length.
     across = np.pad(np.pad(across, ((RINGS, RINGS), (0, 0)), mode="edge"), ((0, 0), (RINGS, RINGS)))
     down = np.pad(np.pad(down, ((0, 0), (RINGS, RINGS)), mode="edge"), ((RINGS, RINGS), (0, 0)))
-    torn: Bools = across[:-1] | across[1:] | down[:, :-1] | down[:, 1:]
-    return torn.ravel()
+    return across, down
 
 
 def torn_sides(moved: Ints, stretch: int, surface_px: int) -> Bools:

@@ -23,6 +23,7 @@ from pipeline.warp.reference import (
     torn_quads,
     warp,
     with_strips,
+    with_thin,
 )
 from pipeline.warp.rim import DIRECTIONS, HOLE_PX, ahead
 from pipeline.warp.settings import VARIANTS, WarpSettings, Window
@@ -155,6 +156,7 @@ def undecided(scene: Scene, settings: WarpSettings) -> NDArray[np.bool_]:
     if settings.variant == "remove":
         drawn &= ~stretched
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
+    mesh, stretched, drawn = with_thin(mesh, stretched, drawn, scene.flow_px, window, settings)
     hits = coverage(mesh, drawn, window)
     rank = partitioned_depth(mesh, stretched, hits)
     order = np.lexsort((rank, hits.pixel))
