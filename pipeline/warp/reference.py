@@ -77,7 +77,7 @@ def warp(
     elif settings.variant == "remove":
         drawn &= ~stretched
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
-    mesh, stretched, drawn = with_thin(mesh, stretched, drawn, flow_px, window, settings)
+    mesh, stretched, drawn = with_thin(mesh, stretched, drawn, flow_px, depth_m, window, settings)
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     warped = resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
@@ -174,15 +174,15 @@ def with_thin(
     stretched: Bools,
     drawn: Bools,
     flow_px: NDArray[np.float32],
+    depth_m: Floats,
     window: Window,
     settings: WarpSettings,
 ) -> tuple[Mesh, Bools, Bools]:
     """Let what is one pixel thin in the source show, though all quads around it are torn.
 
     Two neighbouring pixels whose side is whole, while both of its quads are torn, are joined by
-    a band as wide as the side is long, half of it on either hand. A pixel whose four quads are
-    torn shows one pixel of itself. Pixels in between two others, as those inside a blurred
-    step in depth, show neither: they are mixtures and would stand alone in the hole.
+    a band as wide as the side is long, half of it on either hand: at least one of the two must
+    be thin and neither mixed. A thin pixel whose four quads are torn shows one pixel of itself.
 
     Parameters
     ----------
@@ -190,6 +190,8 @@ def with_thin(
         The mesh's quads first; what `with_strips` added may follow.
     flow_px : ndarray of float32, shape (H, W, 2)
         Motion of the source's pixels.
+    depth_m : ndarray of shape (H, W)
+        Their depth in the target's view.
     """
     stretch = settings.stretch_subpixels(window)
     size = flow_px.shape[:2]
@@ -199,16 +201,19 @@ def with_thin(
     torn = mesh.drawable[:count] & stretched[:count] & ~ring_0
     listed = (torn & within_reach(at, window)).reshape(grid)
     torn = torn.reshape(grid)
-    apart = np.ones((grid[0] + 1, grid[1] + 1), np.bool_)  # per vertex: nothing thin lies there
+    # Per vertex; those beyond the source's pixels are taken for mixed.
+    thin, mixed = np.zeros((2, grid[0] + 1, grid[1] + 1), np.bool_)
+    mixed[...] = True
     real = tuple(slice(RINGS, RINGS + length) for length in size)
-    apart[real] = in_between(flow_px, stretch)
+    thin[real], mixed[real] = thin_and_mixed(flow_px, depth_m, stretch, settings.surface_px)
     across, downwards = mesh_sides(flow_px, stretch, settings.surface_px)
     parts = []
     for down, right, severed in ((0, 1, across[:-1]), (1, 0, downwards[:, :-1])):
         # The quad at a side's first vertex lies below it, or right of it.
         beyond = np.roll(torn, (right, down), axis=(0, 1))
-        ends = ~apart[:-1, :-1] & ~apart[down : grid[0] + down, right : grid[1] + right]
-        quad = np.flatnonzero(listed & beyond & ends & ~severed)
+        end = slice(down, grid[0] + down), slice(right, grid[1] + right)
+        either = (thin[:-1, :-1] | thin[end]) & ~mixed[:-1, :-1] & ~mixed[end]
+        quad = np.flatnonzero(listed & beyond & either & ~severed)
         order = [0, 1, 1, 0] if right else [0, 3, 3, 0]
         first, second = at[quad, order[0]], at[quad, order[1]]
         along = second - first
@@ -224,7 +229,7 @@ def with_thin(
         )
     alone = torn & np.roll(torn, 1, axis=0)
     alone &= np.roll(alone, 1, axis=1)
-    quad = np.flatnonzero(listed & alone & ~apart[:-1, :-1])
+    quad = np.flatnonzero(listed & alone & thin[:-1, :-1])
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SUBPIXELS // 2)
     order = [0, 0, 0, 0]
     parts.append(
@@ -237,24 +242,46 @@ def with_thin(
     return with_surfaces(mesh, stretched, drawn, parts)
 
 
-def in_between(flow_px: NDArray[np.float32], stretch: int) -> Bools:
-    """Tell which pixels move as something in between two opposite neighbours; shape (H, W).
+def thin_and_mixed(
+    flow_px: NDArray[np.float32], depth_m: Floats, stretch: int, surface_px: int
+) -> tuple[Bools, Bools]:
+    """Tell which pixels are a thing of their own, and which lie in between two others.
 
-    Along a row, a column or a diagonal, both neighbours move otherwise by more than tears two
-    pixels apart, and the change goes on in the same direction.
+    Along a row, a column or a diagonal, with both sides torn: a pixel lies in between if the
+    change of motion goes on in the same direction and its depth is not beyond both neighbours'.
+    Such a pixel is *mixed*, as those inside a blurred step in depth; it would stand alone in the
+    hole. Any other is *thin*: it stands out on both hands. What is mixed along one line is not
+    thin along another.
+
+    Returns
+    -------
+    thin, mixed : ndarray of bool, shape (H, W)
     """
-    moved = np.pad(displacement(flow_px), ((1, 1), (1, 1), (0, 0)), mode="edge")
-    height, width = flow_px.shape[:2]
-    here = moved[1:-1, 1:-1]
-    result = np.zeros((height, width), np.bool_)
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        change = [
-            sign * (moved[1 + y : 1 + y + height, 1 + x : 1 + x + width] - here)
-            for sign, y, x in ((-1, -down, -right), (1, down, right))
-        ]
-        apart = [abs(part).max(axis=-1) > stretch - SUBPIXELS for part in change]
-        result |= apart[0] & apart[1] & ((change[0] * change[1]).sum(axis=-1) > 0)
-    return result
+    height, width, _ = flow_px.shape
+    row, column = np.indices((height, width)) * SUBPIXELS
+    change = displacement(flow_px)
+    place = np.stack([column, row], axis=-1) + change
+    thin, mixed = np.zeros((2, height, width), np.bool_)
+    inner = slice(1, -1)
+    for line in lines_of(np.arange(height * width).reshape(height, width)):
+        sides = torn_sides(place.reshape(-1, 2)[line][None], stretch, surface_px)[0]
+        both = sides[:-1] & sides[1:]
+        step = np.diff(change.reshape(-1, 2)[line], axis=0)
+        onwards = (step[:-1] * step[1:]).sum(axis=-1) > 0
+        depth = depth_m.ravel()[line]
+        ends = np.stack([depth[:-2], depth[2:]])
+        within = (ends.min(axis=0) <= depth[inner]) & (depth[inner] <= ends.max(axis=0))
+        mixed.ravel()[line[inner]] |= both & onwards & within
+        thin.ravel()[line[inner]] |= both & ~(onwards & within)
+    return thin & ~mixed, mixed
+
+
+def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
+    """List the rows, columns and diagonals of `plane` that have three cells or more."""
+    height, width = plane.shape
+    places = range(1 - height, width)
+    diagonals = [np.diagonal(one, k) for one in (plane, plane[:, ::-1]) for k in places]
+    return [line for line in (*plane, *plane.T, *diagonals) if len(line) >= 3]
 
 
 def within_reach(at: Ints, window: Window) -> Bools:

@@ -1,0 +1,38 @@
+#version 430
+// Low-pass and halve what is known, by normalised convolution. Twin: half() in reference.py.
+// Change both or neither.
+
+#constant TILE       // work-group edge, pixels of the coarser level
+#constant LOW_INNER  // taps of the 4x4 kernel: both offsets inner,
+#constant LOW_MIXED  // one outer,
+#constant LOW_OUTER  // both outer
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+layout(rgba32f, binding = 0) uniform readonly image2D fine;     // Y'CbCr, 0 in holes; a: 1 known
+layout(r32f, binding = 1) uniform readonly image2D fine_guide;
+layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
+layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, imageSize(coarse)))) return;
+    ivec2 last = imageSize(fine) - 1;
+    vec4 sum = vec4(0.0);  // premultiplied: holes are 0
+    float covered = 0.0, farthest = 0.0;
+    for (int i = 0; i < 4; ++i) {
+        for (int j = 0; j < 4; ++j) {
+            ivec2 at = clamp(2 * pixel + ivec2(j, i) - 1, ivec2(0), last);
+            bool inner_y = i == 1 || i == 2, inner_x = j == 1 || j == 2;
+            float tap = inner_y && inner_x ? LOW_INNER : inner_y || inner_x ? LOW_MIXED : LOW_OUTER;
+            vec4 texel = imageLoad(fine, at);
+            sum += tap * texel;
+            if (inner_y && inner_x) {
+                covered = max(covered, texel.a);
+                farthest = max(farthest, imageLoad(fine_guide, at).x);
+            }
+        }
+    }
+    imageStore(coarse, pixel, covered > 0.0 ? vec4(sum.rgb / sum.a, 1.0) : vec4(0.0));
+    imageStore(coarse_guide, pixel, vec4(farthest));
+}
