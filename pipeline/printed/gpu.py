@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.features.gpu import band_constants
 from pipeline.features.reference import fitted_kernels
 from pipeline.gl.shader import Constant, compile_compute
-from pipeline.gl.texture import check_texture, create_texture, texture_bytes
+from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
 from pipeline.printed.noise import TILE as NOISE_TILE
 from pipeline.printed.noise import printed_noise
 from pipeline.printed.settings import PrintedSettings
@@ -44,6 +44,7 @@ class PrintedPass:
     """
 
     def __init__(self, ctx: moderngl.Context, size: Size, settings: PrintedSettings) -> None:
+        check_size(ctx, _stacked(size, BANDS))
         self._ctx = ctx
         self.size = size
         self.settings = settings

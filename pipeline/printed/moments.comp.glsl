@@ -9,7 +9,7 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 #include "bands.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D low;  // Y'CbCr, 0 in holes; a: 1 known
+layout(rgba32f, binding = 0) uniform readonly image2D low;  // Y'CbCr, 0 in holes; a: see halve
 layout(r32f, binding = 1) uniform readonly image2D guide;
 // Bands high, along x, along y side by side; squares below them.
 layout(rgba32f, binding = 2) uniform writeonly image2D planes;
@@ -45,6 +45,9 @@ void main() {
     put(pixel, size, 0, bands.high);
     put(pixel, size, 1, bands.along_x);
     put(pixel, size, 2, bands.along_y);
+#endif
+#if !RESIDUAL
+    valid = valid == 1.0 ? 1.0 : 0.0;
 #endif
     imageStore(state, pixel, vec4(valid, imageLoad(guide, pixel).x, 0.0, 0.0));
 }

@@ -24,6 +24,7 @@ from pipeline.features.reference import (
 )
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
+    ONLY_NEARER,
     Level,
     children,
     guide_from_depth,
@@ -68,17 +69,17 @@ def printed_fill(
     check_some_known(warped.hole)
     threshold, levels = settings.depth_threshold, settings.levels
     low = ycbcr_from_rgb(warped.colour.astype(np.float64))
-    known = ~warped.hole
+    state = np.where(warped.hole, 0.0, 1.0)
     guide = guide_from_depth(warped.depth_m, z_near_m)
     means, deviations = [], []
     for _ in range(levels):
-        measured = Level(features(low, known), (~grow(~known, 1)).astype(np.float64), guide)
-        values = inpainted(measured, settings.gamma, threshold)
+        valid = (~grow(state < 1, 1)).astype(np.float64)
+        values = inpainted(Level(features(low, state), valid, guide), settings.gamma, threshold)
         mean, variance = means_and_variances(values, cross=False)
         means.append(mean)
         deviations.append(np.sqrt(np.maximum(variance, 0.0)))
-        low, known, guide = half(low, known, guide)
-    residual = inpainted(Level(low, known.astype(np.float64), guide), settings.gamma, threshold)
+        low, state, guide = half(low, state, guide)
+    residual = inpainted(Level(low, state, guide), settings.gamma, threshold)
     image = synthesise(Pyramid(tuple(means), residual))
     noise = printed_noise(seed, levels)
     row, column = noise_texels(warped.flow_px)
@@ -90,29 +91,32 @@ def printed_fill(
     return PrintedFill(colour, tuple(means), tuple(deviations), residual)
 
 
-def features(low: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+def features(low: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
     """Measure a level's bands and their squares: (H, W, 3 bands * 6), see `inpaint.moments`.
 
     What reaches a hole is not valid, and counts for nothing ([MI] 3.2, Fig. 7).
     """
-    clean = np.where(known[..., None], low, 0.0)
+    clean = np.where(state[..., None] != 0, low, 0.0)
     bands = np.stack([band(clean, kernel) for kernel in fitted_kernels().bands()], axis=2)
     return moments(bands, cross=False)
 
 
 def half(
-    low: NDArray[np.float64], known: NDArray[np.bool_], guide: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    low: NDArray[np.float64], state: NDArray[np.float64], guide: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Low-pass and halve what is known, by normalised convolution ([MI] 3.2).
 
-    A pixel of the next level is known if one of the four that it covers is; its depth is the
-    farthest of theirs.
+    `state` is 1 where a pixel is known, 0 where nothing is, and `ONLY_NEARER` where some of what
+    it covers is: that serves where the picture has nothing else. A pixel of the next level is
+    known if all four that it covers are; its depth is the farthest of theirs.
     """
-    weight = known[..., None].astype(np.float64)
-    total = halve(weight)
-    ahead = children(weight).max(axis=2)[..., 0] > 0
-    mean = halve(weight * low) / np.where(ahead[..., None], total, 1.0)
-    return np.where(ahead[..., None], mean, 0.0), ahead, children(guide[..., None]).max(axis=2)[..., 0]
+    weight = (state != 0).astype(np.float64)[..., None]
+    covered = children(state[..., None])[..., 0]
+    some = (covered != 0).any(axis=2)
+    ahead = np.where((covered == 1).all(axis=2), 1.0, np.where(some, ONLY_NEARER, 0.0))
+    mean = halve(weight * low) / np.where(some[..., None], halve(weight), 1.0)
+    farthest = children(guide[..., None]).max(axis=2)[..., 0]
+    return np.where(some[..., None], mean, 0.0), ahead, farthest
 
 
 def inpainted(level: Level, gamma: float, threshold: float) -> NDArray[np.float64]:
