@@ -9,6 +9,7 @@ BENCHMARKS = {
     "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
     "thin": "what is one pixel thin, through the warp, on the built-in scenes",
+    "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",

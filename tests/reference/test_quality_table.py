@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.quality import PART, interior, measure, table
+from benchmarks.quality import PART, measure, table
 from pipeline.quality import Quality
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
