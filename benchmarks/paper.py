@@ -26,7 +26,7 @@ from pipeline.camera import flow_between
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method
-from pipeline.quality import Quality, evaluate, interior, interior
+from pipeline.quality import Quality, evaluate, interior
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import Window
 from protocols.revision import code_revision, package_version

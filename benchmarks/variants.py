@@ -33,7 +33,7 @@ from pipeline.inpaint.reference import (
     means_and_variances,
 )
 from pipeline.methods.metameric import Metameric
-from pipeline.quality import Quality, evaluate, interior, interior
+from pipeline.quality import Quality, evaluate, interior
 from pipeline.synthesis.lacking import noise_variances
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import inpainted_statistics, shaped_noise

@@ -87,6 +87,8 @@ class PrintedPass:
             for k in (BANDS, SINGLE)
         }
         self._state = [self._texture(one, "rg32f") for one in sizes]
+        self._last = min(levels, len(sizes) - 1)  # past 1x1 nothing changes
+        self._pulled_state = self._texture(sizes[self._last], "rg32f")
         self._image = [self._texture(one, "rgba32f") for one in here[:-1]]
         self._noise = self._texture((3 * NOISE_TILE, levels * NOISE_TILE), "rgba32f")
         self._seed: int | None = None
@@ -101,8 +103,8 @@ class PrintedPass:
         """How many dispatches one call makes."""
         levels, steps = self.settings.levels, len(self._state) - 1
         chains = sum(2 * max(0, steps - level) for level in range(levels + 1))
-        # split; per level halve, moments, synthesise, shade; the residual's moments; compose.
-        return 1 + 4 * levels + 1 + chains + 1
+        # split and pull; per level halve, moments, synthesise, shade; the residual's moments; compose.
+        return 1 + self._last + 4 * levels + 1 + chains + 1
 
     def __call__(
         self,
@@ -131,14 +133,23 @@ class PrintedPass:
         check_texture(flow_px, "flow_px", self.size, "rg32f")
         self.set_seed(seed)
         self._split["z_near_m"] = z_near_m
-        self._run(self._split, [image, depth_m, self._low[0], self._guide[0]], self.size)
+        self._pull_colours(image, depth_m)
         levels = self.settings.levels
         for k in range(levels):
-            self._inpaint(k, self._measure, BANDS)
+            self._run(
+                self._measure,
+                [self._low[k], self._guide[k], self._planes[k], self._state_of(k)],
+                self._sizes[k],
+            )
+            self._inpaint(k, BANDS)
             finer = [self._low[k], self._guide[k]]
             coarser = [self._low[k + 1], self._guide[k + 1]]
             self._run(self._halve, [*finer, *coarser], self._sizes[k + 1])
-        self._inpaint(levels, self._residual, SINGLE)
+        whole = [self._low[levels], self._guide[levels]]
+        result = [self._planes[levels], self._state_of(levels)]
+        pulled = [self._pulled, self._pulled_state]
+        self._run(self._residual, [*whole, *result, *pulled], self._sizes[levels])
+        self._inpaint(levels, SINGLE)
         below = self._planes[levels]
         for k in reversed(range(levels)):
             self._run(self._synthesise, [below, self._planes[k], self._image[k]], self._sizes[k])
@@ -173,14 +184,26 @@ class PrintedPass:
         for shader in self._shaders:
             shader.release()
 
-    def _inpaint(self, level: int, measure: moderngl.ComputeShader, planes: Size) -> None:
-        """Measure a level, pull it to 1x1 and push it back."""
+    @property
+    def _pulled(self) -> moderngl.Texture:
+        """Colours pulled to the residual's level."""
+        return self._coarser[SINGLE][self._last - 1] if self._last else self._low[0]
+
+    def _state_of(self, level: int) -> moderngl.Texture:
+        return self._state[min(level, len(self._state) - 1)]
+
+    def _pull_colours(self, image: moderngl.Texture, depth_m: moderngl.Texture) -> None:
+        """Begin the pyramid, and pull its colours to the residual's level."""
+        states = [*self._state[: self._last], self._pulled_state]
+        first = [self._low[0], self._guide[0], states[0]]
+        self._run(self._split, [image, depth_m, *first], self.size)
+        chain = [self._low[0], *self._coarser[SINGLE][: self._last]]
+        for fine, coarse in pairwise(zip(chain, states, strict=True)):
+            self._run(self._pull[SINGLE], [*fine, *coarse], coarse[1].size)
+
+    def _inpaint(self, level: int, planes: Size) -> None:
+        """Pull a level's planes to 1x1 and push them back."""
         state = self._state[min(level, len(self._state) - 1) :]
-        self._run(
-            measure,
-            [self._low[level], self._guide[level], self._planes[level], state[0]],
-            self._sizes[level],
-        )
         chain = [self._planes[level], *self._coarser[planes][len(self._state) - len(state) :]]
         steps = list(pairwise(zip(chain, state, strict=True)))
         for (fine, fine_state), (coarse, coarse_state) in steps:

@@ -14,7 +14,7 @@ layout(r32f, binding = 1) uniform readonly image2D fine_guide;
 layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
 layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
 
-const float PARTLY = -1.0;  // known in part: it serves where the picture has nothing else
+const float PARTLY = -1.0;  // known in part
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);

@@ -1,6 +1,7 @@
 #version 430
-// A level's bands and their squares, and where they are valid. With RESIDUAL, the low-pass itself.
-// Twin: features() and printed_fill() in reference.py. Change both or neither.
+// A level's bands and their squares, and where they are valid. With RESIDUAL, the low-pass itself,
+// or what was pulled from colours where a hole or another depth would mix in.
+// Twin: features(), residual_level() and printed_fill() in reference.py. Change both or neither.
 
 #constant TILE      // work-group edge, pixels
 #constant RESIDUAL  // 1: what is left after the last level, which has no bands
@@ -15,7 +16,10 @@ layout(r32f, binding = 1) uniform readonly image2D guide;
 layout(rgba32f, binding = 2) uniform writeonly image2D planes;
 layout(rg32f, binding = 3) uniform writeonly image2D state;  // validity, guide
 
-#if !RESIDUAL
+#if RESIDUAL
+layout(rgba32f, binding = 4) uniform readonly image2D pulled;
+layout(rg32f, binding = 5) uniform readonly image2D pulled_state;
+#else
 vec4 at(ivec2 pixel, ivec2 last) { return imageLoad(low, clamp(pixel, ivec2(0), last)); }
 
 void put(ivec2 pixel, ivec2 size, int index, vec3 value) {
@@ -30,8 +34,9 @@ void main() {
     if (any(greaterThanEqual(pixel, size))) return;
 #if RESIDUAL
     vec4 c = imageLoad(low, pixel);
-    float valid = c.a;
-    imageStore(planes, pixel, vec4(c.rgb, 0.0));
+    bool whole = c.a == 1.0;
+    float valid = whole ? 1.0 : imageLoad(pulled_state, pixel).x;
+    imageStore(planes, pixel, vec4(whole ? c.rgb : imageLoad(pulled, pixel).rgb, 0.0));
 #else
     vec4 nw = at(pixel + ivec2(-1, -1), last), n = at(pixel + ivec2(0, -1), last);
     vec4 ne = at(pixel + ivec2(1, -1), last), w = at(pixel + ivec2(-1, 0), last);

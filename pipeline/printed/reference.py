@@ -24,7 +24,6 @@ from pipeline.features.reference import (
 )
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
-    ONLY_NEARER,
     Level,
     children,
     guide_from_depth,
@@ -36,6 +35,9 @@ from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.settings import PrintedSettings
 from pipeline.pushpull.reference import upsample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
+
+
+PARTLY = -1.0  # state of what is known in part
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +73,17 @@ def printed_fill(
     low = ycbcr_from_rgb(warped.colour.astype(np.float64))
     state = np.where(warped.hole, 0.0, 1.0)
     guide = guide_from_depth(warped.depth_m, z_near_m)
+    pulled = Level(low, state, guide)
     means, deviations = [], []
     for _ in range(levels):
+        pulled = pull(pulled, threshold)
         valid = (~grow(state < 1, 1)).astype(np.float64)
         values = inpainted(Level(features(low, state), valid, guide), settings.gamma, threshold)
         mean, variance = means_and_variances(values, cross=False)
         means.append(mean)
         deviations.append(np.sqrt(np.maximum(variance, 0.0)))
         low, state, guide = half(low, state, guide)
-    residual = inpainted(Level(low, state, guide), settings.gamma, threshold)
+    residual = inpainted(residual_level(low, state, pulled), settings.gamma, threshold)
     image = synthesise(Pyramid(tuple(means), residual))
     noise = printed_noise(seed, levels)
     row, column = noise_texels(warped.flow_px)
@@ -106,17 +110,30 @@ def half(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Low-pass and halve what is known, by normalised convolution ([MI] 3.2).
 
-    `state` is 1 where a pixel is known, 0 where nothing is, and `ONLY_NEARER` where some of what
-    it covers is: that serves where the picture has nothing else. A pixel of the next level is
-    known if all four that it covers are; its depth is the farthest of theirs.
+    `state` is 1 where a pixel is known, 0 where nothing is, and `PARTLY` where some of what it
+    covers is. A pixel of the next level is known if all four that it covers are; its depth is the
+    farthest of theirs.
     """
     weight = (state != 0).astype(np.float64)[..., None]
     covered = children(state[..., None])[..., 0]
     some = (covered != 0).any(axis=2)
-    ahead = np.where((covered == 1).all(axis=2), 1.0, np.where(some, ONLY_NEARER, 0.0))
+    ahead = np.where((covered == 1).all(axis=2), 1.0, np.where(some, PARTLY, 0.0))
     mean = halve(weight * low) / np.where(some[..., None], halve(weight), 1.0)
     farthest = children(guide[..., None]).max(axis=2)[..., 0]
     return np.where(some[..., None], mean, 0.0), ahead, farthest
+
+
+def residual_level(
+    low: NDArray[np.float64], state: NDArray[np.float64], pulled: Level
+) -> Level:
+    """Give what is to be inpainted of the residual: the low-pass where all of it is known.
+
+    Elsewhere it would mix the foreground in, and at this resolution whole holes would vanish. There
+    stands what Alg. 1 has `pulled` from the colours of the hole's own depth, with its validity.
+    """
+    whole = state == 1
+    values = np.where(whole[..., None], low, pulled.values)
+    return Level(values, np.where(whole, 1.0, pulled.validity), pulled.guide)
 
 
 def inpainted(level: Level, gamma: float, threshold: float) -> NDArray[np.float64]:

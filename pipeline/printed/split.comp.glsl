@@ -12,6 +12,7 @@ layout(rgba32f, binding = 0) uniform readonly image2D image;  // encoded R'G'B';
 layout(r32f, binding = 1) uniform readonly image2D depth_m;
 layout(rgba32f, binding = 2) uniform writeonly image2D low;   // Y'CbCr, 0 in holes; a: 1 known
 layout(r32f, binding = 3) uniform writeonly image2D guide;    // 0 nearest, 1 at infinity
+layout(rg32f, binding = 4) uniform writeonly image2D state;   // validity, guide
 
 uniform float z_near_m;
 
@@ -21,5 +22,7 @@ void main() {
     vec4 texel = imageLoad(image, pixel);
     vec3 ycbcr = YCBCR_FROM_RGB * texel.rgb;
     imageStore(low, pixel, texel.a > 0.0 ? vec4(ycbcr, 1.0) : vec4(0.0));
-    imageStore(guide, pixel, vec4(max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).x)));
+    float depth = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).x);
+    imageStore(guide, pixel, vec4(depth));
+    imageStore(state, pixel, vec4(texel.a > 0.0 ? 1.0 : 0.0, depth, 0.0, 0.0));
 }

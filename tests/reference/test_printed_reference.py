@@ -113,7 +113,7 @@ def test_a_hole_takes_its_statistics_from_what_lies_at_its_depth(rng):
     ]
 
     # What is left comes in with the residual, which is interpolated across the edge as printed.
-    assert reds[0] < 0.6 < reds[1]
+    assert reds[0] < 0.6 < 0.65 < reds[1]
 
 
 def test_a_hole_behind_everything_known_is_filled_by_what_is_nearer():

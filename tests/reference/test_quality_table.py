@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.quality import PART, measure, table
-from pipeline.quality import Quality
+from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
 from stimuli.one_frame import Choice
