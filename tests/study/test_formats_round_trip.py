@@ -27,8 +27,9 @@ from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
 from protocols.publish import json_schema, schema_names, schema_path, schema_text
+from protocols.recipes.warped_clips import ClipName
 from protocols.reference import reference_text
-from protocols.schema import ClipName, StudyProtocol
+from protocols.schema import StudyProtocol
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]
 EVENTS = [
