@@ -69,12 +69,7 @@ def test_orders_are_balanced_within_or_between_neighbouring_slots(repeats):
     plans = [make_plan(protocol, virtual_manifest(protocol, FHD), f"P{s}", s) for s in (0, 1)]
 
     def orders(*which):
-        return Counter(
-            condition(t)
-            for plan in which
-            for t in plan.trials
-            if t.role == "main"
-        )
+        return Counter(condition(t) for plan in which for t in plan.trials if t.role == "main")
 
     together = orders(*plans)
     assert len(together) == 24
@@ -124,10 +119,7 @@ def test_balanced_scene_order_shows_every_scene_once_per_round(slot):
 def test_a_plan_is_the_same_on_every_platform():
     """Pinned: SHA-256, integers and sorting only. Changing it strands every running study."""
     assert Chance(1, "P01", "plan").shuffled(range(10)) == PINNED_SHUFFLE
-    first = [
-        condition(trial)
-        for trial in make_plan(PAPER, PAPER_CLIPS, "P01", 0).trials[:3]
-    ]
+    first = [condition(trial) for trial in make_plan(PAPER, PAPER_CLIPS, "P01", 0).trials[:3]]
     assert first == PINNED_TRIALS
 
 
@@ -163,7 +155,12 @@ def test_chance_is_uniform():
 )
 def test_no_clip_pair_comes_twice_in_a_row(repeats, blocks, order, scenes, catches, slot, seed):
     assume(catches <= 3 * scenes and 6 * scenes * repeats >= 6 * blocks)  # else there is no order
-    catch = {"trials": catches, "better": "reference", "worse": "push-pull", "where": {"size": "large"}}
+    catch = {
+        "trials": catches,
+        "better": "reference",
+        "worse": "push-pull",
+        "where": {"size": "large"},
+    }
     protocol = changed(
         PAPER,
         clips={"duration_s": 0.1},
@@ -245,7 +242,10 @@ def test_a_photograph_on_a_circle_has_no_pairing_with_the_reference():
             },
             None,
         ),
-        ({"design": {"blocks": 25}}, "design.blocks: must not be more than the main trials, 24 .got 25."),
+        (
+            {"design": {"blocks": 25}},
+            "design.blocks: must not be more than the main trials, 24 .got 25.",
+        ),
     ],
 )
 def test_a_design_that_cannot_be_arranged_is_refused(fields, message):
@@ -315,7 +315,9 @@ def test_60_fps_on_144_hz_is_refused_with_the_nearest_rates():
 def test_a_clip_larger_than_the_screen_is_refused_with_the_largest_angle():
     (message,) = messages(changed(DEMO, clips={"height_deg": 28.0}), FHD)
 
-    assert message.startswith("stimuli.clips.height_deg: stimuli must fit the screen pixel by pixel (got")
+    assert message.startswith(
+        "stimuli.clips.height_deg: stimuli must fit the screen pixel by pixel (got"
+    )
     assert message.endswith("nearest: 27 deg")
     assert messages(changed(DEMO, clips={"height_deg": 27.0}), FHD) == []
 

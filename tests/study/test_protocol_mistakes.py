@@ -50,7 +50,8 @@ def mistakes(tmp_path):
         ('kind = "builtin"', 'kind = "bultin"',
          "stimuli.scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr (got 'bultin');"
          " did you mean 'builtin'?"),
-        ("turns = 1.0", "turn = 1.0", "stimuli.scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
+        ("turns = 1.0", "turn = 1.0",
+         "stimuli.scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
         ('name = "large"', 'name = "small"',
          "stimuli.sizes[1].name: names must differ (got 'small', which stimuli.sizes[0] has);"
          " rename one of them"),
@@ -77,8 +78,8 @@ def mistakes(tmp_path):
         ("hole_share = 0.02", "",
          "stimuli.sizes[0]: a size says either hole_share or extent_m (got neither)"),
         ("duration_s = 1.0", "duration_s = 0.35",
-         "stimuli.clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5); the nearest"
-         " durations are 0.333333 s and 0.366667 s"),
+         "stimuli.clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5);"
+         " the nearest durations are 0.333333 s and 0.366667 s"),
         ("seed = 7", "seed = 7\nrender_width_px = 2048",
          "stimuli.clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
          " 'lanczos3', or leave render_width_px out"),
