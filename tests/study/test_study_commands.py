@@ -283,9 +283,9 @@ def test_sessions_that_are_not_there_are_told(tmp_path):
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("metamer=1", "METHOD must be one of reference, push-pull, metameric (got 'metamer')"),
-        ("metameric=high", "must be METHOD=LOGIT with a number (got 'metameric=high')"),
-        ("metameric", "must be METHOD=LOGIT (got 'metameric')"),
+        ("metamer=1", "NAME must be one of reference, push-pull, metameric (got 'metamer')"),
+        ("metameric=high", "must be NAME=NUMBER with a number (got 'metameric=high')"),
+        ("metameric", "must be NAME=NUMBER (got 'metameric')"),
     ],
 )
 def test_a_utility_that_is_none_is_refused(tmp_path, option, message):
