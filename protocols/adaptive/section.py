@@ -128,12 +128,13 @@ class AdaptiveLevels(Adaptive):
                 for name in self.by
             )
         ]
-        last = set(past[-1].stimulus_names) if past else set()
-        fresh = [cell for cell in cells if set(cell.arrangements[0].stimuli) != last] or cells
-        answers = sorted({str(cell.arrangements[0].correct) for cell in fresh})
+        # The answer first: to avoid the last picture must not make its successor predictable.
+        answers = sorted({str(cell.arrangements[0].correct) for cell in cells})
         answer = answers[chance.below(len(answers))]
-        fit = [cell for cell in fresh if str(cell.arrangements[0].correct) == answer]
-        return fit[chance.below(len(fit))].arranged(turn)
+        fit = [cell for cell in cells if str(cell.arrangements[0].correct) == answer]
+        last = set(past[-1].stimulus_names) if past else set()
+        fresh = [cell for cell in fit if set(cell.arrangements[0].stimuli) != last] or fit
+        return fresh[chance.below(len(fresh))].arranged(turn)
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
