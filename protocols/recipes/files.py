@@ -120,17 +120,24 @@ class Files(Recipe):
         """Frames of every video; 1 for stills."""
         return 1 if self.duration_s is None else max(1, round(self.duration_s * self.frame_hz))
 
-    def problems(self, folder: Path) -> list[Problem]:
-        """Return a problem for every file that is not below `folder`."""
+    def missing(self, folder: Path) -> list[tuple[FileEntry, Problem]]:
+        """Return a problem for every entry whose file is not below `folder`."""
         return [
-            Problem(
-                f"stimuli.entries[{index}].file",
-                f"the file of {entry.name!r} is not there (looked for {folder / entry.file});"
-                " 'metamerlab stimuli build' needs it",
+            (
+                entry,
+                Problem(
+                    f"stimuli.entries[{index}].file",
+                    f"the file of {entry.name!r} is not there (looked for {folder / entry.file});"
+                    " 'metamerlab stimuli build' needs it",
+                ),
             )
             for index, entry in enumerate(self.entries)
             if not (folder / entry.file).exists()
         ]
+
+    def problems(self, folder: Path) -> list[Problem]:
+        """Return a problem for every file that is not below `folder`."""
+        return [problem for _, problem in self.missing(folder)]
 
 
 def read_table(path: Path) -> list[dict[str, object]]:
