@@ -64,6 +64,7 @@ class Task(Model):
     """What a participant does in a trial, and which conditions there are."""
 
     kind: str
+    """What a participant does; 'metamerlab new-study --help' names the tasks."""
     stimulus_s: Seconds | None = None
     """How long a still is shown. Clips are shown once, whole."""
 
