@@ -15,7 +15,6 @@ from protocols.tasks.base import (
     Arrangement,
     Cell,
     blank_phase,
-    combinations_of,
     matches,
     shown_phase,
 )
@@ -68,7 +67,7 @@ class Abx(RightOrWrong):
     def _between(
         self, study: StudyProtocol, scenes: Sequence[str]
     ) -> Iterator[tuple[str, Mapping[str, Scalar], dict[str, str]]]:
-        groups = combinations_of(study.stimuli, scenes, self.compare or "")
+        groups = study.stimuli.groups(scenes, self.compare or "")
         for scene, _, stimuli, condition in groups:
             for one, other in combinations(stimuli, 2):
                 names = {str(one): stimuli[one].name, str(other): stimuli[other].name}

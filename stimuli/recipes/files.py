@@ -125,12 +125,8 @@ class FileBuilder(Builder):
 
     def _check_files(self) -> None:
         """Every file that is missing, before anything is written."""
-        shown = {entry.file for entry in self.entries}
-        missing: list[Problem] = [
-            problem for entry, problem in self.recipe.missing(self.folder) if entry.file in shown
-        ]
-        if missing:
-            raise StudyError("\n".join(map(str, missing)))
+        if any(not (self.folder / entry.file).exists() for entry in self.entries):
+            raise StudyError("\n".join(map(str, self.recipe.problems(self.folder))))
 
     def _build(self, out: Path, workers: int, report: Report) -> Outcome[str]:
         check_folder(out)

@@ -224,7 +224,7 @@ def _trial_table(plan: Plan) -> Table:
     table = Table(title=f"Trials of slot {plan.slot}", title_justify="left")
     columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
     for column in ("block", "trial", *columns, "right", "keys"):
-        table.add_column(column)
+        table.add_column(column, overflow="fold", no_wrap=column == "trial")
     for trial in plan.trials:
         shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
         table.add_row(
