@@ -97,9 +97,9 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
         if float(frame.mean()) < BLACK:
             black.append(index)
         # The pixels, not the manifest's hashes: those say what was built.
-        if last is not None and np.array_equal(frame, last[0]):
-            if masks is None or (read_mask(masks, index - 1) != mask).any():
-                repeated.append(index)
+        same = last is not None and np.array_equal(frame, last[0])
+        if same and (masks is None or (read_mask(masks, index - 1) != mask).any()):
+            repeated.append(index)
         true = None
         if truth is not None and truth is not clip and usable is not None:
             true = _frame(out, truth, index)

@@ -60,13 +60,13 @@ def subjects_of_batch(folder: Path) -> Subjects:
         than their reference.
     """
     manifest = read_manifest(folder)
-    if not any("hole_masks_sha256" in clip.parameters for clip in manifest.clips):
-        raise StudyError(
-            f"{folder}: a batch is scored in the holes of warped clips (these were made from files);"
-            " give two clips or pictures: metamerlab stimuli score TEST REFERENCE"
-        )
     if manifest.simulated:
         raise StudyError(f"{folder}: must hold clips with pixels (this manifest is simulated)")
+    if all(clip.hole_share is None for clip in manifest.clips):
+        raise StudyError(
+            f"{folder}: a batch is scored in the holes of warped clips (these were made from"
+            " files); give two clips or pictures: metamerlab stimuli score TEST REFERENCE"
+        )
     references = {
         (clip.column("scene"), clip.column("size")): clip
         for clip in manifest.clips
