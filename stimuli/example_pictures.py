@@ -127,7 +127,7 @@ def _window() -> Grey:
     """Return a soft round window: 1 in the middle, 0 at the edges."""
     centre = (EDGE_PX - 1) / 2
     y, x = np.mgrid[:EDGE_PX, :EDGE_PX] - centre
-    return np.clip((centre - np.hypot(x, y)) / (EDGE_PX / 8), 0, 1)
+    return np.asarray(np.clip((centre - np.hypot(x, y)) / (EDGE_PX / 8), 0, 1))
 
 
 def _stored(grey: Grey) -> NDArray[np.uint8]:
