@@ -71,6 +71,11 @@ def read_pixels(path: Path) -> Pixels:
     return Pixels(data, tuple(spec.channelnames), attributes)
 
 
+def count_pictures(path: Path) -> int:
+    """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
+    return int(oiio.ImageBuf(str(path)).nsubimages)
+
+
 def three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
     """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
 

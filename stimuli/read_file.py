@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import read_pixels, three_channels
+from pipeline.image_file import count_pictures, read_pixels, three_channels
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
@@ -89,7 +89,7 @@ def read_picture(path: Path) -> Frame:
             f"{path}: must have 8 bits per channel (has {bits}); save it with 8 bits, so that what"
             " is shown is your choice"
         )
-    if int(pixels.attributes.get("oiio:subimages", 1)) > 1 or pixels.attributes.get("oiio:Movie"):
+    if count_pictures(path) > 1:
         raise InputError(
             f"{path}: must hold one picture (it holds several); save the one that is meant"
         )

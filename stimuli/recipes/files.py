@@ -161,20 +161,19 @@ class FileBuilder(Builder):
                     book.store(record)
                 manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
                 sync(out)
-            jobs: dict[Future[list[str]], FileEntry] = {
-                pool.submit(self._take_in, entry, keys[entry.name], out): entry for entry in missing
+            jobs: dict[Future[Clip], FileEntry] = {
+                pool.submit(self._take_in, entry, keys[entry.name], out, book): entry
+                for entry in missing
             }
             wrong: dict[str, str] = {}
             try:
                 for job in as_completed(jobs):
                     entry = jobs[job]
                     try:
-                        hashes = job.result()
+                        records[entry.name] = job.result()
                     except InputError as error:
                         wrong[entry.name] = str(error)
                         continue
-                    records[entry.name] = self._record(entry, keys[entry.name], tuple(hashes))
-                    book.store(records[entry.name])
                     report(len(records) * self.recipe.frames, total, entry.name)
             finally:
                 for job in jobs:
@@ -238,8 +237,8 @@ class FileBuilder(Builder):
         path = self.folder / entry.file
         return map(encode_bytes, read_frames(path, size_px, recipe.frames, recipe.fps))
 
-    def _take_in(self, entry: FileEntry, key: str, out: Path) -> list[str]:
-        """Write the frames of a stimulus, then move them to their folder; return their hashes."""
+    def _take_in(self, entry: FileEntry, key: str, out: Path, book: Book) -> Clip:
+        """Write the frames of a stimulus, move them to their folder, and note it."""
         work = out / BUILD_FOLDER / "clips" / key / entry.name
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
@@ -248,7 +247,9 @@ class FileBuilder(Builder):
             write_whole(work / f"{index:06d}.png", data)
             hashes.append(sha256_bytes(data))
         move_over(work, out / entry.name)
-        return hashes
+        record = self._record(entry, key, tuple(hashes))
+        book.store(record)
+        return record
 
     def _record(self, entry: FileEntry, key: str, hashes: tuple[str, ...]) -> Clip:
         recipe = self.recipe
