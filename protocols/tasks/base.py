@@ -131,6 +131,10 @@ class Task(Model):
         cells = len(self.cells(study, study.main_scenes()))
         return f"{cells} conditions, each {study.design.repeats} times"
 
+    def right_answer(self) -> str:
+        """Return which answer is right, in a sentence; empty where none is."""
+        return ""
+
     def catch_sentence(self) -> str:
         """Return what the catch trials show."""
         raise NotImplementedError

@@ -239,7 +239,7 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
         ("blocks", str(study.design.blocks)),
         ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
         ("stimuli", f"{len(study.shown())}{frames}, {width} x {height} px"),
-        ("memory", f"{memory:.0f} MiB for two trials"),
+        ("memory", f"{max(1, memory):.0f} MiB for two trials"),
         ("gaze", study.gaze.mode),
         ("languages", ", ".join(study.text.languages)),
     ):
@@ -263,13 +263,18 @@ def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
 
 
 def _trial_table(plan: Plan) -> Table:
-    table = Table(title=f"Trials of slot {plan.slot}", title_justify="left")
     columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
-    for column in ("block", "trial", *columns, "right", "keys"):
+    orders = {trial.answers for trial in plan.trials}
+    title = f"Trials of slot {plan.slot}"
+    if len(orders) == 1:
+        title += f"; keys from the left: {', '.join(plan.trials[0].answers)}"
+    table = Table(title=title, title_justify="left")
+    answered = ["correct"] if any(trial.correct for trial in plan.trials) else []
+    for column in ("block", "trial", *columns, *answered, *(["keys"] if len(orders) > 1 else [])):
         table.add_column(column, overflow="fold", no_wrap=column == "trial")
     for trial in plan.trials:
         shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
-        table.add_row(
-            str(trial.block), trial.id, *shown, trial.correct or "", " ".join(trial.answers)
-        )
+        right = [trial.correct or ""] if answered else []
+        keys = [" ".join(trial.answers)] if len(orders) > 1 else []
+        table.add_row(str(trial.block), trial.id, *shown, *right, *keys)
     return table
