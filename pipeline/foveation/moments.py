@@ -111,7 +111,7 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
     wraps = pools.geometry.wraps
     lod = pools.lod(BLOCK_HALVINGS, level)
     # Blocks are coarser than the finest level's first moments, finer than those of the third.
-    skipped = max(0, min(BLOCK_HALVINGS - level - 1, len(chain) - 1))
+    skipped = skipped_moments(level, len(chain))
     chosen = select(
         chain[skipped:],
         lambda halvings: pools.lod(level + halvings, level),
@@ -143,3 +143,29 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
 def _lost(lod: Floats) -> Floats:
     """Share of a coefficient's energy that mixing it with its pool's mean takes."""
     return np.asarray(1 - (1 - np.clip(lod, 0, 1)) ** 2)
+
+
+def band_variances(lows: Sequence[Floats], pools: Pools, level: int) -> Floats:
+    """Pooled variance of luma in a level's bands, at its coefficients: (h, w, 3).
+
+    Parameters
+    ----------
+    lows : sequence of ndarray
+        The low band that the level splits, and its halvings.
+    """
+    wraps = pools.geometry.wraps
+    chain = moment_chain(lows[0], len(lows) - 1, wraps=wraps)
+    skipped = skipped_moments(level, len(chain))
+    chosen = select(
+        chain[skipped:],
+        lambda halvings: pools.lod(level + halvings, level),
+        first=1 + skipped,
+        wraps=wraps,
+    )
+    chosen = enlarge(chosen, lows[0].shape[:2], 1 + skipped, wraps=wraps)
+    return LevelMoments.unpacked(chosen).variance
+
+
+def skipped_moments(level: int, count: int) -> int:
+    """How many of a level's `count` chained moments are finer than blocks; one is always left."""
+    return max(0, min(BLOCK_HALVINGS - level - 1, count - 1))
