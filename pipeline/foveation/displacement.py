@@ -64,7 +64,9 @@ class DisplacementSettings:
         if not 0 <= self.reach <= 2:
             raise InputError(f"reach must lie in 0..2 (got {self.reach})")
         if not 0 < self.smoothness <= 4:
-            raise InputError(f"smoothness must lie above 0 and at most at 4 (got {self.smoothness})")
+            raise InputError(
+                f"smoothness must lie above 0 and at most at 4 (got {self.smoothness})"
+            )
         if not 1 <= self.levels <= 6:
             raise InputError(f"levels must lie in 1..6 (got {self.levels})")
 
@@ -76,6 +78,7 @@ def eidolon(
     seed: int,
     *,
     field_pools: Pools | None = None,
+    shift_px: NDArray[np.floating] | None = None,
 ) -> NDArray[np.float32]:
     """Displace what lies in the periphery.
 
@@ -83,8 +86,12 @@ def eidolon(
     ----------
     field_pools : Pools, optional
         Of the gaze that the field follows; by default `pools`.
+    shift_px : ndarray of shape (H, W, 2), optional
+        How far what each pixel shows has moved since the field was laid on it.
     """
-    return finished(picture, displaced(picture, field_pools or pools, settings, seed), pools)
+    return finished(
+        picture, displaced(picture, field_pools or pools, settings, seed, shift_px), pools
+    )
 
 
 def warped_metamer(
@@ -94,29 +101,44 @@ def warped_metamer(
     seed: int,
     *,
     field_pools: Pools | None = None,
+    shift_px: NDArray[np.floating] | None = None,
 ) -> NDArray[np.float32]:
     """Displace, then give every pool the band energies that it had; see `eidolon`."""
-    warped = displaced(picture, field_pools or pools, settings, seed)
+    warped = displaced(picture, field_pools or pools, settings, seed, shift_px)
     return finished(picture, matched(warped, picture, pools, settings.levels), pools)
 
 
 def displaced(
-    picture: NDArray[np.floating], pools: Pools, settings: DisplacementSettings, seed: int
+    picture: NDArray[np.floating],
+    pools: Pools,
+    settings: DisplacementSettings,
+    seed: int,
+    shift_px: NDArray[np.floating] | None = None,
 ) -> Floats:
     """Look the picture up at ``x + D(x)``: (H, W, 3)."""
     geometry = pools.geometry
-    offset = displacement_px(pools, settings, seed)
+    offset = displacement_px(pools, settings, seed, shift_px)
     x, y = np.meshgrid(np.arange(geometry.width_px) + 0.5, np.arange(geometry.height_px) + 0.5)
     return look_up(
         picture.astype(np.float64), x + offset[..., 0], y + offset[..., 1], wraps=geometry.wraps
     )
 
 
-def displacement_px(pools: Pools, settings: DisplacementSettings, seed: int) -> Floats:
+def displacement_px(
+    pools: Pools,
+    settings: DisplacementSettings,
+    seed: int,
+    shift_px: NDArray[np.floating] | None = None,
+) -> Floats:
     """D: unit noise, as smooth as asked, times `reach` times the pools' deviation: (H, W, 2)."""
     sigma_px = pools.sigma_px()
     far = settings.reach * sigma_px * _border_fade(pools, settings.reach * sigma_px)
-    return far[..., None] * unit_field(pools, settings.smoothness, seed)
+    field = unit_field(pools, settings.smoothness, seed)
+    if shift_px is not None:
+        x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in field.shape[1::-1]))
+        x, y = x - shift_px[..., 0], y - shift_px[..., 1]
+        field = look_up(field, x, y, wraps=pools.geometry.wraps)
+    return far[..., None] * field
 
 
 def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
@@ -129,9 +151,7 @@ def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
         return np.minimum(lod_of(sigma_px), count)
 
     white = field_noise((geometry.height_px, geometry.width_px), seed)
-    chosen = select(
-        chain_of(white, count, wraps=geometry.wraps), lod_at, wraps=geometry.wraps
-    )
+    chosen = select(chain_of(white, count, wraps=geometry.wraps), lod_at, wraps=geometry.wraps)
     return chosen / np.sqrt(pooled_white_variance(lod_at(0)))[..., None]
 
 
@@ -217,9 +237,10 @@ def _spread(covariance: Floats, kernel: Floats) -> Floats:
     middle = _LAGS // 2
     reach = middle // 2
     wide = np.zeros_like(covariance)
-    wide[middle - 2 * reach : middle + 2 * reach + 1 : 2, middle - 2 * reach : middle + 2 * reach + 1 : 2] = (
-        covariance[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
-    )
+    wide[
+        middle - 2 * reach : middle + 2 * reach + 1 : 2,
+        middle - 2 * reach : middle + 2 * reach + 1 : 2,
+    ] = covariance[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
     return _correlated(wide, kernel)
 
 
@@ -230,7 +251,7 @@ def _border_fade(pools: Pools, deviation_px: Floats) -> Floats:
     inside = np.minimum(y, geometry.height_px - y)
     if not geometry.wraps:
         inside = np.minimum(inside, np.minimum(x, geometry.width_px - x))
-    return np.clip(inside / np.maximum(REACH * deviation_px, 1e-9), 0, 1)
+    return np.asarray(np.clip(inside / np.maximum(REACH * deviation_px, 1e-9), 0, 1))
 
 
 def look_up(image: Floats, x: Floats, y: Floats, *, wraps: bool) -> Floats:
@@ -266,9 +287,7 @@ def _mirrored(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return np.asarray(np.where(index < count, index, 2 * count - 1 - index))
 
 
-def matched(
-    warped: Floats, picture: NDArray[np.floating], pools: Pools, levels: int = 5
-) -> Floats:
+def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels: int = 5) -> Floats:
     """Give `warped` the pooled moments of `picture`, once: (H, W, 3).
 
     What each band adds is multiplied by the root of the variance of luma that its pool should have

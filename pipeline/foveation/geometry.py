@@ -23,8 +23,11 @@ WIDEST_FLAT_DEG = 180.0
 class Geometry(Protocol):
     """A picture of a known size before an eye."""
 
-    width_px: int
-    height_px: int
+    @property
+    def width_px(self) -> int: ...
+
+    @property
+    def height_px(self) -> int: ...
 
     @property
     def wraps(self) -> bool:
@@ -173,7 +176,8 @@ def pixel_centres(geometry: Geometry, halvings: int = 0) -> tuple[Floats, Floats
     """Positions of the texels of a picture halved so often: x of shape (1, w), y of (h, 1)."""
     step = 1 << halvings
     columns, rows = -(-geometry.width_px // step), -(-geometry.height_px // step)
-    return (np.arange(columns)[None, :] + 0.5) * step, (np.arange(rows)[:, None] + 0.5) * step
+    x, y = ((np.arange(count, dtype=np.float64) + 0.5) * step for count in (columns, rows))
+    return x[None, :], y[:, None]
 
 
 def eccentricity_deg(
@@ -187,7 +191,7 @@ def eccentricity_deg(
         Anywhere on the picture's plane, also off the picture; see `check_gaze`.
     """
     rays = geometry.directions(x, y)
-    gaze = geometry.directions(np.float64(gaze_px[0]), np.float64(gaze_px[1]))
+    gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))
     sine = np.linalg.norm(np.cross(rays, gaze), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, rays @ gaze)))
 

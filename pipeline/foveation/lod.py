@@ -33,7 +33,7 @@ HALVED_VARIANCE = halving_variance() / 3 + 0.25
 
 
 def lod_of(sigma_px: Floats) -> Floats:
-    """Level of detail of pools with the deviation `sigma_px`, pixels of the chain's finest level."""
+    """Level of detail of pools with the deviation `sigma_px`, in pixels of the finest level."""
     variance = np.square(sigma_px) / HALVED_VARIANCE
     level = np.floor(0.5 * np.log2(variance + 1))
     power = 4.0**level
@@ -43,9 +43,7 @@ def lod_of(sigma_px: Floats) -> Floats:
 def sigma_of(lod: Floats) -> Floats:
     """Invert `lod_of`."""
     level = np.floor(lod)
-    return np.asarray(
-        np.sqrt(HALVED_VARIANCE * (4.0**level - 1 + 3 * 4.0**level * (lod - level)))
-    )
+    return np.asarray(np.sqrt(HALVED_VARIANCE * (4.0**level - 1 + 3 * 4.0**level * (lod - level))))
 
 
 @dataclass(frozen=True)

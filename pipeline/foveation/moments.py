@@ -58,7 +58,7 @@ class LevelMoments:
 
 def coefficient_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
     """Moments of the single coefficients of a level, packed: (h, w, 14)."""
-    ycc = ycbcr_from_rgb(low_rgb)
+    ycc = ycbcr_from_rgb(low_rgb).astype(np.float64)
     kernels = fitted_kernels().bands()
     bands = np.stack([band(ycc, kernel, wraps=wraps) for kernel in kernels], axis=2)
     luma, chroma = bands[..., 0], bands[..., 1:]
@@ -119,10 +119,9 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
         wraps=wraps,
     )
     finer = level + 1 + skipped - BLOCK_HALVINGS
-    if finer >= 0:
-        chosen = enlarge(chosen, lod.shape, finer, wraps=wraps)
-    else:  # a picture so small that it is halved once
-        chosen = halve_box(chosen)
+    # Finer than blocks only where the picture is so small that it is halved once.
+    small_picture = finer < 0
+    chosen = halve_box(chosen) if small_picture else enlarge(chosen, lod.shape, finer, wraps=wraps)
     moments = LevelMoments.unpacked(chosen)
     variance = moments.variance
     if skipped:

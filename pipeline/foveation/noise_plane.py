@@ -71,7 +71,7 @@ def noise_plane(
     if shift_px is None:
         tile = noise_tile(seed, levels, channels, width if wraps else None)
         rows, columns = np.arange(height) % tile.shape[0], np.arange(width) % tile.shape[1]
-        return tile[rows[:, None], columns].astype(np.float64)
+        return np.asarray(tile[rows[:, None], columns], np.float64)
     noise = noise_bands(seed, levels, channels)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     place = np.stack([x, y], axis=-1) - shift_px

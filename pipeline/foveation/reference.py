@@ -112,9 +112,7 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
     return select(chain, pools.lod, wraps=geometry.wraps)
 
 
-def shaped_noise(
-    wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool
-) -> Floats:
+def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Floats:
     """Weigh each band's noise by the deviation that its pool has lost: Y'CbCr, (H, W, 3).
 
     Weights are found for blocks of 4x4 pixels, interpolated at 2x2, and shared by these.
@@ -149,9 +147,7 @@ def twice(image: Floats, size: tuple[int, int]) -> Floats:
     return image.repeat(2, axis=0).repeat(2, axis=1)[: size[0], : size[1]]
 
 
-def finished(
-    picture: NDArray[np.floating], changed: Floats, pools: Pools
-) -> NDArray[np.float32]:
+def finished(picture: NDArray[np.floating], changed: Floats, pools: Pools) -> NDArray[np.float32]:
     """Fade what has changed in beyond the fovea, clip it, and copy the fovea bit for bit."""
     fade = pools.fade()[..., None]
     result = np.clip(picture + fade * (changed - picture), 0, 1).astype(np.float32)
