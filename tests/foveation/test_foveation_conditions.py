@@ -45,11 +45,26 @@ def test_every_condition_keeps_the_fovea_and_answers_twice_alike(picture, name):
     assert (results[0] != picture).any() == (name != "reference")
 
 
-@pytest.mark.parametrize("name", ["metamer", "noise-enhanced", "eidolon", "warped-metamer"])
+@pytest.mark.parametrize("name", ["metamer", "eidolon", "warped-metamer"])
 def test_seeds_differ_outside_the_fovea_only(picture, name):
     one, two = (foveate(picture, (10, 10), method=name, seed=s, viewing=Flat(120)) for s in (1, 2))
     assert np.abs(one - two).max() > 0.02
     assert (one[10, 10] == two[10, 10]).all()
+
+
+def test_enhancing_noise_lies_between_what_is_resolved_and_what_is_detected(picture):
+    """24 px per degree: at 12 degrees, gratings of 10 to 12 cycles per degree are left."""
+    viewing = Flat(distance_px=1400)
+    one, two = (
+        foveate(picture, (-300, 24), method="noise-enhanced", seed=s, viewing=viewing)
+        for s in (1, 2)
+    )
+    assert np.abs(one - two).max() > 0.01
+    near = Flat(distance_px=200)  # 3.5 px per degree: all that pixels can show is resolved
+    same = [
+        foveate(picture, (32, 24), method="noise-enhanced", seed=s, viewing=near) for s in (1, 2)
+    ]
+    assert (same[0] == same[1]).all()
 
 
 @pytest.mark.parametrize("name", MADE_HERE)
@@ -143,7 +158,7 @@ def test_both_eyes_see_one_surface_with_one_noise(picture):
     inner = slice(8, -40)
     together = np.abs(np.roll(seen_left, -4, axis=1) - seen_right)[:, inner].mean()
     apart = np.abs(np.roll(seen_left, -4, axis=1) - on_screen)[:, inner].mean()
-    assert together < 0.35 * apart
+    assert together < 0.5 * apart
 
 
 def test_carried_noise_follows_two_steps_of_motion():
