@@ -14,8 +14,8 @@ from analysis.bootstrap import expanded_tail
 from analysis.cells import checked, conditions, grid
 from analysis.clustered import holm
 from analysis.numeric import numeric_hessian
-from analysis.observer import AbxRule, abx_share
-from analysis.rates import Contrast
+from analysis.ideal_observer import AbxRule, abx_share
+from analysis.rates import Difference
 from analysis.response import RATE_PRIOR
 
 Floats = NDArray[np.float64]
@@ -276,7 +276,7 @@ def critical_scalings(
     level: float = 0.95,
     samples: int = 0,
     rng: np.random.Generator | None = None,
-) -> tuple[tuple[CriticalScaling, ...], tuple[Contrast, ...]]:
+) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
     """Fit every condition, and compare ln s_c between conditions by participants.
 
     Notes
@@ -300,7 +300,7 @@ def critical_scalings(
     return tuple(fits), _paired(own, level)
 
 
-def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Contrast, ...]:
+def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:
     names = list(own)
     found = []
     for i, first in enumerate(names):
@@ -315,7 +315,7 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Contr
             mean = float(gaps.mean())
             p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
             found.append(
-                Contrast("ln s_c", first, second, mean, mean - reach, mean + reach, level, df, p, p)
+                Difference("ln s_c", first, second, mean, mean - reach, mean + reach, level, df, p, p)
             )
     adjusted = holm(np.array([one.p for one in found])) if found else np.zeros(0)
     return tuple(

@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.special import ndtri
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.observer import (
+from analysis.ideal_observer import (
     AbxRule,
     Correction,
     abx_d_prime,
@@ -19,7 +19,7 @@ from analysis.observer import (
     forced_choice_d_prime,
 )
 from analysis.rates import (
-    Contrast,
+    Difference,
     Influence,
     Rate,
     contrasts,
@@ -93,9 +93,9 @@ class YesNoResults:
     """All conditions of a yes-no task, and the differences between them (Holm per measure)."""
 
     conditions: tuple[YesNo, ...]
-    d_prime_contrasts: tuple[Contrast, ...]
-    criterion_contrasts: tuple[Contrast, ...]
-    bias_contrasts: tuple[Contrast, ...]
+    d_prime_contrasts: tuple[Difference, ...]
+    criterion_contrasts: tuple[Difference, ...]
+    bias_contrasts: tuple[Difference, ...]
     correction: Correction
 
     def __getitem__(self, condition: str) -> YesNo:
@@ -126,7 +126,7 @@ class DiscriminationResults:
     """
 
     conditions: tuple[Discrimination, ...]
-    contrasts: tuple[Contrast, ...]
+    contrasts: tuple[Difference, ...]
     rule: str
     correction: Correction
 
@@ -273,7 +273,7 @@ def abx(
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of an ABX task, condition by condition (corrections: `observer.abx_d_prime`)."""
+    """Return d' of an ABX task, condition by condition (corrections: `ideal_observer.abx_d_prime`)."""
     return _discriminate(
         trials,
         by,

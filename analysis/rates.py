@@ -51,7 +51,7 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Contrast:
+class Difference:
     """What one condition has more than another, with limits that respect the clusters.
 
     `p_adjusted` is Holm's over the contrasts made together.
@@ -183,7 +183,7 @@ def rate_contrasts(
     correct: str = "correct",
     reference: str | None = None,
     level: float = 0.95,
-) -> tuple[Contrast, ...]:
+) -> tuple[Difference, ...]:
     """Compare the shares of right answers between conditions (against one, or all pairs)."""
     rows = checked(trials, (correct,), by)
     places = grid(rows)
@@ -224,7 +224,7 @@ def contrasts(
     *,
     reference: str | None = None,
     level: float = 0.95,
-) -> tuple[Contrast, ...]:
+) -> tuple[Difference, ...]:
     """Compare conditions counted on one grid; each participant is their own control."""
     if reference is not None and reference not in moved:
         raise ValueError(f"reference must be one of {list(moved)} (got {reference!r})")
@@ -248,7 +248,7 @@ def contrasts(
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))
     adjusted = holm(np.array([p for *_, p in found])) if found else np.zeros(0)
     return tuple(
-        Contrast(
+        Difference(
             measure=measure,
             first=first,
             second=second,

@@ -12,7 +12,7 @@ from analysis.cells import checked, conditions, grid
 from analysis.clustered import holm
 from analysis.glmm import CrossedFit, fit_crossed
 from analysis.psychometric import LINKS, WIDTH_EDGE, Shape
-from analysis.rates import Contrast
+from analysis.rates import Difference
 from analysis.response import Response
 
 Floats = NDArray[np.float64]
@@ -45,7 +45,7 @@ class ThresholdModel:
     Attributes
     ----------
     thresholds : tuple of Threshold
-    contrasts : tuple of Contrast
+    contrasts : tuple of Difference
         Differences of thresholds; of their natural logarithms where levels are logarithmic.
     guess, lapse : float
         Shared by all.
@@ -57,7 +57,7 @@ class ThresholdModel:
     shape: Shape
     logarithmic: bool
     thresholds: tuple[Threshold, ...]
-    contrasts: tuple[Contrast, ...]
+    contrasts: tuple[Difference, ...]
     guess: float
     lapse: float
     participant_sd: float
@@ -293,7 +293,7 @@ def _contrasts(
     level: float,
     reference: str | None,
     logarithmic: bool,
-) -> tuple[Contrast, ...]:
+) -> tuple[Difference, ...]:
     pairs = [
         (i, j)
         for i in range(len(names))
@@ -310,7 +310,7 @@ def _contrasts(
     p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
     adjusted = holm(p)
     return tuple(
-        Contrast(
+        Difference(
             measure="ln threshold" if logarithmic else "threshold",
             first=names[i],
             second=names[j],
