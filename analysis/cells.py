@@ -55,9 +55,7 @@ def conditions(trials: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.Da
     ]
 
 
-def checked(
-    trials: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ()
-) -> pd.DataFrame:
+def checked(trials: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ()) -> pd.DataFrame:
     """Return the table with rows numbered from 0, if statistics can be made of it.
 
     Raises

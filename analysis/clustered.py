@@ -135,7 +135,7 @@ def two_way_influence(
     """
     influence = np.array(influence, dtype=np.float64)
     shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
-    variances = _variances(influence, shown, np.float64(1.0))
+    variances = _variances(influence, shown, np.asarray(1.0))
     variance, df = _two_way_variance(*variances)
     return ClusteredEstimate(
         value=np.asarray(estimate, dtype=np.float64),

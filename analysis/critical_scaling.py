@@ -13,8 +13,8 @@ from scipy.special import expit, log_expit, logsumexp
 from analysis.bootstrap import expanded_tail
 from analysis.cells import checked, conditions, grid
 from analysis.clustered import holm
-from analysis.numeric import numeric_hessian
 from analysis.ideal_observer import AbxRule, abx_share
+from analysis.numeric import numeric_hessian
 from analysis.rates import Difference
 from analysis.response import RATE_PRIOR
 
@@ -130,7 +130,7 @@ def fit_person(
             scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule, law
         )
         prior = -0.5 * ((theta[0] - middle) ** 2 + (theta[1] - np.log(5.0)) ** 2)
-        return -float(value) - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:])
+        return float(-value - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:]))
 
     free = [] if lapse is not None else [-3.0]
     starts = [
@@ -315,12 +315,22 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Diffe
             mean = float(gaps.mean())
             p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
             found.append(
-                Difference("ln s_c", first, second, mean, mean - reach, mean + reach, level, df, p, p)
+                Difference(
+                    measure="ln s_c",
+                    first=first,
+                    second=second,
+                    difference=mean,
+                    standard_error=error,
+                    lower=mean - reach,
+                    upper=mean + reach,
+                    level=level,
+                    df=float(df),
+                    p=p,
+                    p_adjusted=p,
+                )
             )
     adjusted = holm(np.array([one.p for one in found])) if found else np.zeros(0)
-    return tuple(
-        replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True)
-    )
+    return tuple(replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True))
 
 
 def _bootstrap(
@@ -336,10 +346,7 @@ def _bootstrap(
     if rng is None:
         raise ValueError("a bootstrap needs rng")
     own = np.array(
-        [
-            _own(group, column, rule, law)
-            for _, group in rows.groupby("participant", sort=True)
-        ]
+        [_own(group, column, rule, law) for _, group in rows.groupby("participant", sort=True)]
     )
     drawn = own[rng.integers(0, own.size, (samples, own.size))].mean(axis=1)
     tail = expanded_tail(level, own.size)
@@ -366,7 +373,9 @@ def _prepare(trials: pd.DataFrame, column: str) -> tuple[pd.DataFrame, Floats]:
 def _counts(rows: pd.DataFrame, scalings: Floats, column: str) -> tuple[Floats, Floats]:
     at = np.searchsorted(scalings, rows[column].to_numpy(dtype=np.float64))
     right = np.bincount(at, weights=rows["correct"].to_numpy(float), minlength=scalings.size)
-    return right, np.bincount(at, minlength=scalings.size).astype(np.float64)
+    return np.asarray(right, dtype=np.float64), np.bincount(at, minlength=scalings.size).astype(
+        float
+    )
 
 
 def _log_likelihood(
@@ -385,7 +394,10 @@ def _log_likelihood(
     )
     share = np.clip((1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse, 1e-12, 1.0 - 1e-12)
     yes, no = np.log(share), np.log1p(-share)
-    return np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1))
+    return np.asarray(
+        np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1)),
+        dtype=np.float64,
+    )
 
 
 def _cached(function: Callable[[float], Floats]) -> Callable[[float], Floats]:

@@ -318,9 +318,7 @@ def _yes_no(
     moved = None
     if min(totals[1], totals[3]) == 0:
         notes.append("only signal or only noise was shown: no d'")
-    elif correction == "none" and (
-        totals[0] in (0, totals[1]) or totals[2] in (0, totals[3])
-    ):
+    elif correction == "none" and (totals[0] in (0, totals[1]) or totals[2] in (0, totals[3])):
         notes.append("a rate is 0 or 1 and no correction was asked for: d' is infinite")
     else:
         moved = d_prime_influence(hits, signal, alarms, noise, correction)
@@ -368,9 +366,7 @@ def _measure(moved: Influence, level: float) -> Measure:
     )
 
 
-def _table(
-    part: pd.DataFrame, places: Grid, signal: str
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _table(part: pd.DataFrame, places: Grid, signal: str) -> tuple[Floats, Floats, Floats, Floats]:
     """Return hits, signal trials, false alarms and noise trials by cell."""
     there = (part["expected"].astype(str) == signal).astype(float)
     said = (part["answer"].astype(str) == signal).astype(float)

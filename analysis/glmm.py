@@ -73,16 +73,12 @@ def fit_crossed(
     second derivative). Standard errors invert the second derivative in all parameters.
     """
     factors = len(groups)
-    times = [
-        np.ones(y.size) if place >= len(slopes) or slopes[place] is None else slopes[place]
-        for place in range(factors)
-    ]
-    shaped = [values for values in times if np.any(values != 1.0)]
-    rows, successes, trials, codes, kept = _grouped(design, y, groups, shaped)
-    kept_iter = iter(kept)
-    factor = np.stack(
-        [next(kept_iter) if np.any(values != 1.0) else np.ones(trials.size) for values in times]
+    given = [slopes[place] if place < len(slopes) else None for place in range(factors)]
+    rows, successes, trials, codes, kept = _grouped(
+        design, y, groups, [values for values in given if values is not None]
     )
+    left = iter(kept)
+    factor = np.stack([np.ones(trials.size) if values is None else next(left) for values in given])
     sizes = [int(code.max()) + 1 for code in codes]
     total = sum(sizes)
     offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
@@ -97,7 +93,9 @@ def fit_crossed(
         free = theta[coefficients + factors :]
         rates = response.rates(free)
         scale = np.repeat(sd, sizes)
-        b, curvature = _mode(fixed, scale, columns, factor, successes, trials, mode, response, rates)
+        b, curvature = _mode(
+            fixed, scale, columns, factor, successes, trials, mode, response, rates
+        )
         mode = b
         eta = fixed + (factor * (scale * b)[columns]).sum(axis=0)
         joint = response.log_likelihood(eta, successes, trials, rates)
@@ -112,7 +110,9 @@ def fit_crossed(
     sd = np.abs(polished[coefficients : coefficients + factors])
     proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST_SD
     proper = proper and bool(np.linalg.eigvalsh(hessian)[0] > 1e-8)
-    covariance = np.linalg.pinv(hessian, hermitian=True) if proper else np.eye(polished.size)
+    covariance = np.eye(polished.size)
+    if proper:
+        covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
     likelihood = -laplace(polished)
     guess, lapse = response.rates(polished[coefficients + factors :])
     return CrossedFit(
@@ -184,9 +184,7 @@ def _mode(
     return b, curvature
 
 
-def _curvature(
-    weight: Floats, scale: Floats, columns: NDArray[np.int64], factor: Floats
-) -> Floats:
+def _curvature(weight: Floats, scale: Floats, columns: NDArray[np.int64], factor: Floats) -> Floats:
     size = scale.size
     curvature = np.eye(size)
     for rows, times in zip(columns, factor, strict=True):

@@ -302,9 +302,7 @@ def models_beside(
         raise ValueError(f"one of the columns {list(groups)} must have two values at least")
     return ModelsBeside(
         independent=glm_logit(formula, trials, reference=reference, level=level),
-        clustered=glm_logit(
-            formula, trials, cluster=several[:2], reference=reference, level=level
-        ),
+        clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),
         mixed=glmm_logit(formula, trials, groups=several, reference=reference, level=level),
     )
 

@@ -61,6 +61,7 @@ class Difference:
     first: str
     second: str
     difference: float
+    standard_error: float
     lower: float
     upper: float
     level: float
@@ -205,7 +206,7 @@ class Influence:
 
     def estimate(self) -> ClusteredEstimate:
         """Return the estimate with its clustered error."""
-        return two_way_influence(np.float64(self.value), self.cells, self.shown, self.least)
+        return two_way_influence(np.asarray(self.value), self.cells, self.shown, self.least)
 
 
 def share_influence(happened: Floats, shown: Floats) -> Influence:
@@ -213,9 +214,7 @@ def share_influence(happened: Floats, shown: Floats) -> Influence:
     total = float(shown.sum())
     share = float(happened.sum()) / total
     mild = (float(happened.sum()) + 0.5) / (total + 1.0)
-    return Influence(
-        share, (happened - shown * share) / total, shown, mild * (1.0 - mild) / total
-    )
+    return Influence(share, (happened - shown * share) / total, shown, mild * (1.0 - mild) / total)
 
 
 def contrasts(
@@ -237,7 +236,7 @@ def contrasts(
     for first, second in pairs:
         one, other = moved[first], moved[second]
         gap = two_way_influence(
-            np.float64(one.value - other.value),
+            np.asarray(one.value - other.value),
             one.cells - other.cells,
             one.shown + other.shown,
             # Trials of one person rise and fall together: a difference can vary less than
@@ -253,6 +252,7 @@ def contrasts(
             first=first,
             second=second,
             difference=float(gap.value),
+            standard_error=float(gap.standard_error),
             lower=lower,
             upper=upper,
             level=level,

@@ -315,6 +315,7 @@ def _contrasts(
             first=names[i],
             second=names[j],
             difference=float(gap[k]),
+            standard_error=float(error[k]),
             lower=float(gap[k] - reach * error[k]),
             upper=float(gap[k] + reach * error[k]),
             level=level,

@@ -47,7 +47,7 @@ def psychometric_plot(
     with style(width_in):
         figure = new_figure(width_in, 2.5 if width_in < 5 else 3.2, simulated=simulated)
         axes = figure.subplots()
-        guesses: set[float | None] = set()
+        guesses: set[float] = set()
         everything = np.concatenate([x for x, *_ in series.values()])
         for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
@@ -68,11 +68,12 @@ def psychometric_plot(
                 space = np.geomspace if logarithmic else np.linspace
                 fine = space(everything.min(), everything.max(), 200)
                 axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
-                guesses.add(getattr(fit, "guess", chance))
+                guesses.add(float(getattr(fit, "guess", np.nan)))
         if logarithmic:
             level_axis(axes, everything)
-        for guess in sorted({chance} if chance is not None else guesses - {None}):
-            axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
+        for guess in sorted(guesses if chance is None else {chance}):
+            if np.isfinite(guess):
+                axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
         axes.set_ylim(-0.03, 1.03)
         axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
         axes.set_xlabel(x_label)

@@ -68,7 +68,7 @@ def d_prime_plot(
     with style(width_in):
         figure = new_figure(width_in, 0.75 + 0.3 * len(cells), simulated=simulated)
         two = isinstance(results, YesNoResults)
-        panels = np.atleast_1d(figure.subplots(1, 2 if two else 1, sharey=True))
+        panels = figure.subplots(1, 2 if two else 1, sharey=True, squeeze=False)[0]
         if isinstance(results, YesNoResults):
             for axes, name, values in (
                 (panels[0], "d'", [one.d_prime for one in results.conditions]),
