@@ -273,7 +273,7 @@ def abx(
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of an ABX task, condition by condition (corrections: `ideal_observer.abx_d_prime`)."""
+    """Return d' of an ABX task by condition; what is corrected: `ideal_observer.abx_d_prime`."""
     return _discriminate(
         trials,
         by,

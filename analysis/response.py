@@ -85,7 +85,7 @@ class Response:
     def slope(
         self, eta: Floats, successes: Floats, trials: Floats, rates: tuple[float, float]
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the log-likelihood's slope in eta, and minus its observed and expected curvature."""
+        """Return the slope in eta, and minus the observed and the expected curvature."""
         if self.plain:
             share = expit(eta)
             weight = trials * share * (1.0 - share)

@@ -72,7 +72,7 @@ def simulate_yes_no(
         for signal in (True, False):
             says = ndtr((0.5 if signal else -0.5) * d - c)
             said = rng.random((*shape, design.repeats)) < says[..., None]
-            table = _block(design, said, method)
+            table = _block(said, method)
             table["expected"] = answers[0] if signal else answers[1]
             table["answer"] = np.where(table["correct"] == 1, answers[0], answers[1])
             table["correct"] = (table["expected"] == table["answer"]).astype(int)
@@ -115,7 +115,7 @@ def simulate_identification(
             rise = sigmoid(level - place, 0.0, width, shape)
             share = guess + (1.0 - guess - lapse) * rise
             right = rng.random((*share.shape, design.repeats)) < share[..., None]
-            blocks.append(_labelled(_block(design, right, method, level=level), alternatives, rng))
+            blocks.append(_labelled(_block(right, method, level=level), alternatives, rng))
     return _ordered(blocks, rng)
 
 
@@ -144,7 +144,7 @@ def simulate_abx(
             share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
             chance = np.broadcast_to(share, (design.participants, design.scenes))
             right = rng.random((*chance.shape, design.repeats)) < chance[..., None]
-            blocks.append(_labelled(_block(design, right, method, scaling=scaling), 2, rng))
+            blocks.append(_labelled(_block(right, method, scaling=scaling), 2, rng))
     return _ordered(blocks, rng)
 
 
@@ -163,9 +163,7 @@ def _effects(
     ]
 
 
-def _block(
-    design: TaskDesign, right: NDArray[np.bool_], method: str, **columns: float
-) -> pd.DataFrame:
+def _block(right: NDArray[np.bool_], method: str, **columns: float) -> pd.DataFrame:
     person, scene, _ = np.indices(right.shape)
     table = pd.DataFrame(
         {

@@ -103,16 +103,16 @@ def apa_critical(fit: CriticalScaling) -> str:
 
     who = "one participant" if fit.participants == 1 else f"{fit.participants} participants"
     laws = {
-        "distance": "d'² = α² (1 - s_c²/s²)",
-        "published": "d' = α (1 - s_c²/s²), as Freeman and Simoncelli fitted it",
+        "distance": "d'² = gain² (1 - s_c²/s²)",
+        "published": "d' = gain (1 - s_c²/s²), as Freeman and Simoncelli fitted it",
     }
     text = (
         f"Critical scaling of condition {fit.condition} ({who}, ABX by the {fit.rule} rule,"
         f" {laws[fit.law]}): s_c = {_digits(fit.critical)}, {limits(fit.critical_limits)};"
-        f" α = {_digits(fit.gain)}, {limits(fit.gain_limits)}"
+        f" gain = {_digits(fit.gain)}, {limits(fit.gain_limits)}"
     )
     if fit.participants > 1:
-        text += f"; SD of ln s_c = {number(fit.critical_sd)}, of ln α = {number(fit.gain_sd)}"
+        text += f"; SD of ln s_c = {number(fit.critical_sd)}, of ln gain = {number(fit.gain_sd)}"
     return f"{text}; lapse rate {leading(f'{fit.lapse:.3f}')}."
 
 
@@ -144,10 +144,8 @@ def apa_power(found: TaskPower) -> str:
         f" repeat{'s' * (design.repeats != 1)}"
         for design, value in zip(found.designs, found.power, strict=True)
     ]
-    return (
-        f"Power at alpha = {leading(f'{found.alpha:g}')} ({found.studies} studies simulated): "
-        + ("; ".join(parts) + ".")
-    )
+    alpha = leading(f"{found.alpha:g}")
+    return f"Power at alpha = {alpha} ({found.studies} studies simulated): {'; '.join(parts)}."
 
 
 def methods_yes_no(results: YesNoResults) -> str:
