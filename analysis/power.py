@@ -123,7 +123,7 @@ def power_curve(
     power = sums / studies
     curves = {"primary": power[0], "every comparison": power[2], "equivalence": power[3]}
     needed = tuple(
-        (name, goal, _needed(np.array(sizes), curve, goal))
+        (name, goal, first_reaching(sizes, curve, goal))
         for name, curve in curves.items()
         for goal in (0.8, 0.9)
     )
@@ -282,7 +282,7 @@ def _p(estimate: ClusteredShare, picks: NDArray[np.intp]) -> Floats:
     return np.asarray(np.where(estimate.standard_error > 0, p, floor))
 
 
-def _needed(participants: NDArray[np.intp], curve: Floats, goal: float) -> int | None:
+def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> int | None:
     """Return the smallest number from which the smoothed, rising curve stays above `goal`."""
     rising = optimize.isotonic_regression(curve).x
     above = np.nonzero(rising >= goal)[0]

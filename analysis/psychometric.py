@@ -1,5 +1,6 @@
 """Psychometric functions with guess and lapse rates, by maximum likelihood."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,8 +9,12 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit, ndtr, ndtri
 
+from analysis.response import Link
+
 Floats = NDArray[np.float64]
 Shape = Literal["gauss", "logistic", "weibull"]
+
+LINKS: Mapping[Shape, Link] = {"gauss": "probit", "logistic": "logit", "weibull": "weibull"}
 
 WIDTH_EDGE = 0.05
 """The width spans the sigmoid's rise from this share to one minus it."""

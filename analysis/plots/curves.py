@@ -8,17 +8,29 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.plots.style import BLUE, GREY, LIGHT, MARKERS, ORANGE, SERIES, new_figure, style
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    MARKERS,
+    ORANGE,
+    SERIES,
+    level_axis,
+    new_figure,
+    style,
+)
 from analysis.power import PowerCurve
-from analysis.psychometric import Psychometric
 
 Floats = NDArray[np.float64]
+Curve = Callable[[Floats], Floats]
 
 
 def psychometric_plot(
-    series: Mapping[str, tuple[Floats, Floats, Floats, Psychometric | None]],
+    series: Mapping[str, tuple[Floats, Floats, Floats, Curve | None]],
     *,
     x_label: str,
+    chance: float | None = None,
+    logarithmic: bool = False,
     label: Callable[[str], str] = str,
     width_in: float = 3.33,
     simulated: bool = False,
@@ -28,12 +40,14 @@ def psychometric_plot(
     Parameters
     ----------
     series : mapping of condition to (x, successes, trials, fit or None)
-        Whiskers are binomial standard errors.
+        Whiskers are binomial standard errors. A fit gives the share of right answers at x.
+    chance : float, optional
+        Where the dashed line stands; left out, at the guess rates of the fits.
     """
     with style(width_in):
         figure = new_figure(width_in, 2.5 if width_in < 5 else 3.2, simulated=simulated)
         axes = figure.subplots()
-        guesses = set()
+        guesses: set[float] = set()
         everything = np.concatenate([x for x, *_ in series.values()])
         for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
@@ -51,11 +65,15 @@ def psychometric_plot(
                 elinewidth=0.6,
             )
             if fit is not None:
-                fine = np.linspace(everything.min(), everything.max(), 200)
+                space = np.geomspace if logarithmic else np.linspace
+                fine = space(everything.min(), everything.max(), 200)
                 axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
-                guesses.add(fit.guess)
-        for guess in sorted(guesses):
-            axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
+                guesses.add(float(getattr(fit, "guess", np.nan)))
+        if logarithmic:
+            level_axis(axes, everything)
+        for guess in sorted(guesses if chance is None else {chance}):
+            if np.isfinite(guess):
+                axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
         axes.set_ylim(-0.03, 1.03)
         axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
         axes.set_xlabel(x_label)

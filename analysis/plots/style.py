@@ -9,10 +9,12 @@ from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
+from numpy.typing import NDArray
 
 ONE_COLUMN_IN = 3.33
 TWO_COLUMNS_IN = 7.0
@@ -97,6 +99,15 @@ def share_axis(axes: Axes, label: str) -> None:
     axes.set_xlim(0.0, 1.0)
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
     axes.set_xlabel(label)
+
+
+def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
+    """Set a logarithmic axis of levels with at most five plain numbers on it."""
+    axes.set_xscale("log")
+    shown = np.unique(levels)
+    shown = shown[np.unique(np.linspace(0, shown.size - 1, min(shown.size, 5)).round().astype(int))]
+    axes.set_xticks(shown, [f"{value:.3g}" for value in shown])
+    axes.minorticks_off()
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
