@@ -1,6 +1,7 @@
 """Curves: psychometric functions, change over the sitting, power."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,6 @@ from analysis.plots.style import (
     new_figure,
     style,
 )
-from analysis.power import PowerCurve
 
 Floats = NDArray[np.float64]
 Curve = Callable[[Floats], Floats]
@@ -126,38 +126,33 @@ def learning_plot(
 
 
 def power_plot(
-    curves: Sequence[PowerCurve], *, width_in: float = 3.33, simulated: bool = False
+    participants: Sequence[int],
+    lines: Mapping[str, Floats],
+    *,
+    planned: int | None = None,
+    width_in: float = 3.33,
+    simulated: bool = False,
 ) -> Figure:
-    """Draw power against participants, with the 80 and 90 % lines and the planned number."""
+    """Draw power against participants, with the 80 and 90 % lines and the planned number.
+
+    Parameters
+    ----------
+    lines : mapping of what is powered to powers (participants,)
+    """
     with style(width_in):
         figure = new_figure(width_in, 2.7 if width_in < 5 else 3.4, simulated=simulated)
         axes = figure.subplots()
         for goal in (0.8, 0.9):
             axes.axhline(goal, color=LIGHT, lw=1.0, zorder=0)
-        for number, curve in enumerate(curves):
-            names = ("primary comparison", "every comparison", "equivalent, if rate is .5")
-            for name, values, dash in zip(
-                names,
-                (curve.primary, curve.every, curve.equivalence),
-                ("-", "--", ":"),
-                strict=True,
-            ):
-                rate = f" (rate {curve.assumptions.rate:g})" if len(curves) > 1 else ""
-                axes.plot(
-                    curve.participants,
-                    values,
-                    dash,
-                    color=SERIES[number % len(SERIES)],
-                    lw=1.4,
-                    label=name + rate,
-                )
-        planned = curves[0].planned
+        for (name, values), dash in zip(lines.items(), cycle(("-", "--", ":", "-.")), strict=False):
+            axes.plot(participants, values, dash, color=SERIES[0], lw=1.4, label=name)
         if planned:
             axes.axvline(planned, color=ORANGE, lw=1.0)
             axes.plot([], [], color=ORANGE, lw=1.0, label=f"planned: {planned}")
         axes.set_ylim(0, 1.02)
         axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0])
-        axes.set_xlim(min(curves[0].participants), max(curves[0].participants))
+        if min(participants) < max(participants):
+            axes.set_xlim(min(participants), max(participants))
         axes.set_xlabel("Participants")
         axes.set_ylabel("Power")
         figure.legend(loc="outside lower center", ncols=1 if width_in < 5 else 2)
