@@ -83,6 +83,19 @@ class CriticalScaling:
         right = abx_share(self.d_prime(scaling), self.rule)
         return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
 
+    def average_share(self, scaling: Floats) -> Floats:
+        """Return the mean over participants of their shares of right answers at scalings.
+
+        This is what the answers of all together follow: it rises earlier and less steeply than
+        the typical participant's.
+        """
+        own = list(self.individual.values()) or [(self.critical, self.gain)]
+        right = [
+            abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
+            for critical, gain in own
+        ]
+        return np.asarray((1.0 - self.lapse) * np.mean(right, axis=0) + 0.5 * self.lapse)
+
 
 def scaling_d_prime(
     scaling: Floats, critical: Floats | float, gain: Floats | float, law: Law = "distance"
