@@ -84,17 +84,16 @@ class CriticalScaling:
         return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
 
     def average_share(self, scaling: Floats) -> Floats:
-        """Return the mean over participants of their shares of right answers at scalings.
+        """Return the population's mean share of right answers at scalings.
 
-        This is what the answers of all together follow: it rises earlier and less steeply than
-        the typical participant's.
+        This is what the answers of all participants together follow: it rises earlier and less
+        steeply than the typical participant's.
         """
-        own = list(self.individual.values()) or [(self.critical, self.gain)]
-        right = [
-            abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
-            for critical, gain in own
-        ]
-        return np.asarray((1.0 - self.lapse) * np.mean(right, axis=0) + 0.5 * self.lapse)
+        z_s, z_g = (stats.norm.ppf((np.arange(n) + 0.5) / n) for n in (200, 20))
+        critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
+        gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
+        right = abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
+        return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
 
 
 def scaling_d_prime(

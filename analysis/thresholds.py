@@ -75,7 +75,7 @@ class ThresholdModel:
     def curve(self, condition: str, x: Floats) -> Floats:
         """Return the chance of a right answer of the typical participant at levels `x`."""
         one = self[condition]
-        return self._curve(one, np.array([one.value]), x)[0]
+        return np.asarray(self._curve(one, np.array([one.value]), x)[0])
 
     def average(self, condition: str, x: Floats) -> Floats:
         """Return the mean of the participants' chances at `x`: what all answers together follow."""

@@ -105,7 +105,7 @@ def scaling_plot(
     ----------
     counts : mapping of condition to (scaling, right answers, trials)
         Of all participants together; d' of a share carries the sign of share - 1/2. The curves
-        are those of the participants' mean share, and so comparable with the data: where people
+        are those of the population's mean share, and so comparable with the data: where people
         differ it leaves 0 before the typical participant's critical scaling.
     """
     with style(width_in):
