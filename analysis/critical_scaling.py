@@ -83,6 +83,18 @@ class CriticalScaling:
         right = abx_share(self.d_prime(scaling), self.rule)
         return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
 
+    def average_share(self, scaling: Floats) -> Floats:
+        """Return the population's mean share of right answers at scalings.
+
+        This is what the answers of all participants together follow: it rises earlier and less
+        steeply than the typical participant's.
+        """
+        z_s, z_g = (stats.norm.ppf((np.arange(n) + 0.5) / n) for n in (200, 20))
+        critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
+        gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
+        right = abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
+        return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
+
 
 def scaling_d_prime(
     scaling: Floats, critical: Floats | float, gain: Floats | float, law: Law = "distance"

@@ -75,8 +75,16 @@ class ThresholdModel:
     def curve(self, condition: str, x: Floats) -> Floats:
         """Return the chance of a right answer of the typical participant at levels `x`."""
         one = self[condition]
+        return np.asarray(self._curve(one, np.array([one.value]), x)[0])
+
+    def average(self, condition: str, x: Floats) -> Floats:
+        """Return the mean of the participants' chances at `x`: what all answers together follow."""
+        one = self[condition]
+        return np.asarray(self._curve(one, np.array(list(one.individual.values())), x).mean(axis=0))
+
+    def _curve(self, one: Threshold, values: Floats, x: Floats) -> Floats:
         response = Response(LINKS[self.shape], self.guess, self.lapse)
-        gap = _axis(x, self.logarithmic) - _axis(np.array(one.value), self.logarithmic)
+        gap = _axis(x, self.logarithmic) - _axis(values, self.logarithmic)[:, None]
         width = np.sign(one.width) * np.log(abs(one.width)) if self.logarithmic else one.width
         return response.share(gap * _span(response) / width, (self.guess, self.lapse))
 

@@ -102,11 +102,16 @@ def share_axis(axes: Axes, label: str) -> None:
 
 
 def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
-    """Set a logarithmic axis of levels with at most five plain numbers on it."""
+    """Set a logarithmic axis of levels, with 1, 2 and 5 of each power of ten on it."""
     axes.set_xscale("log")
-    shown = np.unique(levels)
-    shown = shown[np.unique(np.linspace(0, shown.size - 1, min(shown.size, 5)).round().astype(int))]
-    axes.set_xticks(shown, [f"{value:.3g}" for value in shown])
+    low, high = float(np.min(levels)), float(np.max(levels))
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [m * 10.0**k for k in powers for m in (1, 2, 5) if low <= m * 10.0**k <= high]
+    if len(ticks) < 2:
+        ticks = [low, high]
+    elif len(ticks) > 6:
+        ticks = [10.0**k for k in powers if low <= 10.0**k <= high]
+    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
     axes.minorticks_off()
 
 

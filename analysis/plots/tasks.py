@@ -104,7 +104,9 @@ def scaling_plot(
     Parameters
     ----------
     counts : mapping of condition to (scaling, right answers, trials)
-        Of all participants together; d' of a share carries the sign of share - 1/2.
+        Of all participants together; d' of a share carries the sign of share - 1/2. The curves
+        are those of the population's mean share, and so comparable with the data: where people
+        differ it leaves 0 before the typical participant's critical scaling.
     """
     with style(width_in):
         figure = new_figure(width_in, 2.7 if width_in < 5 else 3.3, simulated=simulated)
@@ -135,7 +137,8 @@ def scaling_plot(
                 elinewidth=0.6,
                 label=label(fit.condition),
             )
-            axes.plot(fine, fit.d_prime(fine), color=colour, lw=1.8, alpha=0.85)
+            curve = abx_d_prime(fit.average_share(fine), fit.rule)
+            axes.plot(fine, curve, color=colour, lw=1.8, alpha=0.85)
             across = axes.get_xaxis_transform()
             height = 0.04 + 0.05 * number
             axes.plot(fit.critical, height, marker, color=colour, ms=4, transform=across)
@@ -151,7 +154,14 @@ def scaling_plot(
         axes.set_xlabel(x_label)
         axes.set_ylabel(f"d' (ABX, {fits[0].rule})")
         axes.plot([], [], "o-", color=GREY, ms=4, lw=1.2, label="below: critical scaling, limits")
-        figure.legend(loc="outside lower center", ncols=2 if width_in < 5 else 4)
+        handles, labels = axes.get_legend_handles_labels()
+        last = [*range(1, len(handles)), 0]  # lines come before data with whiskers
+        figure.legend(
+            [handles[k] for k in last],
+            [labels[k] for k in last],
+            loc="outside lower center",
+            ncols=2 if width_in < 5 else 4,
+        )
     return figure
 
 
