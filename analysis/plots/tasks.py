@@ -181,3 +181,19 @@ def _share_bar(axes: Axes, y: int, share: Rate, colour: str) -> None:
     axes.plot([share.lower, share.upper], [y, y], color="black", lw=1.1)
     text = f"p {'< .001' if share.p < 0.001 else '= ' + f'{share.p:.3f}'.removeprefix('0')}"
     axes.text(1.03, y, text, va="center")
+
+
+def rates_plot(
+    rates: Sequence[Rate], *, label: Label = str, width_in: float = 3.33, simulated: bool = False
+) -> Figure:
+    """Draw shares of right answers by condition, with limits and p against chance."""
+    with style(width_in):
+        figure = new_figure(width_in, 0.6 + 0.34 * len(rates), simulated=simulated)
+        axes = figure.subplots()
+        for y, one in enumerate(rates):
+            _share_bar(axes, y, one, ORANGE)
+        axes.axvline(rates[0].chance, color="black", lw=0.8, ls=(0, (4, 3)))
+        share_axis(axes, "Share correct")
+        axes.set_xlim(0, 1.24)
+        _condition_axis(axes, [one.condition for one in rates], label, width_in)
+    return figure
