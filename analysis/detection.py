@@ -1,5 +1,6 @@
 """Sensitivity and bias by detection theory: yes-no, identification, ABX, by condition."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -386,13 +387,18 @@ def _z_influence(
     share = float(corrected_share(happened.sum(), total, 0.5, correction))
     z = float(ndtri(share))
     centred = happened - shown * (happened.sum() / total)
-    return z, centred / (total * stats.norm.pdf(z)), _z_variance(share, total)
+    return z, centred / (total * _density(z)), _z_variance(share, total)
+
+
+def _density(z: float) -> float:
+    """Return the standard normal density (SciPy's costs fifty times as much a call)."""
+    return math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
 
 
 def _z_variance(share: float, trials: float) -> float:
     if share in (0.0, 1.0):
         return np.inf
-    return float(share * (1.0 - share) / (trials * stats.norm.pdf(ndtri(share)) ** 2))
+    return float(share * (1.0 - share) / (trials * _density(float(ndtri(share))) ** 2))
 
 
 def _bias_influence(part: pd.DataFrame, places: Grid, answer: str) -> Influence:

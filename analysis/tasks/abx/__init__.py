@@ -2,15 +2,13 @@
 
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.detection import DiscriminationResults, abx
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares
+from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
 from analysis.tasks.rates.settings import RateSettings, RatesOptions, common_settings
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
@@ -74,11 +72,8 @@ class Abx(RatesTask):
 
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance that X is told from the other, by the study's decision rule."""
-
-        def right(d_prime: Floats, _criterion: Floats, _signal: NDArray[np.bool_]) -> Floats:
-            return abx_share(np.maximum(d_prime, 0.0), settings.rule)
-
-        return right
+        share = tabulated(lambda d: abx_share(d, settings.rule))
+        return lambda d_prime, _criterion, _signal: share(d_prime)
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

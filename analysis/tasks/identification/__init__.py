@@ -2,16 +2,14 @@
 
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares
+from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
 from analysis.tasks.rates.settings import RateSettings, RatesOptions
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.errors import StudyError
@@ -74,12 +72,8 @@ class Identification(RatesTask):
 
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance of picking the right one of m."""
-        alternatives = settings.alternatives
-
-        def right(d_prime: Floats, _criterion: Floats, _signal: NDArray[np.bool_]) -> Floats:
-            return forced_choice_share(np.maximum(d_prime, 0.0), alternatives)
-
-        return right
+        share = tabulated(lambda d: forced_choice_share(d, settings.alternatives))
+        return lambda d_prime, _criterion, _signal: share(d_prime)
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

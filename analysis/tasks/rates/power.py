@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STUDIES = 500
-SIZES = 8
+SIZES = 6
 """How many numbers of participants a curve shows; each costs as much as the others."""
 
 COMMON = 0.5
@@ -48,6 +48,8 @@ class CellDesign:
         Where the cell's level lies: 0 at the level where answers are worst, 1 at the best.
     signal : ndarray (cells,) of bool
         The right answer is the task's first.
+    by_scene : bool
+        The test respects scenes.
     """
 
     conditions: tuple[str, ...]
@@ -56,11 +58,13 @@ class CellDesign:
     place: Floats
     signal: NDArray[np.bool_]
     repeats: int
+    by_scene: bool
 
     def grid(self, counts: Floats, chosen: NDArray[np.bool_]) -> Floats:
         """Sum counts (participants, cells) of chosen cells into (participants, scenes)."""
-        where = np.zeros((self.scene.size, int(self.scene.max()) + 1))
-        where[np.arange(self.scene.size), self.scene] = chosen
+        scene = self.scene if self.by_scene else 0 * self.scene
+        where = np.zeros((scene.size, int(scene.max()) + 1))
+        where[np.arange(scene.size), scene] = chosen
         return np.asarray(counts @ where)
 
 
@@ -102,7 +106,7 @@ class RatePower:
     warnings: tuple[str, ...]
 
 
-def assumptions(settings: RateSettings) -> tuple[Assumption, ...]:
+def assumptions(settings: RateSettings, scenes: int) -> tuple[Assumption, ...]:
     """Return what a simulation takes for true, with values of ordinary studies."""
     several = len(settings.values) > 1
     if settings.adaptive:
@@ -122,8 +126,9 @@ def assumptions(settings: RateSettings) -> tuple[Assumption, ...]:
             else []
         ),
         Assumption("participant_sd", 0.4, "deviation of d' between participants"),
-        Assumption("scene_sd", 0.2, "deviation of d' between scenes"),
     ]
+    if scenes > 1:
+        found.append(Assumption("scene_sd", 0.2, "deviation of d' between scenes"))
     if settings.level is not None:
         found.append(Assumption("slope", 1.0, "how far d' rises over the range of levels"))
     if settings.kind == "detection":
@@ -133,13 +138,21 @@ def assumptions(settings: RateSettings) -> tuple[Assumption, ...]:
 
 
 def cell_design(cells: Sequence[Cell], settings: RateSettings, repeats: int) -> CellDesign:
-    """Return the design of a study's cells."""
+    """Return the design of a study's cells.
+
+    Raises
+    ------
+    StudyError
+        If the study shows nothing.
+    """
+    if not cells:
+        raise StudyError("task: must show at least one condition (there is no stimulus for it)")
     conditions = [cell.arrangements[0].condition for cell in cells]
     names = [name_of(one.get(settings.by or "")) for one in conditions]
     levels = np.array([_number(one.get(settings.level or "")) for one in conditions])
     span = float(np.ptp(levels)) or 1.0
     place = (levels - levels.min()) / span if settings.level is not None else 0.5 + 0.0 * levels
-    scenes = [cell.scene if settings.test == "participant-scene" else "" for cell in cells]
+    scenes = [cell.scene for cell in cells]
     known = {name: number for number, name in enumerate(dict.fromkeys(scenes))}
     first = settings.answers[0]
     return CellDesign(
@@ -149,6 +162,7 @@ def cell_design(cells: Sequence[Cell], settings: RateSettings, repeats: int) -> 
         place=1.0 - place if settings.falling else place,
         signal=np.array([cell.arrangements[0].correct == first for cell in cells]),
         repeats=repeats,
+        by_scene=settings.test == "participant-scene",
     )
 
 
@@ -187,7 +201,7 @@ def rate_power(
             study.task.cells(study, study.main_scenes()), settings, study.design.repeats
         )
         scenes = np.unique(design.scene).size
-        if 1 < scenes < 5 and assumed["scene_sd"] > 0:
+        if 1 < scenes < 5 and assumed.get("scene_sd", 0.0) > 0:
             notes.append(
                 f"{scenes} scenes only: more participants cannot make up for scenes that differ"
             )
@@ -231,6 +245,13 @@ def rate_power(
         warnings=tuple(notes),
     )
     return _report(found, curves)
+
+
+def tabulated(share: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+    """Return a function of d' that looks its values up; d' below 0 counts as 0."""
+    d_prime = np.linspace(0.0, 12.0, 2401)
+    values = share(d_prime)
+    return lambda found: np.interp(found, d_prime, values)
 
 
 def judge_shares(
@@ -297,7 +318,7 @@ def _events(
     typical += assumed.get("difference", 0.0) * (design.condition > 0)
     typical += assumed.get("slope", 0.0) * (design.place - 0.5)
     d = typical + effects(people, assumed["participant_sd"])[:, design.condition]
-    d = d + effects(scenes, assumed["scene_sd"])[design.scene, design.condition]
+    d = d + effects(scenes, assumed.get("scene_sd", 0.0))[design.scene, design.condition]
     criterion = np.full(d.shape, assumed.get("criterion", 0.0))
     criterion += effects(people, assumed.get("criterion_sd", 0.0))[:, design.condition]
     chance = draw(d, criterion, design.signal)

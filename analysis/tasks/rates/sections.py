@@ -46,7 +46,7 @@ def said(one: Difference, settings: RateSettings) -> str:
     p = decisive_p(one, settings)
     between = f"{settings.label(one.first)} against {settings.label(one.second)}"
     level = f"{100 * one.level:g}% CI [{number(one.lower)}, {number(one.upper)}]"
-    word = "differ" if p < settings.alpha else "no difference is shown"
+    word = "they differ" if p < settings.alpha else "no difference is shown"
     return f"{between}: {number(one.difference)} in {one.measure}, {level}, {p_text(p)}: {word}"
 
 
@@ -264,7 +264,7 @@ def _discrimination(found: DiscriminationResults, settings: RateSettings) -> lis
         ),
         Paragraph(
             "d': how far the stimuli lie apart, in standard deviations of the noise, for an"
-            " observer who decides as the rule in brackets says. Limits and p are those of the share.",
+            " observer who decides as the rule in brackets says. Limits and p are the share's.",
             muted=True,
         ),
     ]
@@ -380,13 +380,13 @@ def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
         ),
         Paragraph(
             f"Lapse rate {share(model.lapse)}, shared by all; thresholds differ between"
-            f" participants by SD {model.participant_sd:.3g}"
+            f" participants by SD {_sd(model.participant_sd)}"
             + (
-                f", of one participant between conditions by SD {model.interaction_sd:.3g}"
+                f", of one participant between conditions by SD {_sd(model.interaction_sd)}"
                 if len(model.thresholds) > 1
                 else ""
             )
-            + (f", between scenes by SD {model.scene_sd:.3g}" if model.scene_sd else "")
+            + (f", between scenes by SD {_sd(model.scene_sd)}" if model.scene_sd else "")
             + ".",
             muted=True,
         ),
@@ -394,7 +394,7 @@ def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
     blocks += _differences("Differences of thresholds", model.contrasts, settings)
     blocks.append(
         Table.of(
-            "Participants' thresholds, drawn towards the mean as far as their answers leave open",
+            "Participants' thresholds",
             (
                 ("Participant", "l"),
                 *((settings.label(one.condition), "") for one in model.thresholds),
@@ -411,6 +411,8 @@ def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
             ],
         )
     )
+    note = "Each is drawn towards the mean as far as the participant's answers leave open."
+    blocks.append(Paragraph(note, muted=True))
     return blocks
 
 
@@ -512,6 +514,11 @@ def _checks(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
 
 def _spread(fit: ModelFit) -> str:
     return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items()) or "none"
+
+
+def _sd(value: float) -> str:
+    """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
+    return f"{value:.3g}" if value > 1e-6 else "0"
 
 
 def _pair(ends: tuple[float, float] | None) -> str:

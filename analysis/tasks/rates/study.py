@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -125,7 +125,7 @@ def analyse_rates(
     tabled = rows if signal is None else with_shared_noise(rows, signal)
     if tabled is not rows:
         notes.append("conditions without noise trials of their own share those of the others")
-    sensitivity = sense(tabled)
+    sensitivity = _sorted_sensitivity(sense(tabled), shown)
     reference = shown[0] if len(shown) > 1 else None
     step("levels")
     counts, curves, thresholds = {}, {}, None
@@ -146,6 +146,12 @@ def analyse_rates(
             "no thresholds over participants",
             notes,
         )
+        if thresholds is not None:
+            thresholds = replace(
+                thresholds,
+                thresholds=_in_order(thresholds.thresholds, shown, lambda one: one.condition),
+                contrasts=_in_order(thresholds.contrasts, shown, lambda one: one.first),
+            )
     critical: tuple[CriticalScaling, ...] = ()
     critical_contrasts: tuple[Difference, ...] = ()
     if scaling is not None and settings.level is not None and not settings.falling:
@@ -230,6 +236,27 @@ def _in_order(found: Sequence[T], order: Sequence[str], name: Callable[[T], str]
     return tuple(sorted(found, key=lambda one: place.get(name(one), len(place))))
 
 
+def _sorted_sensitivity(
+    found: YesNoResults | DiscriminationResults, order: Sequence[str]
+) -> YesNoResults | DiscriminationResults:
+    def contrasts(several: Sequence[Difference]) -> tuple[Difference, ...]:
+        return _in_order(several, order, lambda one: one.first)
+
+    if isinstance(found, YesNoResults):
+        return replace(
+            found,
+            conditions=_in_order(found.conditions, order, lambda one: one.condition),
+            d_prime_contrasts=contrasts(found.d_prime_contrasts),
+            criterion_contrasts=contrasts(found.criterion_contrasts),
+            bias_contrasts=contrasts(found.bias_contrasts),
+        )
+    return replace(
+        found,
+        conditions=_in_order(found.conditions, order, lambda one: one.condition),
+        contrasts=contrasts(found.contrasts),
+    )
+
+
 def _counts(rows: pd.DataFrame, level: str) -> Counts:
     table = rows.groupby(pd.to_numeric(rows[level]))["correct"].agg(["sum", "size"])
     return Counts(
@@ -286,7 +313,7 @@ def _critical(
     )
     if one is None:
         return (), ()
-    return (CriticalScaling(**{**vars(one), "condition": settings.values[0]}),), ()
+    return (replace(one, condition=settings.values[0]),), ()
 
 
 def _models(

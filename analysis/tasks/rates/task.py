@@ -233,7 +233,8 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
 
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return d' of the baseline, what the others have more, and how people differ."""
-        return assumptions(self.settings(study))
+        scenes = {cell.scene for cell in study.task.cells(study, study.main_scenes())}
+        return assumptions(self.settings(study), len(scenes))
 
     def power(
         self,
