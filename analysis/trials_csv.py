@@ -32,7 +32,8 @@ def read_trials(
     mapping : mapping of our name to the file's column, optional
         Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and ``answer``.
         Optional: ``scene``, ``order``, ``rt_s``. Columns that already have our names need no
-        entry. All other columns are kept, under names of one's own if mapped.
+        entry. All other columns are kept, under names of one's own if mapped. Of a table with
+        ``kind`` or ``included``, as tidy ones, only main trials that are included are read.
     conditions : sequence of str
         Columns that must be there and have a value in every row.
     levels : sequence of str
@@ -52,7 +53,7 @@ def read_trials(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = renamed(path, read_table(path), mapping or {}, None)
+    table = _analysed(renamed(path, read_table(path), mapping or {}, None))
     _require(path, table, conditions, levels)
     rows = pd.DataFrame(index=table.index)
     rows["participant"] = text_column(path, table, "participant")
@@ -78,6 +79,14 @@ def read_trials(
     rows["correct"] = _correct(path, table, right)
     rows["rt_s"] = _times(path, table) if "rt_s" in table else np.nan
     return rows.reset_index(drop=True)
+
+
+def _analysed(table: pd.DataFrame) -> pd.DataFrame:
+    """Leave out practice, catch trials and what exclusion rules left out."""
+    for column, wanted in (("kind", ("main", "")), ("included", ("1", "1.0", ""))):
+        if column in table:
+            table = table[table[column].str.strip().isin(wanted)]
+    return table
 
 
 def _require(

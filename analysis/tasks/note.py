@@ -73,9 +73,10 @@ def options_from(kind: str, texts: Mapping[str, str]) -> TableOptions:
 def _value(text: str) -> object:
     """Return a number, true or false, or a text."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
+    return value if isinstance(value, bool | int | float) else text.strip("\"'")
 
 
 def _checked(kind: str, values: Mapping[str, Any], place: str) -> TableOptions:

@@ -22,7 +22,7 @@ from protocols.tasks.base import Cell
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STUDIES = 500
+STUDIES = 400
 SIZES = 6
 """How many numbers of participants a curve shows; each costs as much as the others."""
 
@@ -411,7 +411,7 @@ def _track_errors(
             likelihood += np.log(share if right else 1.0 - share)
         errors.append(float(candidates[int(np.argmax(likelihood))]) - true)
     each = max(1, rule.trials_of(study) // (rule.trials * len(settings.values)))
-    return np.array(errors) / np.sqrt(each)
+    return np.array(errors) / float(np.sqrt(each))
 
 
 def _number(value: object) -> float:
@@ -448,7 +448,8 @@ def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
         columns=tuple(columns),
         rows=tuple(rows),
         legend=legend
-        + "false positives: were there nothing to find, any test is significant all the same",
+        + "false positives: were there nothing to find, any test is significant all the same. Other"
+        " numbers of participants were not tried",
         needed=tuple(
             f"{name}, power {goal:.0%}:"
             f" {f'more than {found.participants[-1]}' if people is None else people} participants"

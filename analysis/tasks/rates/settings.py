@@ -183,7 +183,7 @@ def common_settings_of_table(
         values=tuple(values),
         level=options.level,
         falling=options.falling,
-        adaptive=False,
+        adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
         answers=answers,
         alternatives=len(answers),
         labels={},

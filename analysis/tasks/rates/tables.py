@@ -39,6 +39,11 @@ def read_answers(
     wanted = [name for name in (options.by,) if name is not None]
     levels = [name for name in (options.level,) if name is not None]
     rows = read_trials(path, mapping, conditions=wanted, levels=levels, answers=answers)
+    # What was mapped is there under our name; it need not be there twice.
+    used = {options.by, options.level, *mapping}
+    rows = rows.drop(
+        columns=[name for name in mapping.values() if name in rows and name not in used]
+    )
     count = len(rows)
     defaults = pd.DataFrame(
         {
