@@ -196,8 +196,10 @@ def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list
     return ordered
 
 
-def _trial(kind: Role, number: int, cell: Cell, repeat: int, slot: int, turn: int) -> PlannedTrial:
-    arrangement = cell.arranged(turn + slot)
+def _trial(
+    protocol: StudyProtocol, kind: Role, number: int, cell: Cell, repeat: int, turn: int
+) -> PlannedTrial:
+    arrangement = cell.arranged(turn)
     return PlannedTrial(
         id=f"{kind}-{number:04d}",
         block=0,
@@ -205,7 +207,7 @@ def _trial(kind: Role, number: int, cell: Cell, repeat: int, slot: int, turn: in
         repeat=repeat,
         condition=dict(arrangement.condition),
         stimuli=arrangement.stimuli,
-        answers=("a", "b"),  # until `_keyed` deals the keys
+        answers=protocol.task.answers(),
         correct=arrangement.correct,
     )
 
@@ -222,7 +224,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
                 repeat=0,
                 condition=dict(entry.condition),
                 stimuli=(),
-                answers=("a", "b"),
+                answers=protocol.task.answers(),
                 track=entry.track,
             )
             for number, entry in enumerate(rule.slots(protocol, chance))
@@ -250,7 +252,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
                     ordered.append((repeat, queues[scenes[index]].pop()))
             rounds += 1
     return [
-        _trial("main", number, cell, repeat, slot, repeat)
+        _trial(protocol, "main", number, cell, repeat, repeat + slot)
         for number, (repeat, cell) in enumerate(ordered)
     ]
 
@@ -262,17 +264,11 @@ def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list
     cells = chance.shuffled(protocol.task.practice_cells(protocol, protocol.practice_scenes()))
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
-    return [
-        _trial(
-            "practice",
-            number,
-            cells[number % len(cells)],
-            number // len(cells),
-            slot,
-            number // len(cells),
-        )
-        for number in range(practice.trials * practice.rounds)
-    ]
+    trials = []
+    for number in range(practice.trials * practice.rounds):
+        repeat, place = divmod(number, len(cells))
+        trials.append(_trial(protocol, "practice", number, cells[place], repeat, repeat + slot))
+    return trials
 
 
 def _catch_trials(
@@ -289,7 +285,7 @@ def _catch_trials(
     return [
         (
             1 + number * protocol.design.blocks // wanted,
-            _trial("catch", number, order[number % len(order)], 0, slot, number),
+            _trial(protocol, "catch", number, order[number % len(order)], 0, number + slot),
         )
         for number in range(wanted)
     ]
