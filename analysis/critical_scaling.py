@@ -211,7 +211,7 @@ def critical_scaling(
     if people < 2:
         raise ValueError(f"trials must hold two participants at least (found {people})")
     right, shown = (np.zeros((people, scalings.size)) for _ in range(2))
-    at = (places.person.to_numpy(), np.searchsorted(scalings, rows[column].to_numpy(float)))
+    at = (places.person, np.searchsorted(scalings, rows[column].to_numpy(float)))
     np.add.at(shown, at, 1.0)
     np.add.at(right, at, rows["correct"].to_numpy(dtype=np.float64))
     log_s = np.arange(np.log(scalings[0]) - BEYOND, np.log(scalings[-1]) + BEYOND, STEP_SCALING)

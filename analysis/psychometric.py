@@ -132,7 +132,9 @@ def fit_psychometric(
         raise ValueError("successes must lie between 0 and trials, and trials be positive")
     if shape == "weibull" and np.any(x < 0):
         raise ValueError("x must not be negative for the Weibull function")
-    problem = _Problem(x, successes, trials, guess, lapse, shape, -1.0 if falling else 1.0, rate_prior)
+    problem = _Problem(
+        x, successes, trials, guess, lapse, shape, -1.0 if falling else 1.0, rate_prior
+    )
     best, height = problem.fit()
     likelihood = height - problem.log_prior(best)
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
@@ -145,7 +147,6 @@ def fit_psychometric(
     spread = max(1.0, deviance / df) if overdispersed and df > 0 else 1.0
     drop = 0.5 * spread * float(stats.chi2.ppf(level, 1))
     limits = [None if notes else problem.profile(index, best, height, drop) for index in (0, 1)]
-    sign = -1.0 if falling else 1.0
     return Psychometric(
         shape=shape,
         threshold=threshold,
