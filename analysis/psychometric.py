@@ -132,9 +132,8 @@ def fit_psychometric(
         raise ValueError("successes must lie between 0 and trials, and trials be positive")
     if shape == "weibull" and np.any(x < 0):
         raise ValueError("x must not be negative for the Weibull function")
-    problem = _Problem(
-        x, successes, trials, guess, lapse, shape, -1.0 if falling else 1.0, rate_prior
-    )
+    sign = -1.0 if falling else 1.0
+    problem = _Problem(x, successes, trials, guess, lapse, shape, sign, rate_prior)
     best, height = problem.fit()
     likelihood = height - problem.log_prior(best)
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
