@@ -131,11 +131,8 @@ def test_slopes_and_curvatures_of_responses_are_their_derivatives(link, rates):
 
 
 def test_a_probit_model_without_maximum_says_so():
-    rows = [
-        {"y": int(person < 6 or trial % 2), "participant": person}
-        for person in range(8)
-        for trial in range(4)
-    ]
+    """Everybody always gives their own answer: people differ without end."""
+    rows = [{"y": int(person < 4), "participant": person} for person in range(8) for _ in range(40)]
     fit = glmm_probit("y ~ 1", pd.DataFrame(rows), groups=("participant",))
 
     assert "do not use it" in fit.warnings[0]
