@@ -117,8 +117,8 @@ def fit_psychometric(
     overdispersed : bool
         Widen limits where answers vary more than the curve and independent trials explain
         (quasi-likelihood, McCullagh and Nelder 1989; a person's attention drifts). It never
-        narrows them, so it also makes up for limits of the likelihood ratio being a little
-        narrow with few levels: they cover .93 to .96.
+        narrows them. In simulated studies of 5 to 9 levels the threshold's limits cover .95 to
+        .98 with 20 trials a level and more, and .91 with 10 (.89 without).
 
     Raises
     ------
