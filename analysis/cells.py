@@ -16,19 +16,20 @@ ONE_SCENE = "all"
 class Grid:
     """The participants and scenes of a table, in sorted order, and where each trial belongs.
 
-    Conditions counted on one grid can be compared cell by cell.
+    Conditions counted on one grid can be compared cell by cell. `person` and `scene` are numbers
+    per trial, in the rows of a table numbered from 0 (`checked`).
     """
 
     participants: tuple[str, ...]
     scenes: tuple[str, ...]
-    person: pd.Series
-    scene: pd.Series
+    person: NDArray[np.int64]
+    scene: NDArray[np.int64]
 
     def count(self, values: pd.Series) -> Floats:
         """Sum values (trials) into cells (participants, scenes)."""
         cells = np.zeros((len(self.participants), len(self.scenes)))
-        place = self.person.loc[values.index].to_numpy(), self.scene.loc[values.index].to_numpy()
-        np.add.at(cells, place, values.to_numpy(dtype=np.float64))
+        rows = values.index.to_numpy()
+        np.add.at(cells, (self.person[rows], self.scene[rows]), values.to_numpy(dtype=np.float64))
         return cells
 
 
@@ -40,8 +41,8 @@ def grid(trials: pd.DataFrame) -> Grid:
     return Grid(
         participants=tuple(map(str, people)),
         scenes=tuple(map(str, scenes)),
-        person=pd.Series(person, trials.index),
-        scene=pd.Series(place, trials.index),
+        person=person.astype(np.int64),
+        scene=place.astype(np.int64),
     )
 
 

@@ -33,6 +33,11 @@ PERSON_PRIOR_SD = 1.5
 
 Wide (a factor of 4.5 either way), and enough to keep someone finite who is always at chance."""
 
+FEW_PARTICIPANTS = 5
+
+HARDLY_SEEN = 1.0
+"""d' at the largest scaling below which the law cannot be placed."""
+
 SD_PRIOR = 0.5
 """Scale of the Rayleigh law that the deviations of ln s_c and ln gain are drawn to.
 
@@ -153,7 +158,7 @@ def fit_person(
     best = _polish(loss, sorted(starts, key=loss)[:3])
     ends = [_profile(loss, best, k, level) if limits else None for k in (0, 1)]
     rate = lapse if lapse is not None else float(expit(best[2]))
-    notes = _notes(float(np.exp(best[0])), scalings, 99)
+    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
     return CriticalScaling(
         condition="all",
         critical=float(np.exp(best[0])),
@@ -211,7 +216,7 @@ def critical_scaling(
     if people < 2:
         raise ValueError(f"trials must hold two participants at least (found {people})")
     right, shown = (np.zeros((people, scalings.size)) for _ in range(2))
-    at = (places.person.to_numpy(), np.searchsorted(scalings, rows[column].to_numpy(float)))
+    at = (places.person, np.searchsorted(scalings, rows[column].to_numpy(float)))
     np.add.at(shown, at, 1.0)
     np.add.at(right, at, rows["correct"].to_numpy(dtype=np.float64))
     log_s = np.arange(np.log(scalings[0]) - BEYOND, np.log(scalings[-1]) + BEYOND, STEP_SCALING)
@@ -252,7 +257,9 @@ def critical_scaling(
     mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
     mass /= mass.sum(axis=(1, 2), keepdims=True)
     own_s, own_g = mass.sum(axis=2) @ log_s, mass.sum(axis=1) @ log_g
-    notes = _notes(float(np.exp(best[0])), scalings, people)
+    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {people} participants: limits are a rough guide")
     if not proper:
         notes.append("the answers do not bound the model: no limits")
     return CriticalScaling(
@@ -477,12 +484,13 @@ def _profile(
     return min(ends), max(ends)
 
 
-def _notes(critical: float, scalings: Floats, people: int) -> list[str]:
+def _notes(critical: float, gain: float, scalings: Floats, law: Law) -> list[str]:
     notes = []
     if critical < scalings.min():
         notes.append("the critical scaling lies below all scalings shown: it is extrapolated")
-    if critical > scalings.max():
-        notes.append("the critical scaling lies above all scalings shown: nobody saw a difference")
-    if people < 5:
-        notes.append(f"only {people} participants: limits are a rough guide")
+    if float(scaling_d_prime(scalings.max(), critical, gain, law)) < HARDLY_SEEN:
+        notes.append(
+            "hardly a difference was seen at the largest scaling: critical scaling and gain are"
+            " little more than their priors"
+        )
     return notes

@@ -117,8 +117,8 @@ def fit_psychometric(
     overdispersed : bool
         Widen limits where answers vary more than the curve and independent trials explain
         (quasi-likelihood, McCullagh and Nelder 1989; a person's attention drifts). It never
-        narrows them, so it also makes up for limits of the likelihood ratio being a little
-        narrow with few levels: they cover .93 to .96.
+        narrows them. In simulated studies of 5 to 9 levels the threshold's limits cover .95 to
+        .98 with 20 trials a level and more, and .91 with 10 (.89 without).
 
     Raises
     ------
@@ -132,9 +132,8 @@ def fit_psychometric(
         raise ValueError("successes must lie between 0 and trials, and trials be positive")
     if shape == "weibull" and np.any(x < 0):
         raise ValueError("x must not be negative for the Weibull function")
-    problem = _Problem(
-        x, successes, trials, guess, lapse, shape, -1.0 if falling else 1.0, rate_prior
-    )
+    sign = -1.0 if falling else 1.0
+    problem = _Problem(x, successes, trials, guess, lapse, shape, sign, rate_prior)
     best, height = problem.fit()
     likelihood = height - problem.log_prior(best)
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
@@ -147,7 +146,6 @@ def fit_psychometric(
     spread = max(1.0, deviance / df) if overdispersed and df > 0 else 1.0
     drop = 0.5 * spread * float(stats.chi2.ppf(level, 1))
     limits = [None if notes else problem.profile(index, best, height, drop) for index in (0, 1)]
-    sign = -1.0 if falling else 1.0
     return Psychometric(
         shape=shape,
         threshold=threshold,

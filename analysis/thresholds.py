@@ -162,14 +162,14 @@ def fit_thresholds(
     scaled = (x - centre) / spread
     steep = place * scaled[:, None] if own_widths else scaled[:, None]
     design = np.column_stack([place, steep])
-    person = places.person.to_numpy(dtype=np.int64)
+    person = places.person
     groups, kinds = [person], ["participant"]
     if len(names) > 1:
         pair = np.unique(person * len(names) + condition, return_inverse=True)[1]
         groups.append(pair.astype(np.int64))
         kinds.append("interaction")
     if scenes and len(places.scenes) > 1:
-        groups.append(places.scene.to_numpy(dtype=np.int64))
+        groups.append(places.scene)
         kinds.append("scene")
     response = Response(LINKS[shape], guess, lapse)
     y = rows[correct].to_numpy(dtype=np.float64)

@@ -27,9 +27,7 @@ def test_the_correction_is_for_every_table_or_for_none():
     plain = sensitivity(9, 1, 1, 9, "none")
 
     assert corrected.d_prime == pytest.approx(2 * stats.norm.ppf(10.5 / 11))
-    assert sensitivity(9, 1, 1, 9).d_prime < plain.d_prime == pytest.approx(
-        2 * stats.norm.ppf(0.9)
-    )
+    assert sensitivity(9, 1, 1, 9).d_prime < plain.d_prime == pytest.approx(2 * stats.norm.ppf(0.9))
     assert sensitivity(10, 0, 0, 10, "none").d_prime == np.inf
     with pytest.raises(ValueError, match="log-linear"):
         sensitivity(9, 1, 1, 9, "loglinear")

@@ -59,13 +59,13 @@ def test_abx_observers_who_see_noise_answer_as_the_formula_says(rng, proof_count
     a, b = rng.standard_normal(trials), rng.standard_normal(trials) + d
     is_a = rng.random(trials) < 0.5
     x = rng.standard_normal(trials) + np.where(is_a, 0.0, d)
-    if rule == "differencing":
-        says_a = np.abs(x - a) < np.abs(x - b)
-    else:
+    says_a = {
+        "differencing": np.abs(x - a) < np.abs(x - b),
         # The likelihood ratio: which way round A and B came, and which of them X is.
-        says_a = (x - d / 2) * (b - a) < 0
+        "independent": (x - d / 2) * (b - a) < 0,
+    }
 
-    share = np.mean(says_a == is_a)
+    share = np.mean(says_a[rule] == is_a)
 
     assert share == pytest.approx(abx_share(d, rule), abs=4 * np.sqrt(0.25 / trials))
 
@@ -303,9 +303,7 @@ def test_abx_says_nothing_was_seen_exactly_where_the_share_says_so(rng):
 
 
 def test_all_right_in_abx_is_a_bound_and_not_infinite():
-    rows = pd.DataFrame(
-        {"participant": np.repeat(list("abcdefg"), 10), "scene": "x", "correct": 1}
-    )
+    rows = pd.DataFrame({"participant": np.repeat(list("abcdefg"), 10), "scene": "x", "correct": 1})
     one = abx(rows)["all"]
 
     assert np.isfinite(one.d_prime)
