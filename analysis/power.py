@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
+from scipy.special import expit
 
 Floats = NDArray[np.float64]
 
@@ -22,3 +23,14 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
     rising = optimize.isotonic_regression(curve).x
     above = np.nonzero(rising >= goal)[0]
     return int(participants[above[0]]) if above.size else None
+
+
+def mean_logit(rate: float, spread: float) -> float:
+    """Return the logit whose mean response over normal effects of sd `spread` is `rate`."""
+    if spread == 0:
+        return float(np.log(rate / (1.0 - rate)))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
+    weights = weights / weights.sum()
+    return float(
+        optimize.brentq(lambda mu: weights @ expit(mu + spread * nodes) - rate, -60.0, 60.0)
+    )

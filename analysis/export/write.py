@@ -55,8 +55,8 @@ def export_study(
     ------
     StudyError
         If the sittings are not those of one study and this protocol, nobody may be exported,
-        `out` is not empty or lies among the sessions, a BIDS export lacks a display, or pwcmp cannot
-    take the study's task.
+        `out` is not empty or lies among the sessions, a BIDS export lacks a display, or pwcmp
+        cannot take answers of the study's task.
     """
     options = options or ExportOptions()
     if form == "pwcmp" and protocol.analysis.kind != "preference":

@@ -40,19 +40,19 @@ from analysis.plots import (
     scaling_plot,
 )
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
-from analysis.power import Assumptions, power_curve
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
-from analysis.settings import from_protocol
 from analysis.simulated_tasks import (
     TaskDesign,
     simulate_abx,
     simulate_identification,
     simulate_yes_no,
 )
-from analysis.study import vote_tensor
+from analysis.tasks.preference.power import Assumptions, power_curve
+from analysis.tasks.preference.settings import from_protocol
+from analysis.tasks.preference.study import vote_tensor
 from analysis.thresholds import fit_thresholds
 
 LABELS = {
@@ -154,6 +154,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     curve = power_curve(
         from_protocol(demo_protocol), Assumptions(0.65), rng=np.random.default_rng(2), studies=200
     )
+    lines = {"primary comparison": curve.primary, "every comparison": curve.every}
     return {
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
         "forest": lambda **k: forest_plot(cells, label=label, **k),
@@ -170,7 +171,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         "learning": lambda **k: learning_plot(chosen, "y", y_label="Share", bounds=(0, 1), **k),
         "reaction": lambda **k: reaction_plot(times, medians, label=label, **k),
         "bias": lambda **k: bias_bars([order_bias(rows), side], **k),
-        "power": lambda **k: power_plot([curve], **k),
+        "power": lambda **k: power_plot(curve.participants, lines, planned=curve.planned, **k),
     }
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import stats
 from scipy.special import expit
 
 from analysis.clustered import ClusteredShare, combine, holm, sign_flip_floor
-from analysis.power import default_participants, first_reaching
+from analysis.power import default_participants, first_reaching, mean_logit
 from analysis.tasks.preference.settings import Comparison, Settings
 
 Floats = NDArray[np.float64]
@@ -151,17 +151,6 @@ def power_curve(
         family=len(settings.comparisons),
         planned=settings.planned_participants,
         warnings=tuple(notes),
-    )
-
-
-def mean_logit(rate: float, spread: float) -> float:
-    """Return the logit whose mean response over normal effects of sd `spread` is `rate`."""
-    if spread == 0:
-        return float(np.log(rate / (1.0 - rate)))
-    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
-    weights = weights / weights.sum()
-    return float(
-        optimize.brentq(lambda mu: weights @ expit(mu + spread * nodes) - rate, -60.0, 60.0)
     )
 
 
