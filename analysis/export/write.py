@@ -55,9 +55,15 @@ def export_study(
     ------
     StudyError
         If the sittings are not those of one study and this protocol, nobody may be exported,
-        `out` is not empty or lies among the sessions, or a BIDS export lacks a display.
+        `out` is not empty or lies among the sessions, a BIDS export lacks a display, or pwcmp
+        cannot take answers of the study's task.
     """
     options = options or ExportOptions()
+    if form == "pwcmp" and protocol.analysis.kind != "preference":
+        raise StudyError(
+            f"--format: pwcmp takes preferences between pairs (the task is {protocol.task.kind!r});"
+            " choose bids or psych-ds"
+        )
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     study = read_study(sessions, protocol, progress=progress)
