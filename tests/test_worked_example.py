@@ -103,7 +103,8 @@ def test_the_task_of_the_architecture_page_runs_from_check_to_report(metamerlab,
 
     for words in (
         ("protocol", "check", study),
-        ("session", "simulate", study, "--out", sessions, "--participants", 3, "--utility", "two=2"),
+        ("session", "simulate", study, "--out", sessions, "--participants", 3,
+         "--utility", "two=2"),
         ("analysis", "report", sessions, "--protocol", study, "--out", tmp_path / "report",
          "--no-figures"),
     ):  # fmt: skip
