@@ -103,22 +103,14 @@ def posterior(wins: ArrayLike, *, prior_sd_jod: float = PRIOR_SD_JOD) -> Scores:
     size = len(counts)
     ridge = np.eye(size) / prior_sd_jod**2
     mean = np.zeros(size)
-    value = _log_posterior(mean, counts, prior_sd_jod)
+    # Full Newton steps: the log posterior is concave, and near enough to a parabola or a line
+    # everywhere that they do not overshoot. A dozen are enough.
     for _ in range(100):
         slope, curvature = _derivatives(mean, counts)
         information = np.diag(curvature.sum(axis=1)) - curvature + ridge
-        gradient = slope.sum(axis=1) - mean / prior_sd_jod**2
-        step = cho_solve(cho_factor(information), gradient)
-        # The log posterior is concave: halved often enough, a Newton step climbs.
-        scale = 1.0
-        while (
-            tried := _log_posterior(mean + scale * step, counts, prior_sd_jod)
-        ) < value and scale > 1e-6:
-            scale *= 0.5
-        if scale <= 1e-6:
-            break  # as high as float64 can tell
-        mean, value = mean + scale * step, tried
-        if np.abs(step).max() < 1e-11:
+        step = cho_solve(cho_factor(information), slope.sum(axis=1) - mean / prior_sd_jod**2)
+        mean = mean + step
+        if np.abs(step).max() < 1e-10:
             break
     _, curvature = _derivatives(mean, counts)
     information = np.diag(curvature.sum(axis=1)) - curvature + ridge
@@ -180,12 +172,6 @@ def next_batch(
     tree = minimum_spanning_tree(weight).tocoo()
     edges = sorted(zip(tree.data.tolist(), tree.row.tolist(), tree.col.tolist(), strict=True))
     return tuple((int(min(i, j)), int(max(i, j))) for _, i, j in edges)
-
-
-def _log_posterior(mean: Floats, wins: Floats, prior_sd_jod: float) -> float:
-    difference = (mean[:, None] - mean[None, :]) / JOD_SIGMA
-    likelihood = float((wins * log_ndtr(difference)).sum())
-    return likelihood - 0.5 * float(mean @ mean) / prior_sd_jod**2
 
 
 def _derivatives(mean: Floats, wins: Floats) -> tuple[Floats, Floats]:

@@ -39,6 +39,7 @@ class Adaptive(Model):
     """What every rule has."""
 
     rule: str
+    """How the next level or pair follows from the answers: quest-plus or up-down; active-pairs."""
     trials: Positive
     """How many trials each track has."""
 
@@ -89,13 +90,11 @@ class AdaptiveLevels(Adaptive):
     """Columns whose every combination of values has a track of its own, such as `method`."""
 
     def levels(self, study: StudyProtocol) -> tuple[float, ...]:
-        """Return the levels that the stimuli have, rising."""
-        values = {
-            float(value)
-            for value in study.stimuli.values(self.column)
-            if not isinstance(value, (str, bool))
-        }
-        return tuple(sorted(values))
+        """Return the levels that the task's conditions have, rising."""
+        values = (cell.arrangements[0].condition.get(self.column) for cell in self._cells(study))
+        return tuple(
+            sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
+        )
 
     def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
         """Return the level after these answers."""
@@ -128,12 +127,13 @@ class AdaptiveLevels(Adaptive):
                 for name in self.by
             )
         ]
-        last = set(past[-1].stimulus_names) if past else set()
-        fresh = [cell for cell in cells if set(cell.arrangements[0].stimuli) != last] or cells
-        answers = sorted({str(cell.arrangements[0].correct) for cell in fresh})
+        # The answer first: to avoid the last picture must not make its successor predictable.
+        answers = sorted({str(cell.arrangements[0].correct) for cell in cells})
         answer = answers[chance.below(len(answers))]
-        fit = [cell for cell in fresh if str(cell.arrangements[0].correct) == answer]
-        return fit[chance.below(len(fit))].arranged(turn)
+        fit = [cell for cell in cells if str(cell.arrangements[0].correct) == answer]
+        last = set(past[-1].stimulus_names) if past else set()
+        fresh = [cell for cell in fit if set(cell.arrangements[0].stimuli) != last] or fit
+        return fresh[chance.below(len(fresh))].arranged(turn)
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
@@ -299,15 +299,17 @@ class ActivePairs(Adaptive):
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
             wins[methods.index(won), methods.index(lost)] += 1
-        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch))
+        drawn = Chance(study.design.seed, "pairs", batch)
+        # Shuffled: a batch may have one method in many of its pairs.
+        pairs = drawn.shuffled(next_batch(wins, drawn))
         i, j = pairs[len(past) % len(pairs)]
-        wanted = {methods[i], methods[j]}
-        for cell in task.cells(study, study.main_scenes()):
-            condition = cell.arrangements[0].condition
-            pair = {str(condition[first]), str(condition[second])}
-            if pair == wanted and all(condition[k] == v for k, v in trial.condition.items()):
-                return cell.arranged(turn)
-        raise StudyError(f"task.sampling: no stimuli for {wanted} in {dict(trial.condition)}")
+        cell = task.cell(study, trial.condition, (methods[i], methods[j]))
+        if cell is None:
+            raise StudyError(
+                f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
+                f" {dict(trial.condition)}"
+            )
+        return cell.arranged(turn)
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield a problem where a scene lacks a stimulus that others have."""
@@ -320,9 +322,8 @@ class ActivePairs(Adaptive):
                 f"must be 1 where sampling has trials (got {study.design.repeats})",
             )
         methods = len(study.stimuli.values(task.compare))
-        per_group = methods * (methods - 1) // 2
-        groups = self._groups(study)
-        if len(task.cells(study, study.main_scenes())) != per_group * len(groups):
+        groups = study.stimuli.groups(study.main_scenes(), task.compare)
+        if any(len(stimuli) < methods for _, _, stimuli, _ in groups):
             yield Problem(
                 "task.sampling",
                 "every scene and size must have stimuli of every method, so that any pair can be"
@@ -338,17 +339,10 @@ class ActivePairs(Adaptive):
         )
 
     def _groups(self, study: StudyProtocol) -> list[Condition]:
+        """Return the scenes and sizes in which methods are compared."""
         task = _pair_task(study)
-        found: list[Condition] = []
-        for cell in task.cells(study, study.main_scenes()):
-            rest = {
-                key: value
-                for key, value in cell.arrangements[0].condition.items()
-                if key not in task.answers()
-            }
-            if rest not in found:
-                found.append(rest)
-        return found
+        groups = study.stimuli.groups(study.main_scenes(), task.compare)
+        return [condition for _, _, stimuli, condition in groups if len(stimuli) > 1]
 
 
 def _pair_task(study: StudyProtocol) -> PairTask:

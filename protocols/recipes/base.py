@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from protocols.errors import Problem
 from protocols.hashing import Json
@@ -34,10 +34,23 @@ class Stimulus:
         return str(self.condition.get(SCENE, ""))
 
 
+class Group(NamedTuple):
+    """Stimuli that differ in one column of their condition alone."""
+
+    scene: str
+    parity: int
+    """Sum of the places of all other values among those declared: for taking turns."""
+    stimuli: dict[Scalar, Stimulus]
+    """By their value in that column."""
+    condition: dict[str, Scalar]
+    """All other columns."""
+
+
 class Recipe(Model):
     """How the stimuli of a study come into being: the section `[stimuli]`."""
 
     kind: str
+    """Where the stimuli come from: scenes that are rendered, or files that were made elsewhere."""
 
     section: ClassVar[str] = "stimuli"
     """Where a file says size, rate and duration."""
@@ -101,6 +114,34 @@ class Recipe(Model):
     def columns(self) -> tuple[str, ...]:
         """Return the columns of the conditions, in order."""
         return tuple(dict.fromkeys(name for s in self.pool() for name in s.condition))
+
+    def groups(self, scenes: Sequence[str], column: str) -> list[Group]:
+        """Group the pool by everything but one column.
+
+        Parameters
+        ----------
+        scenes : sequence of str
+            Those wanted; groups come in this order, then in the pool's.
+        column : str
+            In which the stimuli of a group differ.
+        """
+        columns = [name for name in self.columns() if name != column]
+        ranks = {
+            name: {value: place for place, value in enumerate(self.values(name))}
+            for name in columns
+        }
+        ranks[SCENE] = {scene: place for place, scene in enumerate(scenes)}
+        found: dict[tuple[Scalar, ...], dict[Scalar, Stimulus]] = {}
+        for stimulus in self.pool():
+            if stimulus.scene in ranks[SCENE] and column in stimulus.condition:
+                key = tuple(stimulus.condition[name] for name in columns)
+                found.setdefault(key, {})[stimulus.condition[column]] = stimulus
+        groups = []
+        for key, stimuli in found.items():
+            condition = dict(zip(columns, key, strict=True))
+            parity = sum(ranks[name][value] for name, value in condition.items())
+            groups.append(Group(str(condition.get(SCENE, "")), parity, stimuli, condition))
+        return sorted(groups, key=lambda group: ranks[SCENE][group.scene])
 
     def problems(self, _folder: Path) -> list[Problem]:
         """Return a problem for every file that is needed and not below `folder`."""

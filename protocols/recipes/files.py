@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("stimulus", "file")
 """What the table must have; every other column is one of the condition."""
+_TOLD = 3
+"""How many missing files are named one by one."""
 _NAME: TypeAdapter[str] = TypeAdapter(Name)
 
 
@@ -122,15 +124,22 @@ class Files(Recipe):
 
     def problems(self, folder: Path) -> list[Problem]:
         """Return a problem for every file that is not below `folder`."""
-        return [
+        missing = [
+            (index, entry)
+            for index, entry in enumerate(self.entries)
+            if not (folder / entry.file).exists()
+        ]
+        found = [
             Problem(
                 f"stimuli.entries[{index}].file",
                 f"the file of {entry.name!r} is not there (looked for {folder / entry.file});"
                 " 'metamerlab stimuli build' needs it",
             )
-            for index, entry in enumerate(self.entries)
-            if not (folder / entry.file).exists()
+            for index, entry in missing[:_TOLD]
         ]
+        if len(missing) > _TOLD:
+            found.append(Problem("stimuli", f"{len(missing) - _TOLD} more files are not there"))
+        return found
 
 
 def read_table(path: Path) -> list[dict[str, object]]:

@@ -468,6 +468,11 @@ class WarpedClips(Recipe):
         return self.clips.frames
 
     @property
+    def clip_s(self) -> float:
+        """How long a clip plays: one of a single frame is a clip too."""
+        return self.frames / self.frame_hz
+
+    @property
     def seed(self) -> int:
         """Seed of every random texture."""
         return self.clips.seed

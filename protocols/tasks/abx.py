@@ -15,7 +15,6 @@ from protocols.tasks.base import (
     Arrangement,
     Cell,
     blank_phase,
-    combinations_of,
     matches,
     shown_phase,
 )
@@ -68,7 +67,7 @@ class Abx(RightOrWrong):
     def _between(
         self, study: StudyProtocol, scenes: Sequence[str]
     ) -> Iterator[tuple[str, Mapping[str, Scalar], dict[str, str]]]:
-        groups = combinations_of(study.stimuli, scenes, self.compare or "")
+        groups = study.stimuli.groups(scenes, self.compare or "")
         for scene, _, stimuli, condition in groups:
             for one, other in combinations(stimuli, 2):
                 names = {str(one): stimuli[one].name, str(other): stimuli[other].name}
@@ -114,6 +113,17 @@ class Abx(RightOrWrong):
             f"A, B and X ({self.single_s(study):g} s each), blanks of {self.gap_s:g} s between,"
             " answer"
         )
+
+    def right_answer(self) -> str:
+        """Return what the three are, and which answer is right."""
+        differ = f"A and B differ in {self.compare} alone"
+        if self.standard is not None:
+            where = ", ".join(f"{column} {value}" for column, value in self.standard.items())
+            differ = (
+                f"One of A and B is the standard ({where}), the other has the same"
+                f" {' and '.join(self.matched)}"
+            )
+        return f"{differ}; X is one of the two again, and right is which."
 
     def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and which came as A, B and X."""

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, ClassVar
 from protocols.columns import Column
 from protocols.errors import Problem, StudyError
 from protocols.phases import Clip, Fixation, Image, Phase, Text
-from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.session_schema import Analysis
 from protocols.suggest import did_you_mean
 from protocols.units import Condition, Model, Name, Positive, Scalar, Seconds
@@ -64,6 +63,7 @@ class Task(Model):
     """What a participant does in a trial, and which conditions there are."""
 
     kind: str
+    """What a participant does; 'metamerlab new-study --help' names the tasks."""
     stimulus_s: Seconds | None = None
     """How long a still is shown. Clips are shown once, whole."""
 
@@ -130,6 +130,10 @@ class Task(Model):
             return rule.sentence(study)
         cells = len(self.cells(study, study.main_scenes()))
         return f"{cells} conditions, each {study.design.repeats} times"
+
+    def right_answer(self) -> str:
+        """Return which answer is right, in a sentence; empty where none is."""
+        return ""
 
     def catch_sentence(self) -> str:
         """Return what the catch trials show."""
@@ -263,36 +267,6 @@ def trial_phases(study: StudyProtocol, display: Display, *, practice: bool) -> t
         feedback = whole_frames(display, timing.feedback_s)
         phases.append(Phase("feedback", feedback, (Text("feedback"),)))
     return tuple(phases)
-
-
-def combinations_of(
-    recipe: Recipe, scenes: Sequence[str], left_out: str
-) -> list[tuple[str, int, dict[Scalar, Stimulus], dict[str, Scalar]]]:
-    """Group the pool by everything but one column.
-
-    Returns
-    -------
-    list of (scene, parity, stimuli, condition)
-        In the order of `scenes`, then of the pool. `stimuli` are those that differ in the column
-        `left_out` alone, by its value; `condition` holds all other columns; `parity` is the sum of
-        their places among the values declared.
-    """
-    columns = [name for name in recipe.columns() if name != left_out]
-    ranks = {
-        name: {value: place for place, value in enumerate(recipe.values(name))} for name in columns
-    }
-    ranks[SCENE] = {scene: place for place, scene in enumerate(scenes)}
-    groups: dict[tuple[Scalar, ...], dict[Scalar, Stimulus]] = {}
-    for stimulus in recipe.pool():
-        if stimulus.scene in ranks[SCENE] and left_out in stimulus.condition:
-            key = tuple(stimulus.condition[name] for name in columns)
-            groups.setdefault(key, {})[stimulus.condition[left_out]] = stimulus
-    found = []
-    for key, stimuli in groups.items():
-        condition = dict(zip(columns, key, strict=True))
-        parity = sum(ranks[name][value] for name, value in condition.items())
-        found.append((str(condition.get(SCENE, "")), parity, stimuli, condition))
-    return sorted(found, key=lambda group: ranks[SCENE].get(group[0], 0))
 
 
 def matches(condition: Condition, where: Mapping[str, Scalar]) -> bool:

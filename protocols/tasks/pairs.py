@@ -10,6 +10,7 @@ from pydantic import Field
 from protocols.adaptive.section import ActivePairs, Adaptive
 from protocols.columns import Column
 from protocols.errors import Problem
+from protocols.recipes.base import SCENE
 from protocols.session_schema import Analysis
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import (
@@ -17,10 +18,9 @@ from protocols.tasks.base import (
     Cell,
     Task,
     all_pairs,
-    combinations_of,
     matches,
 )
-from protocols.units import Model, Name, Positive, Scalar
+from protocols.units import Condition, Model, Name, Positive, Scalar
 
 if TYPE_CHECKING:
     from protocols.journal import Attempt
@@ -155,9 +155,7 @@ class PairTask(Task):
     def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
         """Return every pair in every scene and size that has stimuli for both."""
         found = []
-        for scene, parity, stimuli, condition in combinations_of(
-            study.stimuli, scenes, self.compare
-        ):
+        for scene, parity, stimuli, condition in study.stimuli.groups(scenes, self.compare):
             for place, pairing in enumerate(self.paired(study)):
                 if set(pairing) <= set(stimuli):
                     names = {value: stimuli[value].name for value in pairing}
@@ -166,15 +164,24 @@ class PairTask(Task):
                     )
         return found
 
+    def cell(
+        self, study: StudyProtocol, condition: Condition, pairing: tuple[str, str]
+    ) -> Cell | None:
+        """Return one pair in a scene and size; None where a stimulus is missing."""
+        scene = str(condition.get(SCENE, ""))
+        for _, parity, stimuli, found in study.stimuli.groups([scene], self.compare):
+            if found == condition and set(pairing) <= set(stimuli):
+                names = {value: stimuli[value].name for value in pairing}
+                return Cell(scene, self._both_orders(found, pairing, names), parity)
+        return None
+
     def catch_cells(self, study: StudyProtocol) -> list[Cell]:
         """Return the catch pair in every scene that has it."""
         if self.catch is None:
             return []
         found = []
         pairing = (self.catch.better, self.catch.worse)
-        for scene, _, stimuli, condition in combinations_of(
-            study.stimuli, study.main_scenes(), self.compare
-        ):
+        for scene, _, stimuli, condition in study.stimuli.groups(study.main_scenes(), self.compare):
             if matches(condition, self.catch.where) and set(pairing) <= set(stimuli):
                 names = {value: stimuli[value].name for value in pairing}
                 found.append(

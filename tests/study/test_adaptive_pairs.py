@@ -96,6 +96,24 @@ def test_it_is_the_maximum_of_the_analysis_where_answers_are_many(rng):
     np.testing.assert_allclose(posterior(wins, prior_sd_jod=50.0).mean, scores, atol=1e-3)
 
 
+def test_it_is_the_highest_point_whatever_the_answers(proof_count):
+    """At the highest point of a concave function every slope is 0, here to rounding."""
+    for seed in range(proof_count(600)):
+        rng = np.random.default_rng(seed)
+        count, prior_sd_jod = int(rng.integers(2, 8)), float(10 ** rng.uniform(-1, 2))
+        wins = np.rint(10 ** rng.uniform(-1, 6, (count, count)))
+        wins *= rng.random((count, count)) < 0.5
+        np.fill_diagonal(wins, 0)
+
+        mean = posterior(wins, prior_sd_jod=prior_sd_jod).mean
+
+        gap = (mean[:, None] - mean[None, :]) / JOD_SIGMA
+        pull = wins * np.exp(norm.logpdf(gap) - log_ndtr(gap)) / JOD_SIGMA
+        prior = mean / prior_sd_jod**2
+        scale = pull.sum() + np.abs(prior).sum() + 1.0
+        np.testing.assert_allclose((pull - pull.T).sum(axis=1) - prior, 0.0, atol=1e-8 * scale)
+
+
 def test_a_condition_that_always_wins_has_a_finite_score():
     found = posterior([[0, 1000, 1000], [0, 0, 500], [0, 500, 0]], prior_sd_jod=1.0)
 
@@ -180,8 +198,10 @@ def test_a_batch_is_a_spanning_tree(count, rng):
     assert connected_components(graph, directed=False)[0] == 1
 
 
-def test_no_other_tree_has_less_inverse_gain(rng):
+@pytest.mark.parametrize("seed", range(6))
+def test_no_other_tree_has_less_inverse_gain(seed):
     """All 125 trees of five conditions."""
+    rng = np.random.default_rng(seed)
     wins = votes(rng, rng.normal(0.0, 2.0, 5), 20)
     gain = information_gain(posterior(wins))
 

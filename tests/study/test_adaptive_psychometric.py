@@ -80,6 +80,12 @@ def test_probability_rises_with_the_level_and_falls_where_asked(shape):
     np.testing.assert_allclose(up + down, 0.25 + 0.96)
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_far_from_a_steep_rise_it_is_flat(shape):
+    """Nothing overflows: warnings are errors here."""
+    np.testing.assert_allclose(sigmoid([0.0, 1e6], 8.0, 1e-3, shape), [0.0, 1.0], atol=1e-300)
+
+
 def test_all_arguments_broadcast():
     found = probability(
         np.zeros((4, 1, 1)), threshold=np.ones((3, 1)), width=np.ones(2), guess=0.5, lapse=0.0
