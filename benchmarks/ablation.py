@@ -1,10 +1,9 @@
 """What each correction of `metameric` is worth: `script/bench ablation --help`.
 
 One correction at a time is switched off, in the numpy twin, and all together; beside them the
-number of levels, and the neighbours `metameric-paper` and `push-pull-depth`. Measured on the stereo pairs,
-against the other photograph inside interior holes, and on the built-in scenes, against the true
-view; of frames larger than `--crop` the part with the most holes. FovVideoVDP where it can be
-imported.
+number of levels, `metameric-paper` and `push-pull-depth`. Measured on the stereo pairs, against the
+other photograph inside interior holes, and on the built-in scenes, against the true view; of frames
+larger than `--crop` the part with the most holes. FovVideoVDP where it can be imported.
 """
 
 from __future__ import annotations
@@ -94,6 +93,7 @@ CORRECTIONS: dict[str, tuple[Patch, ...]] = {
     "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
     "0059 gains go on smoothly": ((reference, "between_blocks", _block_gains),),
 }
+PAYS = ("0047 noise is mixed", "0059 noise is softened")
 DEFAULT = "metameric"
 DEFAULTS = MetamericSettings()
 ALL = "without any of them"
@@ -112,6 +112,17 @@ VARIANTS = (
     Variant(DEFAULT),
     *(Variant(f"without {name}", patches=patches) for name, patches in CORRECTIONS.items()),
     Variant("base_gamma as gamma (0037)", MetamericSettings(base_gamma=MetamericSettings.gamma)),
+    Variant(
+        "0047 and softening alone",
+        patches=tuple(
+            p for name, patches in CORRECTIONS.items() if name not in PAYS for p in patches
+        ),
+    ),
+    Variant(
+        "softening alone, base_gamma as gamma",
+        MetamericSettings(base_gamma=MetamericSettings.gamma),
+        tuple(p for name, patches in CORRECTIONS.items() if name != PAYS[1] for p in patches),
+    ),
     Variant(ALL, patches=tuple(patch for patches in CORRECTIONS.values() for patch in patches)),
     *(Variant(f"levels {levels}", MetamericSettings(levels=levels)) for levels in (1, 2, 3)),
     Variant("noise 0 (push-pull-depth)", MetamericSettings(noise=0.0)),
@@ -177,10 +188,11 @@ def table(results: dict[str, dict[str, Row]]) -> str:
             found[label].quality.band_error - found[DEFAULT].quality.band_error
             for found in results.values()
         ]
+        shown = f"{np.mean(jods):.2f}" if jods else ""
         lines.append(
             f"| {label} | {means['psnr_db']:.2f} | {means['ssim']:.3f} |"
             f" {means['high_frequency_ratio']:.2f} | {means['band_error']:.4f} |"
-            f" {f'{np.mean(jods):.2f}' if jods else ''} | {min(change):+.4f} to {max(change):+.4f} |"
+            f" {shown} | {min(change):+.4f} to {max(change):+.4f} |"
         )
     return "\n".join(lines)
 
