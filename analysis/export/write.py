@@ -9,7 +9,7 @@ from analysis.export.choices import ExportOptions, Format
 from analysis.export.content import Content
 from analysis.export.people import people_of
 from analysis.export.psychds import write_psych_ds
-from analysis.export.public import public_tables, refuse_private
+from analysis.export.public import public_readings, public_tables, refuse_private
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.report.folder import whole_folder
@@ -67,6 +67,8 @@ def export_study(
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     study = read_study(sessions, protocol, progress=progress)
+    if options.public:
+        study = public_readings(study, protocol)
     people, left_out = people_of(study, protocol, public=options.public)
     notes = (*study.notes, *left_out)
     if not people:
