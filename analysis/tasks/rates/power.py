@@ -62,7 +62,7 @@ class CellDesign:
 
     @property
     def noise_only(self) -> tuple[int, ...]:
-        """Conditions that never hold the signal, where others always do: these share their noise."""
+        """Conditions that never hold the signal, where others always do and share its noise."""
         numbers = range(len(self.conditions))
         held = [self.signal[self.condition == k] for k in numbers]
         lacking = any(one.all() for one in held)
