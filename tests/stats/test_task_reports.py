@@ -322,6 +322,7 @@ def test_tables_beside_the_page_hold_every_decision_and_what_columns_mean(report
     assert list(rates["trials"]) == [r["trials"] for r in reported.numbers["results"]["rates"]]
 
 
+@pytest.mark.parametrize("reported", ["abx"], indirect=True)
 def test_run_again_every_number_is_the_same(reported, tmp_path):
     report_sessions(reported.sessions, reported.protocol, tmp_path / "r", figure_files=False)
 
@@ -497,6 +498,77 @@ def test_a_test_over_participants_alone_leaves_scenes_out(tmp_path):
     assert people.rates[0].scenes == 1
     assert people.scene_shares == {}
     assert both.rates[0].share == people.rates[0].share
+
+
+def unanimous(trials: pd.DataFrame) -> pd.DataFrame:
+    return trials.assign(answer=trials["expected"], correct=1)
+
+
+def never_said(trials: pd.DataFrame) -> pd.DataFrame:
+    there = trials["expected"] == "inconsistent"
+    return trials.assign(answer="consistent", correct=(~there).astype(int))
+
+
+def only_signal(trials: pd.DataFrame) -> pd.DataFrame:
+    return trials[trials["expected"] == "inconsistent"]
+
+
+def bare(trials: pd.DataFrame) -> pd.DataFrame:
+    return trials.drop(columns=["rt_s", "order", "scene"])
+
+
+def unnamed(trials: pd.DataFrame) -> pd.DataFrame:
+    return trials.drop(columns=["expected", "answer"])
+
+
+def one_person(trials: pd.DataFrame) -> pd.DataFrame:
+    return trials[trials["participant"] == "P001"]
+
+
+def odd_names(trials: pd.DataFrame) -> pd.DataFrame:
+    people = trials["participant"].replace({"P001": "$x$ <b>", "P002": "{{ 7*7 }}"})
+    return trials.assign(participant=people, method=r"$\\frac{$ <img src=x>").drop(columns="order")
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        *[("detection", one) for one in (never_said, only_signal, one_person)],
+        *[("identification", one) for one in (bare, odd_names)],
+        *[("abx", one) for one in (unanimous, unnamed, one_person)],
+    ],
+)
+def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
+    design, rng = TaskDesign(3, 2, 3), np.random.default_rng(9)
+    made = {
+        "detection": (lambda: simulate_yes_no(design, {"a": 1.0, "b": 2.0}, rng)),
+        "identification": (
+            lambda: simulate_identification(
+                design, {"a": 1.5, "b": 2.0}, rng, levels=(1, 2, 3), width=2.0, alternatives=3
+            )
+        ),
+        "abx": (lambda: simulate_abx(design, {"a": 0.1, "b": 0.2}, rng, scalings=(0.1, 0.2, 0.4))),
+    }
+    options: dict[str, dict[str, object]] = {
+        "detection": {"signal": "inconsistent"},
+        "identification": {"level": "level", "alternatives": 3},
+        "abx": {"level": "scaling"},
+    }
+    table = tmp_path / "t.csv"
+    change(made[kind]()).to_csv(table, index=False)
+    write_note(table, kind, analysis_of(kind).options(**options[kind]))
+    html = report_decisions(table, tmp_path / "r", figure_files=False).html.read_text()
+
+    assert "not to trust" in html
+    visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)
+    assert not re.search(r"\b(nan|NaN|inf|None)\b", visible)
+    assert "<img" not in html
+    if change is one_person:
+        assert "one participant only" in html
+        assert (
+            json.loads((tmp_path / "r" / "results.json").read_text())["results"]["comparisons"]
+            == []
+        )
 
 
 # Tables of other tools.
