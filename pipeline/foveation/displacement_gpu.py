@@ -144,7 +144,7 @@ class _Match:
         self._difference = [owner._texture(size) for size in self._true.sizes]
         self._change = [owner._texture(size) for size in self._true.sizes[:levels]]
         taps = band_constants()
-        self._shaders = {}
+        self._shaders: dict[tuple[bool, bool], moderngl.ComputeShader] = {}
         for r in range(self._count + 1):
             key = (r < levels, r == self._count)
             if key not in self._shaders:
