@@ -23,7 +23,7 @@ from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
 from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import finished
+from pipeline.foveation.reference import finished, twice
 
 Floats = NDArray[np.float64]
 
@@ -292,7 +292,7 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
 
     What each band adds is multiplied by the root of the variance of luma that its pool should have
     over the one it has, from 1/2 to 2; the mean of each pool, over all levels, is replaced. The
-    finest level's bands share one factor: there their parts would cost most and give least.
+    finest level has one factor for all bands of 2x2 pixels: there more would cost most and give least.
     """
     geometry = pools.geometry
     wraps = geometry.wraps
@@ -303,13 +303,15 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
     change = np.zeros_like(ours[levels])
     for level in reversed(range(levels)):
         size = ours[level].shape[:2]
-        wanted = band_variances(true[level:], pools, level)
-        found = band_variances(ours[level:], pools, level)
+        wanted, found = (
+            band_variances(lows[level:], pools, level, halvings=int(level == 0))
+            for lows in (true, ours)
+        )
         detail = ours[level] - enlarge(ours[level + 1], size, 1, wraps=wraps)
         change = enlarge(change, size, 1, wraps=wraps)
         if level == 0:
             total = (part.sum(axis=2, keepdims=True) for part in (wanted, found))
-            change += (_match(*total) - 1) * detail
+            change += (twice(_match(*total), size) - 1) * detail
             continue
         gain = _match(wanted, found) - 1
         oriented = oriented_parts(ours[level], wraps=wraps)

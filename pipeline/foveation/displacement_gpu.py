@@ -22,7 +22,7 @@ from pipeline.foveation.displacement import (
     white_energies,
 )
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.gpu import ChainPass, FoveationPass, Pooled
+from pipeline.foveation.gpu import ChainPass, FoveationPass, Pooled, halved
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
@@ -72,7 +72,13 @@ class DisplacementPass(FoveationPass):
         set_array(self._displace, "energies", np.array(white_energies(count + 2), np.float32))
         self._join = self._keep(
             self._pooled.compile(
-                ctx, "foveation/join.comp.glsl", FADE_SHARE=FADE_SHARE, MATCHED=match
+                ctx,
+                "foveation/join.comp.glsl",
+                FADE_SHARE=FADE_SHARE,
+                MATCHED=match,
+                SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                LEAST_MATCH=LEAST_MATCH,
+                MOST_MATCH=MOST_MATCH,
             )
         )
         sizes = [
@@ -127,11 +133,13 @@ class DisplacementPass(FoveationPass):
         self._chosen[0].use(1)
         self._warped.bind_to_image(0, read=False, write=True)
         self._run(self._displace, self.size)
-        lacking = self._match(source, self._warped) if self._match else ()
-        for unit, texture in enumerate((source, self._warped, *lacking)):
-            texture.use(unit)
+        if self._match:
+            self._match(source, self._warped)
+            self._match.lend(self._join)
+        source.use(0)
+        self._warped.use(1)
         target.bind_to_image(0, read=False, write=True)
-        self._run(self._join, self.size)
+        self._run(self._join, halved(self.size))
 
 
 class _Match:
@@ -141,11 +149,12 @@ class _Match:
         self._owner = owner
         self._true, self._own = (ChainPass(owner, pooled, levels, 0) for _ in range(2))
         self._count, self._levels = self._true.count, levels
-        self._difference = [owner._texture(size) for size in self._true.sizes]
-        self._change = [owner._texture(size) for size in self._true.sizes[:levels]]
+        # By resolution less 1: the finest is the join's.
+        self._difference = [owner._texture(size) for size in self._true.sizes[1:]]
+        self._change = [owner._texture(size) for size in self._true.sizes[1:levels]]
         taps = band_constants()
         self._shaders: dict[tuple[bool, bool], moderngl.ComputeShader] = {}
-        for r in range(self._count + 1):
+        for r in range(1, self._count + 1):
             key = (r < levels, r == self._count)
             if key not in self._shaders:
                 self._shaders[key] = owner._keep(
@@ -165,37 +174,43 @@ class _Match:
 
     @property
     def dispatches(self) -> int:
-        return self._true.dispatches + self._own.dispatches + self._count + 1
+        return self._true.dispatches + self._own.dispatches + self._count
 
-    def __call__(
-        self, source: moderngl.Texture, warped: moderngl.Texture
-    ) -> tuple[moderngl.Texture, moderngl.Texture]:
-        """Return the difference of pools' means, and what bands add too little."""
+    def __call__(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
+        """Push the difference of pools' means, and what bands add too little, to resolution 1."""
         self._true.pull(source)
         self._own.pull(warped)
         self._true.push(2)
         self._own.push(2)
-        true, own = [source, *self._true.lows], [warped, *self._own.lows]
-        for r in reversed(range(self._count + 1)):
+        for r in range(self._count, 0, -1):
             is_level, deepest = r < self._levels, r == self._count
             shader = self._shaders[is_level, deepest]
-            true[r].use(0)
-            own[r].use(1)
-            self._difference[r].bind_to_image(0, read=False, write=True)
+            self._true.lows[r - 1].use(0)
+            self._own.lows[r - 1].use(1)
+            self._difference[r - 1].bind_to_image(0, read=False, write=True)
             if not deepest:
-                self._difference[r + 1].use(2)
+                self._difference[r].use(2)
             if is_level:
-                self._change[r].bind_to_image(1, read=False, write=True)
-                own[r + 1].use(3)
-                self._change[min(r + 1, self._levels - 1)].use(4)
-                at = max(r + 1, 2)
+                self._change[r - 1].bind_to_image(1, read=False, write=True)
+                self._own.lows[r].use(3)
+                self._change[min(r, self._levels - 2)].use(4)
                 for unit, chain in ((5, self._true), (6, self._own)):
-                    moments = chain.moments[at - 1]
+                    moments = chain.moments[r]
                     assert moments is not None
                     moments.use(unit)
-                shader["moments_at"] = at
+                shader["moments_at"] = r + 1
                 shader["has_coarse_change"] = r + 1 < self._levels
             if "halvings" in shader:
                 shader["halvings"] = r
             self._owner._run(shader, self._true.sizes[r])
-        return self._difference[0], self._change[0]
+
+    def lend(self, join: moderngl.ComputeShader) -> None:
+        """Bind what the last push reads."""
+        self._difference[0].use(2)
+        self._own.lows[0].use(3)
+        (self._change[0] if self._change else self._difference[0]).use(4)
+        for unit, chain in ((5, self._true), (6, self._own)):
+            moments = chain.moments[1]
+            assert moments is not None
+            moments.use(unit)
+        join["has_coarse_change"] = bool(self._change)

@@ -1,9 +1,9 @@
 #version 430
 // Match: one push of what the displaced picture lacks: the difference of pools' means, and what each
-// band adds too little. Twin: matched() in displacement.py. Change both or neither.
+// band adds too little. Resolutions from 1 on. Twin: matched() in displacement.py. Change both or neither.
 
 #constant TILE               // work-group edge, texels
-#constant LEVEL              // 1: this resolution is a pyramid level
+#constant LEVEL              // 1: this resolution is a pyramid level (not the finest: join.comp.glsl)
 #constant WRAPS              // 1: the picture goes on at its other side
 #constant SMALLEST_VARIANCE
 #constant LEAST_MATCH
@@ -66,23 +66,23 @@ void main() {
     vec3 wanted = variance_of(true_moments, at), found = variance_of(own_moments, at);
     vec3 detail = own - textureLod(coarse_own, within, 0.0).rgb;
     vec3 added = has_coarse_change ? textureLod(coarse_change, within, 0.0).rgb : vec3(0.0);
-    if (halvings == 0) {
-        float gain = match_of(wanted.x + wanted.y + wanted.z, found.x + found.y + found.z);
-        added += (gain - 1.0) * detail;
-    } else {
-        const float c = ORIENTED_CORNER, e = ORIENTED_EDGE;
-        vec3 along_x = vec3(0.0), along_y = vec3(0.0);
-        for (int offset = -2; offset <= 2; ++offset) {
-            int far = abs(offset);
-            float weight = far == 2 ? c * c : far == 1 ? 2.0 * c * e : 2.0 * c * c + e * e;
-            along_x += weight * (2.0 * low_at(texel + ivec2(0, offset)) - low_at(texel + ivec2(-2, offset))
-                                 - low_at(texel + ivec2(2, offset)));
-            along_y += weight * (2.0 * low_at(texel + ivec2(offset, 0)) - low_at(texel + ivec2(offset, -2))
-                                 - low_at(texel + ivec2(offset, 2)));
-        }
-        added += (match_of(wanted.x, found.x) - 1.0) * (detail - along_x - along_y)
-               + (match_of(wanted.y, found.y) - 1.0) * along_x + (match_of(wanted.z, found.z) - 1.0) * along_y;
+    const float c = ORIENTED_CORNER, e = ORIENTED_EDGE;
+    const float outer = c * c, between = 2.0 * c * e, middle = 2.0 * c * c + e * e;
+    vec3 along_x = vec3(0.0), along_y = vec3(0.0);
+    // A row of the texels that both directions read; `across` weighs it along y.
+#define ROW(offset, weight, across)                                                              \
+    {                                                                                            \
+        vec3 left = low_at(texel + ivec2(-2, offset)), here = low_at(texel + ivec2(0, offset));  \
+        vec3 right = low_at(texel + ivec2(2, offset));                                           \
+        along_x += weight * (2.0 * here - left - right);                                         \
+        along_y += (across) * (outer * (left + right) + middle * here);                          \
     }
+#define BESIDE(offset, across)                                                                   \
+    along_y += (across) * between * (low_at(texel + ivec2(-1, offset)) + low_at(texel + ivec2(1, offset)));
+    ROW(-2, outer, -1.0) ROW(-1, between, 0.0) ROW(0, middle, 2.0) ROW(1, between, 0.0) ROW(2, outer, -1.0)
+    BESIDE(-2, -1.0) BESIDE(0, 2.0) BESIDE(2, -1.0)
+    added += (match_of(wanted.x, found.x) - 1.0) * (detail - along_x - along_y)
+           + (match_of(wanted.y, found.y) - 1.0) * along_x + (match_of(wanted.z, found.z) - 1.0) * along_y;
     imageStore(change, texel, vec4(added, 0.0));
 #endif
 }
