@@ -21,6 +21,7 @@ from pipeline.foveation.noise_plane import noise_plane, noise_tile
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
+from stimuli.score.statistics import statistics_distance
 
 SETTINGS = MetamerSettings()
 
@@ -96,6 +97,22 @@ def test_fovea_is_copied_bit_for_bit_and_the_rest_changes():
         assert np.abs(result - picture)[~fovea].mean() > 0.01
         assert result.min() >= 0
         assert result.max() <= 1
+
+
+def test_a_metamer_has_the_statistics_that_a_blur_of_equal_pooling_has_lost():
+    """Section 11: at most a quarter of the blur's distance; displacement at most half of noise's."""
+    picture = photograph(412)
+    pools = pools_of(412, 412, (206, 206))
+    blurry, noisy, warped = (
+        statistics_distance(image, picture)
+        for image in (
+            blur(picture, pools),
+            metamer(picture, pools, SETTINGS, 1),
+            warped_metamer(picture, pools, DisplacementSettings(), 1),
+        )
+    )
+    assert noisy < 0.25 * blurry
+    assert warped < 0.5 * noisy
 
 
 def test_flat_pictures_stay_flat():
