@@ -146,7 +146,9 @@ def table(results: dict[str, tuple[float, dict[str, Row]]]) -> str:
             for method, row in rows.items()
         ]
     for method in METHODS:
-        lines.append(f"| mean | {method} | {_numbers([rows[method] for _, rows in results.values()])} |")
+        lines.append(
+            f"| mean | {method} | {_numbers([rows[method] for _, rows in results.values()])} |"
+        )
     return "\n".join(lines)
 
 

@@ -10,8 +10,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.output import PagePart, file_to_write
 from pipeline.frame import WarpedFrame

@@ -82,9 +82,7 @@ def without_thin(
     return warped, float(alone.mean()), float((alone & ~thin).mean())
 
 
-def measure(
-    ctx: moderngl.Context, name: str, size_px: tuple[int, int], extent: float
-) -> Thin:
+def measure(ctx: moderngl.Context, name: str, size_px: tuple[int, int], extent: float) -> Thin:
     """Measure one scene; `extent` is the camera's way in shares of the near depth."""
     scenery = RenderedScenery(ctx, Renderer(ctx, build_scene(name, SCENE_SEED)), name)
     extent_m = extent * scenery.typical_depth_m
@@ -102,10 +100,13 @@ def measure(
         errors = [(one[shown] - truth[shown]) ** 2 for one in (after.colour, fill.fill(before, 1))]
         found.append(
             Thin(
-                alone, lost, float(before.hole.mean()), float(after.hole.mean()),
+                alone,
+                lost,
+                float(before.hole.mean()),
+                float(after.hole.mean()),
                 float(shown.mean()),
                 *(float(error.mean()) if error.size else 0.0 for error in errors),
-            )  # fmt: skip
+            )
         )
     fill.release()
     scenery.release()
@@ -125,7 +126,8 @@ def table(results: dict[str, Thin]) -> str:
     for scene, thin in results.items():
         shares = (thin.alone, thin.lost, thin.holes_before, thin.holes, thin.shown)
         lines.append(
-            f"| {scene} | " + " | ".join(f"{100 * share:.2f}" for share in shares)
+            f"| {scene} | "
+            + " | ".join(f"{100 * share:.2f}" for share in shares)
             + f" | {thin.error:.1f} | {thin.error_before:.1f} |"
         )
     return "\n".join(lines)

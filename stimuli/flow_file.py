@@ -1,7 +1,7 @@
 """Middlebury's files of optical flow (`.flo`).
 
-Four bytes that read "PIEH" (the float 202021.25), width and height as 32-bit integers, then for each
-pixel, row by row, two floats: target minus source position, x to the right, y down, pixels. All
+Four bytes that read "PIEH" (the float 202021.25), width and height as 32-bit integers, then two
+floats for each pixel, row by row: target minus source position, x to the right, y down, pixels. All
 little-endian. A component beyond 1e9 means that the motion is unknown (Baker et al. 2011, "A
 Database and Evaluation Methodology for Optical Flow").
 """

@@ -1,4 +1,4 @@
-"""What a warp needs, from one picture and what is known of it beside: motion, or depth and two poses."""
+"""What a warp needs, from one picture and its motion, or its depth and two poses."""
 
 from __future__ import annotations
 

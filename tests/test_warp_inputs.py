@@ -1,4 +1,4 @@
-"""`metamerlab warp` on what people have: `.flo`, RGB-D with poses, pairs from the right, a truth."""
+"""`metamerlab warp` on what people have: `.flo`, RGB-D with poses, pairs from the right."""
 
 import numpy as np
 import pytest
@@ -127,7 +127,9 @@ CAMERA = "64,64,31.5,23.5"  # the middle of 64 x 48 px, the first centre at 0, 0
 
 
 @pytest.mark.usefixtures("gl_context")
-@pytest.mark.parametrize("pose", ["0.25 0 0 0 0 0 1", "FILE:2", "1,0,0,.25, 0,1,0,0, 0,0,1,0, 0,0,0,1"])
+@pytest.mark.parametrize(
+    "pose", ["0.25 0 0 0 0 0 1", "FILE:2", "1,0,0,.25, 0,1,0,0, 0,0,1,0, 0,0,0,1"]
+)
 def test_a_picture_with_depth_is_seen_from_another_pose(scene, pose):
     """By hand: 25 cm to the right is 64 * 0.25 / z px: 8 px at 2 m, 4 px at 4 m."""
     (scene / "poses.txt").write_text("# a comment\n\n1.5 0 0 0 0 0 0 1\n2.5 0.25 0 0 0 0 0 1\n")
@@ -260,7 +262,10 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
             ["--depth", "depth.png", "--camera", "64,64,3,3", "--target-pose", "0 0"],
             "must be tx ty tz",
         ),
-        (["--disparity", "depth.png", "--right", "truth.png", "--truth", "truth.png"], "--truth and --right"),
+        (
+            ["--disparity", "depth.png", "--right", "truth.png", "--truth", "truth.png"],
+            "--truth and --right",
+        ),
         ([], "--flow FILE, or --depth FILE and two poses"),
     ],
 )

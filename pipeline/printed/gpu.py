@@ -65,9 +65,7 @@ class PrintedPass:
         self._pull = {k: self._compile("pull", COLUMNS=k[0], ROWS=k[1]) for k in (BANDS, SINGLE)}
         self._push = {k: self._compile("push", COLUMNS=k[0], ROWS=k[1]) for k in (BANDS, SINGLE)}
         self._synthesise = self._compile("synthesise", **outer, **band_constants())
-        self._shade = self._compile(
-            "shade", NOISE_TILE=NOISE_TILE, ANCHOR_REACH_PX=ANCHOR_REACH_PX
-        )
+        self._shade = self._compile("shade", NOISE_TILE=NOISE_TILE, ANCHOR_REACH_PX=ANCHOR_REACH_PX)
         self._compose = self._compile("compose")
         for shader in self._pull.values():
             shader["depth_threshold"] = settings.depth_threshold
@@ -75,7 +73,8 @@ class PrintedPass:
             shader["gamma"] = settings.gamma
 
         sizes = [size, *coarser_sizes(size)]
-        self._sizes = sizes + [(1, 1)] * max(0, levels + 1 - len(sizes))  # past 1x1 nothing changes
+        # Past 1x1 nothing changes.
+        self._sizes = sizes + [(1, 1)] * max(0, levels + 1 - len(sizes))
         here = self._sizes[: levels + 1]
         self._low = [self._texture(one, "rgba32f") for one in here]
         self._guide = [self._texture(one, "r32f") for one in here]
@@ -87,7 +86,7 @@ class PrintedPass:
             for k in (BANDS, SINGLE)
         }
         self._state = [self._texture(one, "rg32f") for one in sizes]
-        self._last = min(levels, len(sizes) - 1)  # past 1x1 nothing changes
+        self._last = min(levels, len(sizes) - 1)
         self._pulled_state = self._texture(sizes[self._last], "rg32f")
         self._image = [self._texture(one, "rgba32f") for one in here[:-1]]
         self._noise = self._texture((3 * NOISE_TILE, levels * NOISE_TILE), "rgba32f")
@@ -103,7 +102,7 @@ class PrintedPass:
         """How many dispatches one call makes."""
         levels, steps = self.settings.levels, len(self._state) - 1
         chains = sum(2 * max(0, steps - level) for level in range(levels + 1))
-        # split and pull; per level halve, moments, synthesise, shade; the residual's moments; compose.
+        # Split and pull; per level halve, moments, synthesise, shade; residual's moments; compose.
         return 1 + self._last + 4 * levels + 1 + chains + 1
 
     def __call__(
@@ -157,7 +156,8 @@ class PrintedPass:
         for k in range(levels):
             self._shade["level"] = k
             self._shade["level_size"] = self._sizes[k]
-            self._run(self._shade, [below, self._planes[k], self._noise, flow_px, image], self.size)
+            bound = [below, self._planes[k], self._noise, flow_px, image]
+            self._run(self._shade, bound, self.size)
         self._run(self._compose, [image, below], self.size)
 
     def set_seed(self, seed: int) -> None:

@@ -36,7 +36,6 @@ from pipeline.printed.settings import PrintedSettings
 from pipeline.pushpull.reference import upsample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
 
-
 PARTLY = -1.0  # state of what is known in part
 
 
@@ -70,7 +69,8 @@ def printed_fill(
     seed = check_seed(seed)
     check_some_known(warped.hole)
     threshold, levels = settings.depth_threshold, settings.levels
-    low = ycbcr_from_rgb(warped.colour.astype(np.float64))
+    colour = warped.colour.astype(np.float64)
+    low = np.asarray(ycbcr_from_rgb(colour), np.float64)
     state = np.where(warped.hole, 0.0, 1.0)
     guide = guide_from_depth(warped.depth_m, z_near_m)
     pulled = Level(low, state, guide)
@@ -123,9 +123,7 @@ def half(
     return np.where(some[..., None], mean, 0.0), ahead, farthest
 
 
-def residual_level(
-    low: NDArray[np.float64], state: NDArray[np.float64], pulled: Level
-) -> Level:
+def residual_level(low: NDArray[np.float64], state: NDArray[np.float64], pulled: Level) -> Level:
     """Give what is to be inpainted of the residual: the low-pass where all of it is known.
 
     Elsewhere it would mix the foreground in, and at this resolution whole holes would vanish. There
@@ -151,9 +149,7 @@ def inpainted(level: Level, gamma: float, threshold: float) -> NDArray[np.float6
     return values
 
 
-def push(
-    fine: Level, below: NDArray[np.float64], gamma: float
-) -> NDArray[np.float64]:
+def push(fine: Level, below: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
     """Complete `fine` with the coarser `below`: ``mix(below, fine, validity ** gamma)``."""
     known = fine.validity > 0
     share = np.where(known, np.abs(fine.validity) ** gamma, 0.0)[..., None]

@@ -165,7 +165,9 @@ def with_strips(
         reach = side + (side - mesh.at[beyond[:, None], ends]) // 2
         order = [*ends, *ends[::-1]]
         at = np.concatenate([side, reach[:, ::-1]], axis=1)
-        parts.append(surface(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order]))
+        parts.append(
+            surface(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order])
+        )
     return with_surfaces(mesh, stretched, drawn, parts)
 
 
@@ -287,7 +289,7 @@ def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
 def within_reach(at: Ints, window: Window) -> Bools:
     """Tell which torn quads are looked at for the surfaces that reach into them."""
     low, high = pixel_box(at, window, REACH)
-    near: Bools = (low <= high).all(axis=1)
+    near: Bools = np.asarray((low <= high).all(axis=1))
     return near
 
 
@@ -341,9 +343,7 @@ def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> B
     return torn.ravel()
 
 
-def mesh_sides(
-    flow_px: NDArray[np.float32], stretch: int, surface_px: int
-) -> tuple[Bools, Bools]:
+def mesh_sides(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> tuple[Bools, Bools]:
     """Tell which sides of the mesh are torn, by the vertex left of or above them.
 
     Between horizontal neighbours, shape (H + 4, W + 3); between vertical ones, (H + 3, W + 4).

@@ -1,4 +1,4 @@
-"""What `metamerlab warp` is given: a file, a picture with motion or with depth, or a stereo pair."""
+"""What `metamerlab warp` is given: a file, a picture with motion or depth, or a stereo pair."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def load(
     source: str,
     file: FileOptions,
     pair: PairOptions,
-    picture: PictureOptions = PictureOptions(),  # noqa: B008 (frozen)
+    picture: PictureOptions = PictureOptions(),
     truth: Path | None = None,
 ) -> Loaded:
     """Read what to warp; `truth` is a picture of what the target view shows.
@@ -160,7 +160,9 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
     path = Path(source)
     if source in BUILT_IN and not path.exists():
         if options.to_left:
-            raise StudyError(f"{source}: only the left photograph's disparity is known; no --to-left")
+            raise StudyError(
+                f"{source}: only the left photograph's disparity is known; no --to-left"
+            )
         return built_in_pair(source)
     if options.disparity is not None:
         return load_pair(

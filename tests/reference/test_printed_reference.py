@@ -45,9 +45,11 @@ def test_push_mixes_by_validity_to_the_power_gamma():
 
 
 def test_pull_leaves_out_what_is_nearer_than_the_farthest_by_more_than_the_threshold():
-    """By hand: the sense of depth is the reverse of Alg. 1's, and the mean is divided by weights."""
+    """By hand: depth's sense is the reverse of Alg. 1's, and the mean is divided by weights."""
     guide = np.array([[0.50, 0.53], [0.20, 0.51]])
-    fine = Level(np.array([[1.0, 2.0], [100.0, 9.0]])[..., None], np.array([[1, 0.5], [1, 0]]), guide)
+    fine = Level(
+        np.array([[1.0, 2.0], [100.0, 9.0]])[..., None], np.array([[1, 0.5], [1, 0]]), guide
+    )
     coarse = pull(fine, 0.04)
     assert coarse.values.item() == pytest.approx((1 * 1 + 0.5 * 2) / 1.5)
     assert coarse.validity.item() == pytest.approx(1.5 / 4)
@@ -62,7 +64,8 @@ def test_the_low_pass_averages_only_what_is_known(rng):
 
     np.testing.assert_array_equal(values, other)
     inside, shown = low[known], values[ahead != 0]
-    assert (shown >= inside.min()).all() and (shown <= inside.max()).all()
+    assert (shown >= inside.min()).all()
+    assert (shown <= inside.max()).all()
     everything, _, _ = half(low, np.ones_like(state), guide)
     np.testing.assert_allclose(everything, halve(low), rtol=1e-12)
 
@@ -139,7 +142,8 @@ def test_gamma_decides_how_far_statistics_spread():
     near, far = (inpainted(level, gamma, 0.04)[..., 0] for gamma in (0.0, 1.0))
     assert near[:8, 1].mean() - near[8:, 1].mean() > far[:8, 1].mean() - far[8:, 1].mean()
     for values in (near, far):
-        assert values.min() >= 0 and values.max() <= 1
+        assert values.min() >= 0
+        assert values.max() <= 1
 
 
 def test_noise_has_bands_of_unit_variance_and_independent_channels():
@@ -214,7 +218,8 @@ def test_a_hole_gets_texture_of_the_right_strength(rng, exponent):
     ):
         inside = slice(96 >> level, 160 >> level), slice(104 >> level, 146 >> level)
         ratio = mine[inside].std(axis=(0, 1)) / theirs.std(axis=(0, 1))
-        assert 0.5 < ratio.min() and ratio.max() < 2.0, (level, ratio)
+        assert ratio.min() > 0.5, (level, ratio)
+        assert ratio.max() < 2.0, (level, ratio)
 
 
 def test_interpolation_at_pixels_is_exact_on_a_ramp():
@@ -230,7 +235,7 @@ def test_seeds_and_settings_are_checked(rng):
     assert not np.array_equal(fill(frame, 1).colour, fill(frame, 2).colour)
     with pytest.raises(InputError, match="seed must be a whole number"):
         fill(frame, -1)
-    with pytest.raises(InputError, match="every pixel|all"):
+    with pytest.raises(InputError, match="known"):
         fill(warped(rng.random((8, 8, 3)), np.ones((8, 8), bool)))
     for settings, said in (
         ({"levels": 0}, "levels"),
