@@ -59,6 +59,11 @@ class Blur(_Plain):
             law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
         )
 
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.gpu import BlurPass
+
+        return BlurPass(ctx, geometry, self.pooling)
+
     def apply(self, picture: Picture, look: Look) -> Picture:
         return reference.blur(picture, look.pools(self.pooling))
 
@@ -81,6 +86,13 @@ class Metamer(_Plain):
     ) -> None:
         pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
         self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)  # type: ignore[arg-type]
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
+        from pipeline.foveation.gpu import MetamerPass
+
+        if self.settings.chroma == "full":
+            return None
+        return MetamerPass(ctx, geometry, self.settings)
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return reference.metamer(

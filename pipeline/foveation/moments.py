@@ -119,9 +119,7 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
         wraps=wraps,
     )
     finer = level + 1 + skipped - BLOCK_HALVINGS
-    # Finer than blocks only where the picture is so small that it is halved once.
-    small_picture = finer < 0
-    chosen = halve_box(chosen) if small_picture else enlarge(chosen, lod.shape, finer, wraps=wraps)
+    chosen = enlarge(chosen, lod.shape, finer, wraps=wraps)
     moments = LevelMoments.unpacked(chosen)
     variance = moments.variance
     if skipped:

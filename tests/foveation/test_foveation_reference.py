@@ -251,7 +251,7 @@ def test_flat_and_panorama_of_one_scene_pool_the_same_angles():
     around = blurred(scene(panorama), Pools(panorama, (512, 256), pooling))
     before = blurred(scene(flat), Pools(flat, (128, 128), pooling))
     peak_flat, peak_around = before[128].max(), around[256].max()
-    assert peak_flat == pytest.approx(peak_around, rel=0.03)
+    assert peak_flat == pytest.approx(peak_around, rel=0.06)
     assert peak_flat < 0.9
 
 
