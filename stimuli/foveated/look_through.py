@@ -11,7 +11,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.conditions import CONDITIONS, Foveator
+from pipeline.foveation.condition import Look, check_picture
+from pipeline.foveation.conditions import CONDITIONS, Foveator, create_condition
+from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
@@ -69,9 +71,18 @@ def look_through(
     *,
     seed: int = 0,
     ctx: moderngl.Context | None = None,
+    state: Path | None = None,
     report: Callable[[str], None] | None = None,
 ) -> list[Seen]:
     """Show one picture by every choice.
+
+    Parameters
+    ----------
+    state : Path, optional
+        Where the first choice keeps its state, if it works in steps (energy-metamer): begun again,
+        it goes on there. The file is deleted at the end.
+    report : callable, optional
+        Called with what is going on.
 
     Raises
     ------
@@ -88,7 +99,21 @@ def look_through(
         )
         try:
             on_gpu = foveator.passes is not None
-            seen.append(Seen(choice, foveator(colour, gaze_px, seed=seed), on_gpu))
+            if isinstance(foveator.condition, EnergyMetamer):
+                kept = state if choice is choices[0] else None
+                shown = foveator.condition.descend(
+                    check_picture(colour),
+                    Look(foveator.geometry, gaze_px, seed),
+                    state=kept,
+                    progress=lambda done, total, loss: say(
+                        f"energy-metamer: step {done} of {total}, loss {loss:.3f} of the blur's"
+                    ),
+                )
+                if kept is not None:
+                    kept.unlink(missing_ok=True)
+            else:
+                shown = foveator(colour, gaze_px, seed=seed)
+            seen.append(Seen(choice, shown, on_gpu))
         finally:
             foveator.release()
     return seen
@@ -111,7 +136,8 @@ def sheet_of(
     pooled = draw_gaze(pooled, gaze_px, radius_px)
     rings = ", ".join(f"{value:.3g}" for value in eccentricities)
     tiles = [(f"picture; pools at {rings} degrees ({law})", pooled)]
-    tiles += [(one.choice.label, pictures.of_colour(one.colour)) for one in seen]
+    first_the_picture = sorted(seen, key=lambda one: one.choice.name != "reference")
+    tiles += [(one.choice.label, pictures.of_colour(one.colour)) for one in first_the_picture]
     longest = max(colour.shape[:2])
     if longest > TILE_PX:
         share = TILE_PX / longest
@@ -122,15 +148,13 @@ def sheet_of(
 
 def pooling_of(choice: Choice) -> Pooling:
     """The pools of a choice; those of the default law where it has none."""
-    from pipeline.foveation.conditions import create_condition
-
     condition: Any = create_condition(choice.name, choice.parameters)
     settings = getattr(condition, "settings", condition)
     found = getattr(settings, "pooling", None)
     return found if isinstance(found, Pooling) else Pooling()
 
 
-def check_files(choices: Sequence[Choice]) -> None:
+def check_choices(choices: Sequence[Choice]) -> None:
     """Make every condition once, so that mistakes are told before any work."""
     for choice in choices:
         pooling_of(choice)

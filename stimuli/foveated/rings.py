@@ -86,17 +86,25 @@ def _labelled(
     shown: tuple[float, ...],
     line_px: float,
 ) -> Picture:
-    """Write each ring's eccentricity where it crosses the gaze's row, left or right."""
-    away = _angles_deg(_rays(geometry), gaze_ray(geometry, gaze_px))
-    row = int(np.clip(gaze_px[1], 0, geometry.height_px - 1))
+    """Write each ring's eccentricity on it, between two pools."""
+    rays, gaze = _rays(geometry), gaze_ray(geometry, gaze_px)
+    across, down = _axes(gaze)
     canvas = Image.fromarray(picture)
     draw = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(size=max(11, round(13 * line_px)))
+    font = ImageFont.load_default(size=max(14, round(17 * line_px)))
     for eccentricity in shown:
-        column = int(np.argmin(np.abs(away[row] - eccentricity)))
+        angle = math.radians(eccentricity)
+        best: tuple[float, tuple[int, int]] = (-2.0, (0, 0))
+        for index in range(POOLS_ON_A_RING):  # the first place that is on the picture
+            turn = 2 * math.pi * (index + 0.5) / POOLS_ON_A_RING
+            aside = math.cos(turn) * across + math.sin(turn) * down
+            alike = rays @ (math.cos(angle) * gaze + math.sin(angle) * aside)
+            row, column = divmod(int(alike.argmax()), geometry.width_px)
+            if float(alike.max()) > best[0] + 1e-4:
+                best = float(alike.max()), (column, row)
         draw.text(
-            (column, row), f"{eccentricity:.3g}°", fill=(255, 214, 0), font=font, anchor="mm",
-            stroke_width=2, stroke_fill=(0, 0, 0),
+            best[1], f"{eccentricity:.3g}°", fill=(255, 214, 0), font=font, anchor="mm",
+            stroke_width=1, stroke_fill=(0, 0, 0),
         )  # fmt: skip
     return np.asarray(canvas)
 

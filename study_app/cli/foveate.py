@@ -227,6 +227,7 @@ def foveate(
     """Show one picture to a gaze: a metamer of the periphery, or what it is compared with.
 
     In the fovea, one degree around the gaze unless told otherwise, nothing changes.
+    energy-metamer takes minutes: interrupted, the same command goes on where it was.
 
     Examples:
 
@@ -240,15 +241,17 @@ def foveate(
 
         metamerlab foveate around.exr out.png --panorama --clip
     """
+    from pipeline.foveation.noise_plane import check_seed
     from stimuli.foveated.any_picture import Reading, read_any
-    from stimuli.foveated.look_through import check_files
+    from stimuli.foveated.look_through import check_choices
     from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 
     with user_errors():
         choices = _choices(methods, settings, compare is not None)
         outputs = _Outputs(out, compare, steps, animate, flip, size_px)
         outputs.check()
-        check_files(choices)
+        check_choices(choices)
+        check_seed(seed)
         opened = read_any(picture, Reading(background, clip, stops, encoded))
         height, width = opened.colour.shape[:2]
         looking = look_at((height, width), display=display, fov_deg=fov, panorama=panorama)
@@ -279,13 +282,15 @@ def _run(
     from stimuli.foveated.steps import write_steps
 
     shown, viewing = opened.colour, looking.viewing
-    with one_line() as say:
-        seen = look_through(
-            shown, gaze_px, viewing, choices, seed=seed, ctx=ctx,
-            report=lambda what: say(what, 0, 0),
-        )  # fmt: skip
-    _say_where(console, seen, ctx)
     outputs.out.parent.mkdir(parents=True, exist_ok=True)
+    state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
+    if state.exists():
+        console.print(f"going on where {state} ends")
+    with Console(stderr=True).status("working ...") as status:
+        seen = look_through(
+            shown, gaze_px, viewing, choices, seed=seed, ctx=ctx, state=state, report=status.update
+        )
+    _say_where(console, seen, ctx)
     _save(outputs.out, seen[0], opened.bits)
     console.print(f"wrote {outputs.out} ({seen[0].choice.label})")
     if outputs.compare is not None:
