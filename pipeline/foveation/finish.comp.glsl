@@ -25,7 +25,9 @@ layout(binding = 1) uniform sampler2D coarse;  // chosen, linear
 #constant LEVELS
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 layout(binding = 2) uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
-layout(binding = 3) uniform sampler2DArray noise;    // a layer a level: high, along x, along y
+// A layer a level. On the screen three texels in a row hold 2x2 pixels each: high, along x, along y.
+// Carried: a texel is a place, rgb the bands.
+layout(binding = 3) uniform sampler2DArray noise;
 uniform float noise_scale;
 #if CARRIED
 #constant TEXELS_PER_PX
@@ -33,12 +35,16 @@ layout(binding = 4) uniform sampler2D shift_px;
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #endif
 
-vec3 noise_at(ivec2 texel, int level) {
-    ivec2 size = textureSize(noise, 0).xy;
-    texel = texel % size;
-    texel += size * ivec2(lessThan(texel, ivec2(0)));
-    return texelFetch(noise, ivec3(texel, level), 0).rgb;
+#constant NOISE_ROWS     // of places, a power of two
+#constant NOISE_COLUMNS  // a power of two, or so many that no pixel lies beyond
+
+// Within the noise, which goes on at its borders.
+ivec2 wrapped(ivec2 texel) {
+    int mask = (NOISE_COLUMNS & (NOISE_COLUMNS - 1)) == 0 ? NOISE_COLUMNS - 1 : -1;
+    return texel & ivec2(mask, NOISE_ROWS - 1);
 }
+
+vec4 noise_at(ivec2 texel, int level) { return texelFetch(noise, ivec3(wrapped(texel), level), 0); }
 
 #if CARRIED
 // Where a pixel's noise lies, and how much each of four texels there counts.
@@ -55,17 +61,14 @@ Spot spot_of(ivec2 pixel) {
 // Interpolated noise has less variance, which is given back. See look_up() in synthesis/.
 vec3 noise_of(Spot spot, int level) {
     vec4 w = spot.share;
-    vec3 bands = w.x * noise_at(spot.corner, level) + w.y * noise_at(spot.corner + ivec2(1, 0), level)
-               + w.z * noise_at(spot.corner + ivec2(0, 1), level) + w.w * noise_at(spot.corner + 1, level);
+    vec3 bands = (w.x * noise_at(spot.corner, level) + w.y * noise_at(spot.corner + ivec2(1, 0), level)
+                  + w.z * noise_at(spot.corner + ivec2(0, 1), level)
+                  + w.w * noise_at(spot.corner + 1, level)).rgb;
     vec3 variance = dot(w, w) + vec3(dot(spot.lag, lag_correlation[3 * level]),
                                      dot(spot.lag, lag_correlation[3 * level + 1]),
                                      dot(spot.lag, lag_correlation[3 * level + 2]));
     return bands * inversesqrt(variance);
 }
-#else
-#define Spot ivec2
-ivec2 spot_of(ivec2 pixel) { return pixel; }
-vec3 noise_of(ivec2 pixel, int level) { return noise_at(pixel, level); }
 #endif
 #endif
 
@@ -90,25 +93,57 @@ void main() {
     ivec2 size = textureSize(source, 0);
     if (any(greaterThanEqual(first, size))) return;
 #if NOISE
-    vec3 a = vec3(0.0), b = vec3(0.0), c = vec3(0.0), d = vec3(0.0);
+    vec4 luma = vec4(0.0), blue_chroma = vec4(0.0), red_chroma = vec4(0.0);  // of 2x2 pixels
     vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
-    vec4 red[(LEVELS + 3) / 4];
-    for (int i = 0; i < (LEVELS + 3) / 4; ++i) red[i] = textureLod(weights, vec3(at, float(LEVELS + i)), 0.0);
+    vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
+#if LEVELS > 4
+    vec4 more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
+#endif
+#if CARRIED
     Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
     Spot at_c = spot_of(first + ivec2(0, 1)), at_d = spot_of(first + 1);
-    for (int level = 0; level < LEVELS; ++level) {
-        vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);
-        vec3 ycc = vec3(1.0, w.a, red[level / 4][level % 4]);
-        a += dot(w.xyz, noise_of(at_a, level)) * ycc;
-        b += dot(w.xyz, noise_of(at_b, level)) * ycc;
-        c += dot(w.xyz, noise_of(at_c, level)) * ycc;
-        d += dot(w.xyz, noise_of(at_d, level)) * ycc;
+#else
+    ivec2 own_noise = ivec2(3, 1) * wrapped(cell);
+#endif
+#if CARRIED
+#define SHAPED(level)                                                                  \
+    vec4(dot(w.xyz, noise_of(at_a, level)), dot(w.xyz, noise_of(at_b, level)),         \
+         dot(w.xyz, noise_of(at_c, level)), dot(w.xyz, noise_of(at_d, level)))
+#else
+#define SHAPED(level)                                                                  \
+    (w.x * texelFetch(noise, ivec3(own_noise, level), 0)                               \
+     + w.y * texelFetch(noise, ivec3(own_noise + ivec2(1, 0), level), 0)               \
+     + w.z * texelFetch(noise, ivec3(own_noise + ivec2(2, 0), level), 0))
+#endif
+#define ADD_LEVEL(level, slope)                                      \
+    {                                                                \
+        vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);   \
+        vec4 shaped = SHAPED(level);                                 \
+        luma += shaped;                                              \
+        blue_chroma += w.a * shaped;                                 \
+        red_chroma += (slope) * shaped;                              \
     }
+    ADD_LEVEL(0, red.x)
+#if LEVELS > 1
+    ADD_LEVEL(1, red.y)
+#endif
+#if LEVELS > 2
+    ADD_LEVEL(2, red.z)
+#endif
+#if LEVELS > 3
+    ADD_LEVEL(3, red.w)
+#endif
+#if LEVELS > 4
+    ADD_LEVEL(4, more_red.x)
+#endif
+#if LEVELS > 5
+    ADD_LEVEL(5, more_red.y)
+#endif
     mat3 colour = noise_scale * RGB_FROM_YCBCR;
-    store(first, size, colour * a);
-    store(first + ivec2(1, 0), size, colour * b);
-    store(first + ivec2(0, 1), size, colour * c);
-    store(first + 1, size, colour * d);
+    store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));
+    store(first + ivec2(1, 0), size, colour * vec3(luma.y, blue_chroma.y, red_chroma.y));
+    store(first + ivec2(0, 1), size, colour * vec3(luma.z, blue_chroma.z, red_chroma.z));
+    store(first + 1, size, colour * vec3(luma.w, blue_chroma.w, red_chroma.w));
 #else
     store(first, size, vec3(0.0));
     store(first + ivec2(1, 0), size, vec3(0.0));

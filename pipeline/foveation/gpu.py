@@ -44,8 +44,10 @@ from pipeline.synthesis.mixing import (
     fitted_mixing,
 )
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
+from pipeline.synthesis.noise import TILE as NOISE_EDGE
 
 TILE = 8  # work-group edge
+NOISE_FORMAT, NOISE_DTYPE = "rgba32f", np.float32
 
 Size = tuple[int, int]
 
@@ -167,18 +169,20 @@ class FoveationPass:
     def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
         """A texture that is sampled linearly, and goes on as the picture does."""
         texture = create_texture(self.ctx, size, format_name)
-        return self._smooth(texture)
+        self._smooth(texture)
+        return texture
 
     def _array(
         self, size: Size, layers: int, format_name: str = "rgba32f"
     ) -> moderngl.TextureArray:
-        return self._smooth(create_texture_array(self.ctx, size, layers, format_name))
+        array = create_texture_array(self.ctx, size, layers, format_name)
+        self._smooth(array)
+        return array
 
-    def _smooth(self, texture: Any) -> Any:
+    def _smooth(self, texture: moderngl.Texture | moderngl.TextureArray) -> None:
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = self.geometry.wraps
         self._held.append(texture)
-        return texture
 
     def _keep(self, shader: moderngl.ComputeShader) -> moderngl.ComputeShader:
         self._others.append(shader)
@@ -288,6 +292,8 @@ def finish_constants(**changes: int | float | bool) -> dict[str, int | float | b
         "LEVELS": 1,
         "CARRIED": False,
         "TEXELS_PER_PX": TEXELS_PER_PX,
+        "NOISE_ROWS": 1,
+        "NOISE_COLUMNS": 1,
     }
     return constants | changes
 
@@ -420,9 +426,9 @@ class MetamerPass(FoveationPass):
         tile = _dense_tile(seed, self.levels) if carried else self._plain_tile(seed)
         layers, height, width, _ = tile.shape
         if carried not in self._tiles:
-            self._tiles[carried] = self._array((width, height), layers)
+            self._tiles[carried] = self._array((width, height), layers, NOISE_FORMAT)
             self._tiles[carried].filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._tiles[carried].write(np.ascontiguousarray(tile).tobytes())
+        self._tiles[carried].write(np.ascontiguousarray(tile, NOISE_DTYPE).tobytes())
         self._seeds[carried] = seed
         if carried and self._carried is not None:
             lags = noise_bands(seed, self.levels, 1).lag_correlation
@@ -435,20 +441,30 @@ class MetamerPass(FoveationPass):
             assert moments is not None
             moments.use(unit)
         self._overlap.bind_to_uniform_block(0)
-        self._run(self._gains, self._chain.sizes[2])
+        self._run(self._gains, halved(self._chain.sizes[2]))
 
     def _compile_finish(self, *, carried: bool) -> moderngl.ComputeShader:
-        constants = finish_constants(NOISE=True, LEVELS=self.levels, CARRIED=carried)
+        edge = TILE_TEXELS if carried else NOISE_EDGE // 2
+        wide = self.geometry.width_px // 2 if self.geometry.wraps and not carried else edge
+        constants = finish_constants(
+            NOISE=True,
+            LEVELS=self.levels,
+            CARRIED=carried,
+            NOISE_ROWS=edge,
+            NOISE_COLUMNS=wide if wide % edge else edge,
+        )
         shader = self._pooled.compile(self.ctx, "foveation/finish.comp.glsl", **constants)
         shader["noise_scale"] = self.settings.noise
         return self._keep(shader)
 
     def _plain_tile(self, seed: int) -> NDArray[np.float32]:
-        """(levels, TILE, width, 4)."""
+        """2x2 pixels a texel, bands side by side: (levels, TILE / 2, width / 2 * 3, 4)."""
         wrapped = self.geometry.width_px if self.geometry.wraps else None
         tile = noise_tile(seed, self.levels, 1, wrapped)[:, :, 0]
-        tile = tile.reshape(*tile.shape[:2], self.levels, 3).transpose(2, 0, 1, 3)
-        return np.pad(tile, ((0, 0),) * 3 + ((0, 1),))
+        height, width, bands = tile.shape
+        cells = tile.reshape(height // 2, 2, width // 2, 2, bands // 3, 3)
+        cells = cells.transpose(4, 0, 2, 5, 1, 3)
+        return cells.reshape(bands // 3, height // 2, width // 2 * 3, 4)
 
 
 def _dense_tile(seed: int, levels: int) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import RGB_FROM_YCBCR
-from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
+from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import Wanted, wanted_by_blocks
@@ -115,7 +115,7 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
 def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Floats:
     """Weigh each band's noise by the deviation that its pool has lost: Y'CbCr, (H, W, 3).
 
-    Weights are found for blocks of 4x4 pixels, interpolated at 2x2, and shared by these.
+    Weights are found for blocks of 4x4 pixels, and interpolated at 2x2, which share them.
     """
     overlap = fitted_mixing(levels).overlap
     size = plane.shape[:2]
@@ -125,7 +125,9 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
         return twice(enlarge(blocks, halves, 1, wraps=wraps), size)
 
     def deviations(variances: Floats) -> Floats:
-        return np.sqrt(variances) * spectral_gains(variances, overlap, aim=AIM)
+        # Gains go on more smoothly than variances: one for 2x2 blocks.
+        gains = spectral_gains(halve_box(variances), overlap, aim=AIM)
+        return np.sqrt(variances) * twice(gains, variances.shape[:2])
 
     bands = plane[:, :, 0] * at_pixels(deviations(wanted.variances))
     by_level = bands.reshape(*size, levels, 3).sum(axis=3)
