@@ -1,19 +1,15 @@
-"""The data dictionary: every column of the tidy tables, with its unit and meaning."""
+"""The data dictionary: every column of the tidy tables, with its unit and meaning.
 
-from dataclasses import dataclass
+Common columns come first, then those of the task's condition and answer.
+"""
+
+from collections.abc import Mapping
 
 import pandas as pd
 
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table."""
-
-    name: str
-    kind: str
-    unit: str
-    meaning: str
-
+from protocols.columns import Column
+from protocols.schema import StudyProtocol
+from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 
 SESSION_COLUMNS = (
     Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
@@ -53,64 +49,64 @@ _TRIAL = (
     Column("trial", "text", "", "Trial of the plan"),
     Column("kind", "text", "", "main, catch or practice"),
 )
-_SHOWN = (
+_REPEAT = (
     Column("block", "integer", "", "Block; 0 is practice"),
-    Column("repeat", "integer", "", "Repeat of pairing x size x scene, from 0"),
-    Column("scene", "text", "", "Scene of both clips"),
-    Column("size", "text", "", "Size of the disocclusion"),
-    Column("first", "text", "", "Method shown in interval 1"),
-    Column("second", "text", "", "Method shown in interval 2"),
-    Column("expected", "text", "", "Catch trials: the right answer"),
-    Column("first_side", "text", "", "Side of the key that stands for interval 1"),
+    Column("repeat", "integer", "", "Repeat of the condition, from 0"),
 )
-
-ATTEMPT_COLUMNS = (
-    *_TRIAL,
-    Column("attempt", "integer", "", "1 for the first attempt at this trial"),
-    Column("position", "integer", "", "Number of this attempt in the sitting, from 0"),
-    *_SHOWN,
-    Column("outcome", "text", "", "completed or void"),
-    Column("void_reason", "text", "", "Why the attempt was void"),
-    Column("choice", "text", "", "Interval picked: first or second"),
-    Column("chosen", "text", "", "Method picked"),
-    Column("chosen_side", "text", "", "Side whose key was pressed"),
+_ANSWERED = (
+    Column("key_place", "integer", "", "Answer key pressed, counted from the left, from 0"),
     Column("rt_s", "number", "s", "From the onset of the answer phase to the key press"),
-    Column("at", "text", "UTC", "Wall clock at the end of the attempt"),
-    Column("dropped", "integer", "refreshes", "Missed refreshes between interval 1 and answer"),
-    Column("warned", "0/1", "", "1: told that gaze had left the dot"),
-    Column("frames_shown_first", "integer", "frames", "Clip frames that reached the display"),
-    Column("frames_shown_second", "integer", "frames", "Clip frames that reached the display"),
-    Column("frames_planned", "integer", "frames", "Clip frames planned per interval"),
-    Column("gaze_samples", "integer", "", "Gaze samples watched"),
+    Column("dropped", "integer", "refreshes", "Missed refreshes from the first stimulus to answer"),
     Column("gaze_lost_share", "share", "", "Share of watched time without gaze data"),
-    Column("gaze_blinks", "integer", "", "Losses short enough to be pardoned"),
-    Column("gaze_violations", "integer", "", "Times gaze was outside for long enough"),
-    Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot"),
-    Column("gaze_max_deg", "number", "deg", "Largest angle between gaze and dot"),
 )
 
-DECISION_COLUMNS = (
-    *_TRIAL,
-    Column("order", "integer", "", "Place among the sitting's decided main trials, from 1"),
-    Column("attempts", "integer", "", "Attempts until decided"),
-    *_SHOWN,
-    Column("chosen", "text", "", "Method picked"),
-    Column("rejected", "text", "", "Method not picked"),
-    Column("chose_first", "0/1", "", "1: interval 1 was picked"),
-    Column("chosen_side", "text", "", "Side whose key was pressed"),
-    Column("correct", "0/1", "", "Catch trials: 1 if the expected method was picked"),
-    Column("rt_s", "number", "s", "From the onset of the answer phase to the key press"),
-    Column("dropped", "integer", "refreshes", "Missed refreshes between interval 1 and answer"),
-    Column("gaze_lost_share", "share", "", "Share of watched time without gaze data"),
-    Column("included", "0/1", "", "1: used in the analysis"),
-    Column("exclusion", "text", "", "Why the decision is not used; empty: it is"),
-)
 
-TABLES = {
-    "sessions": SESSION_COLUMNS,
-    "attempts": ATTEMPT_COLUMNS,
-    "decisions": DECISION_COLUMNS,
-}
+def attempt_columns(study: StudyProtocol) -> tuple[Column, ...]:
+    """Return the columns of the table of attempts."""
+    return (
+        *_TRIAL,
+        Column("attempt", "integer", "", "1 for the first attempt at this trial"),
+        Column("position", "integer", "", "Number of this attempt in the sitting, from 0"),
+        *_REPEAT,
+        *study.task.condition_columns(study),
+        Column("outcome", "text", "", "completed or void"),
+        Column("void_reason", "text", "", "Why the attempt was void"),
+        *study.task.answer_columns(),
+        *_ANSWERED,
+        Column("at", "text", "UTC", "Wall clock at the end of the attempt"),
+        Column("warned", "0/1", "", "1: told that gaze had left the dot"),
+        Column("frames_shown", "integer", "frames", "Frames of the stimuli that were displayed"),
+        Column("frames_planned", "integer", "frames", "Frames of the stimuli"),
+        Column("gaze_samples", "integer", "", "Gaze samples watched"),
+        Column("gaze_blinks", "integer", "", "Losses short enough to be pardoned"),
+        Column("gaze_violations", "integer", "", "Times gaze was outside for long enough"),
+        Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot"),
+        Column("gaze_max_deg", "number", "deg", "Largest angle between gaze and dot"),
+    )
+
+
+def decision_columns(study: StudyProtocol) -> tuple[Column, ...]:
+    """Return the columns of the table of decisions."""
+    return decided(study.task.condition_columns(study), study.task.answer_columns())
+
+
+def decided(condition: tuple[Column, ...], answer: tuple[Column, ...]) -> tuple[Column, ...]:
+    """Return the columns of a table of decisions with these columns of condition and answer."""
+    return (
+        *_TRIAL,
+        Column("order", "integer", "", "Place among the sitting's decided main trials, from 1"),
+        Column("attempts", "integer", "", "Attempts until decided"),
+        *_REPEAT,
+        *condition,
+        *answer,
+        *_ANSWERED,
+        Column("included", "0/1", "", "1: used in the analysis"),
+        Column("exclusion", "text", "", "Why the decision is not used; empty: it is"),
+    )
+
+
+PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
+"""Of a table of preferences that no protocol belongs to."""
 
 
 def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.DataFrame:
@@ -124,15 +120,32 @@ def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.Data
             table[column.name] = pd.to_numeric(table[column.name]).astype("float64")
         elif column.kind in ("integer", "0/1"):
             table[column.name] = pd.to_numeric(table[column.name]).astype("Int64")
+        else:  # a value of a condition: numbers where all are
+            values = table[column.name].astype(object)
+            numbers = pd.to_numeric(values, errors="coerce")
+            texts = values.map(lambda value: isinstance(value, str))
+            if len(table) and not texts.any() and numbers.notna().all():
+                table[column.name] = numbers.astype("float64")
+            else:
+                table[column.name] = values.where(values.notna(), "").astype(str)
     return table
 
 
-def dictionary() -> pd.DataFrame:
-    """Return the data dictionary of all tables as a table."""
+def tables_of(study: StudyProtocol) -> dict[str, tuple[Column, ...]]:
+    """Return the columns of every table of a study, by table."""
+    return {
+        "sessions": SESSION_COLUMNS,
+        "attempts": attempt_columns(study),
+        "decisions": decision_columns(study),
+    }
+
+
+def dictionary(tables: Mapping[str, tuple[Column, ...]]) -> pd.DataFrame:
+    """Return the data dictionary of tables as a table."""
     return pd.DataFrame(
         [
             {"table": table, "column": c.name, "type": c.kind, "unit": c.unit, "meaning": c.meaning}
-            for table, columns in TABLES.items()
+            for table, columns in tables.items()
             for c in columns
         ]
     )

@@ -59,8 +59,8 @@ def _session_rules(
     rules: Exclusions, decisions: pd.DataFrame
 ) -> list[tuple[str, Callable[[pd.Series], bool]]]:
     main = decisions[decisions["kind"] == "main"]
-    left = main.groupby("session")["chosen_side"].apply(lambda sides: (sides == "left").mean())
-    one_side = pd.concat([left, 1.0 - left], axis=1).max(axis=1).to_dict()
+    places = main.groupby("session")["key_place"]
+    one_side = places.apply(lambda keys: keys.value_counts(normalize=True).max()).to_dict()
     one_sided = f"more than {_percent(rules.same_side_max_share)} of answers on one side"
     if rules.same_side_max_share >= 1.0:
         one_sided = "answers on one side: the protocol sets no limit"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import DECISION_COLUMNS, frame
+from analysis.columns import PREFERENCE_COLUMNS, frame
 from protocols.errors import StudyError
 from protocols.load import decode_utf8, read_bytes
 from protocols.suggest import did_you_mean
@@ -88,7 +88,7 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
     records: list[dict[str, object]] = [
         {str(key): value for key, value in record.items()} for record in rows.to_dict("records")
     ]
-    return frame(records, DECISION_COLUMNS)
+    return frame(records, PREFERENCE_COLUMNS)
 
 
 def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.DataFrame:

@@ -1,13 +1,16 @@
 """What an analysis needs to know of a study: from its protocol, or from a plain table."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
 from analysis.pairings import found_pairings
 from analysis.preference import Test
+from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
+from protocols.tasks.base import Cell
+from protocols.tasks.pairs import PairTask, PreferenceAnalysis
 
 
 @dataclass(frozen=True)
@@ -57,14 +60,19 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
     Pairings are turned so that the primary method's share is counted, and the reference is
     always on the other side, as the papers' figures read.
     """
-    primary = protocol.analysis.primary
-    references = {method.name for method in protocol.methods if method.is_reference}
+    analysis, task, recipe = protocol.analysis, protocol.task, protocol.stimuli
+    if not (isinstance(analysis, PreferenceAnalysis) and isinstance(task, PairTask)):
+        raise TypeError(f"a study of preferences is needed (got task {task.kind!r})")
+    primary = analysis.primary
+    references = {"reference"}
+    if isinstance(recipe, WarpedClips):
+        references = {method.name for method in recipe.methods if method.is_reference}
+    pairings = task.paired(protocol)
+    cells = task.cells(protocol, protocol.main_scenes())
+    sizes = tuple(map(str, recipe.values("size"))) or ("",)
     turned = tuple(
         sorted(
-            (
-                _turn(pairing, primary.method, primary.against, references)
-                for pairing in protocol.pairings()
-            ),
+            (_turn(pairing, primary.method, primary.against, references) for pairing in pairings),
             # The primary comparison first, then the others of its method; else as declared.
             key=lambda pair: (
                 pair != (primary.method, primary.against),
@@ -74,33 +82,24 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
     )
     comparisons = tuple(
         Comparison(
-            method,
-            against,
-            size.name,
-            tuple(
-                scene.name
-                for scene in protocol.main_scenes()
-                if protocol.comparable(scene, (method, against))
-            ),
-            protocol.design.repeats,
+            method, against, size, _scenes(cells, {method, against}, size), protocol.design.repeats
         )
-        for size in protocol.sizes
+        for size in sizes
         for method, against in turned
     )
-    entries = (*protocol.methods, *protocol.sizes, *protocol.scenes)
     return Settings(
         study=protocol.study.name,
         title=protocol.study.title,
-        methods=tuple(method.name for method in protocol.methods),
-        sizes=tuple(size.name for size in protocol.sizes),
+        methods=tuple(map(str, recipe.values(task.compare))),
+        sizes=sizes,
         pairings=turned,
         comparisons=tuple(entry for entry in comparisons if entry.scenes),
-        labels={entry.name: entry.label or entry.name for entry in entries},
+        labels=dict(recipe.labels()),
         primary=(primary.method, primary.against, primary.size or "all"),
-        alpha=protocol.analysis.alpha,
-        margin=protocol.analysis.smallest_effect_rate,
-        test=protocol.analysis.test,
-        correction=protocol.analysis.correction,
+        alpha=analysis.alpha,
+        margin=analysis.smallest_effect_rate,
+        test=analysis.test,
+        correction=analysis.correction,
         planned_participants=protocol.study.participants,
         planned_trials=sum(
             len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
@@ -132,6 +131,18 @@ def from_decisions(
         planned_trials=None,
         protocol_sha256=None,
     )
+
+
+def _scenes(cells: Sequence[Cell], pair: set[str], size: str) -> tuple[str, ...]:
+    """Return the scenes in which a pair is compared at a size."""
+    found = []
+    for cell in cells:
+        shown = cell.arrangements[0]
+        if str(shown.condition.get("size", "")) == size and pair <= set(
+            map(str, shown.condition.values())
+        ):
+            found.append(cell.scene)
+    return tuple(dict.fromkeys(found))
 
 
 def _turn(

@@ -10,11 +10,12 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.columns import (
-    ATTEMPT_COLUMNS,
-    DECISION_COLUMNS,
     SESSION_COLUMNS,
+    attempt_columns,
+    decision_columns,
     dictionary,
     frame,
+    tables_of,
 )
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
@@ -81,7 +82,7 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
     sessions, attempts, decisions, answers = [], [], [], []
     for reading in study.readings:
         session, tries, decided, said, found = _one_sitting(
-            reading.name, reading.journal, reading.start
+            reading.name, reading.journal, reading.start, protocol
         )
         sessions.append(session)
         attempts += tries
@@ -90,12 +91,12 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         notes += found
     marked, chosen, flow = apply_exclusions(
         frame(sessions, SESSION_COLUMNS),
-        frame(decisions, DECISION_COLUMNS),
+        frame(decisions, decision_columns(protocol)),
         protocol.analysis.exclusions,
     )
     return Tidy(
         sessions=marked,
-        attempts=frame(attempts, ATTEMPT_COLUMNS),
+        attempts=frame(attempts, attempt_columns(protocol)),
         decisions=chosen,
         answers=pd.DataFrame(answers, columns=["session", "participant", "question", "text"]),
         flow=flow,
@@ -104,20 +105,18 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
     )
 
 
-def write_tables(tidy: Tidy, folder: Path) -> tuple[Path, ...]:
-    """Write the tables, their data dictionary and pwcmp's table as CSV into `folder`."""
+def write_tables(tidy: Tidy, study: StudyProtocol, folder: Path) -> None:
+    """Write the tables and their data dictionary as CSV into `folder`."""
     tables = {
         "sessions.csv": tidy.sessions,
         "attempts.csv": tidy.attempts,
         "decisions.csv": tidy.decisions,
         "answers.csv": tidy.answers,
         "flow.csv": pd.DataFrame([vars(step) for step in tidy.flow]),
-        "pwcmp.csv": pwcmp_table(tidy.analysed),
-        "dictionary.csv": dictionary(),
+        "dictionary.csv": dictionary(tables_of(study)),
     }
     for name, table in tables.items():
         table.to_csv(folder / name, index=False, lineterminator="\n")
-    return tuple(folder / name for name in tables)
 
 
 def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
@@ -141,7 +140,7 @@ def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
 
 
 def _one_sitting(
-    name: str, journal: Journal, start: SessionStart
+    name: str, journal: Journal, start: SessionStart, study: StudyProtocol
 ) -> tuple[
     dict[str, object],
     list[dict[str, object]],
@@ -158,7 +157,7 @@ def _one_sitting(
     notes = [f"{name}: line {bad.line} is damaged: {bad.reason}" for bad in journal.damaged]
     if journal.torn:
         notes.append(f"{name}: the last line is unfinished (the program was stopped while writing)")
-    attempts = [about | _attempt_row(attempt) for attempt in journal.attempts]
+    attempts = [about | _attempt_row(attempt, study) for attempt in journal.attempts]
     decided: dict[str, Attempt] = {}
     tries: dict[str, int] = {}
     for attempt in journal.attempts:
@@ -171,9 +170,9 @@ def _one_sitting(
         decided[attempt.trial] = attempt
     decisions, order = [], 0
     for trial, attempt in decided.items():
-        main = _kind(attempt) == "main"
+        main = attempt.role == "main"
         order += main
-        row = about | _decision_row(attempt)
+        row = about | _decision_row(attempt, study)
         decisions.append(row | {"order": order if main else None, "attempts": tries[trial]})
     answers: list[dict[str, object]] = [
         {
@@ -244,45 +243,31 @@ def _session_row(
     }
 
 
-def _kind(attempt: Attempt) -> str:
-    if attempt.practice:
-        return "practice"
-    return "catch" if attempt.catch else "main"
-
-
-def _shown(attempt: Attempt) -> dict[str, object]:
-    return {
+def _common(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
+    place = None if attempt.answer is None else attempt.answers.index(attempt.answer)
+    return study.task.row(attempt) | {
         "trial": attempt.trial,
-        "kind": _kind(attempt),
+        "kind": attempt.role,
         "block": attempt.block,
         "repeat": attempt.repeat,
-        "scene": attempt.scene,
-        "size": attempt.size,
-        "first": attempt.first,
-        "second": attempt.second,
-        "expected": attempt.expected,
-        "first_side": attempt.first_side,
-        "chosen": attempt.chosen,
-        "chosen_side": attempt.chosen_side,
+        "key_place": place,
         "rt_s": attempt.rt_s,
         "dropped": attempt.dropped,
         "gaze_lost_share": attempt.gaze.lost_share if attempt.gaze else None,
     }
 
 
-def _attempt_row(attempt: Attempt) -> dict[str, object]:
+def _attempt_row(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
     gaze = attempt.gaze
-    return _shown(attempt) | {
+    return _common(attempt, study) | {
         "attempt": attempt.attempt,
         "position": attempt.position,
         "outcome": attempt.outcome,
         "void_reason": attempt.void_reason,
-        "choice": attempt.choice,
         "at": attempt.at,
         "warned": int(attempt.warned),
-        "frames_shown_first": attempt.clips[0].frames_shown,
-        "frames_shown_second": attempt.clips[1].frames_shown,
-        "frames_planned": attempt.clips[0].frames_planned,
+        "frames_shown": sum(stimulus.frames_shown for stimulus in attempt.stimuli),
+        "frames_planned": sum(stimulus.frames_planned for stimulus in attempt.stimuli),
         "gaze_samples": gaze.samples if gaze else None,
         "gaze_blinks": gaze.blinks if gaze else None,
         "gaze_violations": gaze.violations if gaze else None,
@@ -291,12 +276,5 @@ def _attempt_row(attempt: Attempt) -> dict[str, object]:
     }
 
 
-def _decision_row(attempt: Attempt) -> dict[str, object]:
-    right = None if attempt.expected is None else int(attempt.chosen == attempt.expected)
-    return _shown(attempt) | {
-        "rejected": attempt.second if attempt.chosen == attempt.first else attempt.first,
-        "chose_first": int(attempt.choice == "first"),
-        "correct": right,
-        "included": 1,
-        "exclusion": "",
-    }
+def _decision_row(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
+    return _common(attempt, study) | {"included": 1, "exclusion": ""}

@@ -16,6 +16,7 @@ BENCHMARKS = {
     "stimuli": "frames per second of clips, overlap, processes, memory",
     "scores": "every built-in scene on three paths, by every metric of `stimuli score`",
     "session": "a whole simulated session",
+    "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages, speed",
     "analysis": "bootstraps, power and false positives of the statistics",
     "front_door": "CPU time of `metamerlab --help`",
 }

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
-from protocols.stimuli_schema import CirclePath
+from protocols.recipes.warped_clips import CirclePath
 from stimuli import pictures
 from stimuli.footage import Footage, Shot
 from stimuli.paths import make_path

@@ -28,7 +28,7 @@ from benchmarks.output import PagePart
 from benchmarks.stimuli_report import Findings, Ratio, Speed
 
 if TYPE_CHECKING:
-    from protocols.schema import ClipName
+    from protocols.recipes.warped_clips import ClipName
     from stimuli.clip import Survey
     from stimuli.orders import Orders
     from stimuli.scenery import Scenery
@@ -195,20 +195,20 @@ def _ready(
 ) -> tuple[Bench, Scenery, Orders, ClipName, Survey]:
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
-    from protocols.schema import ClipName
+    from protocols.recipes.warped_clips import ClipName
     from stimuli.clip import Survey
     from stimuli.orders import Orders
     from stimuli.worker import Bench
 
     protocol = load_protocol(Path("demo"))
-    scene = protocol.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})
-    clips = protocol.clips.model_copy(
+    scene = protocol.warped.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})
+    clips = protocol.warped.clips.model_copy(
         update={"fps": 24.0, "duration_s": frames / 24, "render_width_px": options.width,
                 "rescale": "box"}
     )  # fmt: skip
-    size = protocol.sizes[0].model_copy(update={"hole_share": None, "extent_m": 0.1})
+    size = protocol.warped.sizes[0].model_copy(update={"hole_share": None, "extent_m": 0.1})
     methods = tuple(
-        protocol.methods[0].model_copy(update={"name": name}) for name in options.methods
+        protocol.warped.methods[0].model_copy(update={"name": name}) for name in options.methods
     )
     protocol = protocol.model_copy(
         update={"scenes": (scene,), "clips": clips, "sizes": (size,), "methods": methods}

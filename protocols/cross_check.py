@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from typing import get_args
 
 from protocols.errors import Problem
+from protocols.recipes.base import Recipe
+from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import (
     PLACEHOLDERS,
     Analysis,
@@ -17,6 +20,8 @@ from protocols.session_schema import (
     TrialTiming,
 )
 from protocols.suggest import did_you_mean
+from protocols.tasks.base import Task
+from protocols.tasks.pairs import PairTask
 
 
 def cross_check(sections: Mapping[str, object]) -> list[Problem]:
@@ -28,67 +33,38 @@ def cross_check(sections: Mapping[str, object]) -> list[Problem]:
     return list(_duplicates(sections)) + list(_references(sections)) + list(_rules(sections))
 
 
-def _entries(sections: Mapping[str, object], name: str) -> list[tuple[int, object]]:
-    value = sections.get(name)
-    if isinstance(value, Mapping):  # index -> entry, from a file with other mistakes
-        return sorted(value.items())
-    return list(enumerate(value)) if isinstance(value, tuple) else []
-
-
 def _duplicates(sections: Mapping[str, object]) -> Iterator[Problem]:
+    stimuli = sections.get("stimuli")
+    if not isinstance(stimuli, WarpedClips):
+        return
     for section in ("scenes", "sizes", "methods"):
         first: dict[str, int] = {}
-        for index, entry in _entries(sections, section):
-            name = str(getattr(entry, "name", ""))
-            if name in first:
+        for index, entry in enumerate(getattr(stimuli, section)):
+            if entry.name in first:
                 yield Problem(
-                    f"{section}[{index}].name",
-                    f"names must differ (got {name!r}, which {section}[{first[name]}] has);"
-                    " rename one of them",
+                    f"stimuli.{section}[{index}].name",
+                    f"names must differ (got {entry.name!r}, which"
+                    f" stimuli.{section}[{first[entry.name]}] has); rename one of them",
                 )
-            first.setdefault(name, index)
+            first.setdefault(entry.name, index)
 
 
 def _references(sections: Mapping[str, object]) -> Iterator[Problem]:
-    """Names in one section that another must define."""
-    used: list[tuple[str, str, str]] = []  # section that defines it, place, name
-    design, analysis = sections.get("design"), sections.get("analysis")
-    if isinstance(design, Design):
-        used += [("scenes", f"design.scenes[{i}]", name) for i, name in enumerate(design.scenes)]
-        if design.pairings != "all":
-            used += [
-                ("methods", f"design.pairings[{i}][{j}]", name)
-                for i, pairing in enumerate(design.pairings)
-                for j, name in enumerate(pairing)
-            ]
-        if design.practice:
-            used += [
-                ("scenes", f"design.practice.scenes[{i}]", name)
-                for i, name in enumerate(design.practice.scenes)
-            ]
-        if design.catch:
-            used += [
-                ("methods", "design.catch.better", design.catch.better),
-                ("methods", "design.catch.worse", design.catch.worse),
-                ("sizes", "design.catch.size", design.catch.size),
-            ]
-    if isinstance(analysis, Analysis):
-        primary = analysis.primary
+    """Scenes that the design names and the stimuli must have."""
+    design, stimuli = sections.get("design"), sections.get("stimuli")
+    if not isinstance(design, Design) or not isinstance(stimuli, Recipe):
+        return
+    used = [(f"design.scenes[{i}]", name) for i, name in enumerate(design.scenes)]
+    if design.practice:
         used += [
-            ("methods", "analysis.primary.method", primary.method),
-            ("methods", "analysis.primary.against", primary.against),
+            (f"design.practice.scenes[{i}]", name) for i, name in enumerate(design.practice.scenes)
         ]
-        if primary.size is not None:
-            used.append(("sizes", "analysis.primary.size", primary.size))
-    for section, place, name in used:
-        value = sections.get(section)
-        if not isinstance(value, tuple):  # has mistakes of its own: its names are not known
-            continue
-        known = [str(getattr(entry, "name", "")) for entry in value]
+    known = [str(value) for value in stimuli.values("scene")]
+    for place, name in used:
         if name not in known:
             yield Problem(
                 place,
-                f"must name one of the {section} ({', '.join(known)})"
+                f"must name one of the scenes ({', '.join(known)})"
                 f" (got {name!r}){did_you_mean(name, known)}",
             )
 
@@ -102,7 +78,10 @@ def _rules(sections: Mapping[str, object]) -> Iterator[Problem]:
         yield from _text_rules(text)
     analysis = sections.get("analysis")
     if isinstance(analysis, Analysis):
-        yield from _analysis_rules(analysis, design)
+        yield from _analysis_rules(analysis)
+    task = sections.get("task")
+    if isinstance(task, Task):
+        yield from _task_rules(task, design, response, text, analysis)
     if isinstance(response, Response):
         uses = Counter(key for keys in response.actions().values() for key in keys)
         for key, count in uses.items():
@@ -134,7 +113,8 @@ def _text_rules(text: TextSection) -> Iterator[Problem]:
             f" (got {text.default_language!r})",
         )
     for language, texts in text.languages.items():
-        for field, value in texts.model_dump().items():
+        labels = {f"answers.{name}": label for name, label in texts.answers.items()}
+        for field, value in (texts.model_dump(exclude={"answers"}) | labels).items():
             for word in re.findall(r"\{(\w*)\}", str(value) if field != "questions" else ""):
                 if word not in PLACEHOLDERS:
                     yield Problem(
@@ -156,21 +136,8 @@ def _text_rules(text: TextSection) -> Iterator[Problem]:
             )
 
 
-def _analysis_rules(analysis: Analysis, design: object) -> Iterator[Problem]:
-    primary, rules = analysis.primary, analysis.exclusions
-    pairing = {primary.method, primary.against}
-    if len(pairing) == 1:
-        yield Problem("analysis.primary.against", f"must differ from method ({primary.method!r})")
-    elif (
-        isinstance(design, Design)
-        and design.pairings != "all"
-        and pairing not in [set(entry) for entry in design.pairings]
-    ):
-        yield Problem(
-            "analysis.primary",
-            f"must compare two methods that the design pairs (got {primary.method!r} against"
-            f" {primary.against!r}); add the pairing, or choose another comparison",
-        )
+def _analysis_rules(analysis: Analysis) -> Iterator[Problem]:
+    rules = analysis.exclusions
     if rules.rt_max_s is not None and rules.rt_max_s <= rules.rt_min_s:
         yield Problem(
             "analysis.exclusions.rt_max_s",
@@ -179,21 +146,6 @@ def _analysis_rules(analysis: Analysis, design: object) -> Iterator[Problem]:
 
 
 def _design_rules(design: Design) -> Iterator[Problem]:
-    if design.pairings != "all":
-        seen: dict[frozenset[str], int] = {}
-        for index, pairing in enumerate(design.pairings):
-            if pairing[0] == pairing[1]:
-                yield Problem(
-                    f"design.pairings[{index}]",
-                    f"a pairing must hold two different methods (got {pairing[0]!r} twice)",
-                )
-            elif frozenset(pairing) in seen:
-                yield Problem(
-                    f"design.pairings[{index}]",
-                    f"every pairing must be given once (got {list(pairing)}, which"
-                    f" design.pairings[{seen[frozenset(pairing)]}] has); raise repeats instead",
-                )
-            seen.setdefault(frozenset(pairing), index)
     for place, names in (
         ("design.scenes", design.scenes),
         ("design.practice.scenes", design.practice.scenes if design.practice else ()),
@@ -201,7 +153,56 @@ def _design_rules(design: Design) -> Iterator[Problem]:
         for name, count in Counter(names).items():
             if count > 1:
                 yield Problem(place, f"every scene must be given once (got {name!r} {count} times)")
-    if design.catch and design.catch.better == design.catch.worse:
+
+
+def _task_rules(
+    task: Task, design: object, response: object, text: object, analysis: object
+) -> Iterator[Problem]:
+    """Answers, their keys and labels; feedback; the kind of analysis."""
+    answers = task.answers()
+    if isinstance(response, Response) and len(response.keys) != len(answers):
         yield Problem(
-            "design.catch.worse", f"must differ from better (got {design.catch.worse!r} for both)"
+            "response.keys",
+            f"must have an entry for each answer of the task ({', '.join(answers)})"
+            f" (got {len(response.keys)})",
         )
+    if isinstance(text, TextSection):
+        for language, texts in text.languages.items():
+            if set(texts.answers) != set(answers):
+                yield Problem(
+                    f"text.languages.{language}.answers",
+                    f"must label the answers of the task ({', '.join(answers)})"
+                    f" (got {', '.join(texts.answers)})",
+                )
+    if isinstance(analysis, Analysis) and not isinstance(analysis, task.analysis):
+        wanted = task.analysis.model_fields["kind"].annotation
+        yield Problem(
+            "analysis.kind",
+            f"must be {get_args(wanted)[0]!r} for the task {task.kind!r} (got {analysis.kind!r})",
+        )
+    if not isinstance(design, Design):
+        return
+    if design.side != "fixed" and (task.sided or len(answers) > 2):
+        why = "name sides or places" if task.sided else "are more than two"
+        yield Problem(
+            "design.side",
+            f"must be 'fixed' for the task {task.kind!r}, whose answers {why} (got"
+            f" {design.side!r})",
+        )
+    practice = design.practice
+    if practice is None:
+        return
+    judged = practice.feedback or practice.criterion_share is not None
+    if judged and isinstance(task, PairTask) and task.catch is None:
+        key = "feedback" if practice.feedback else "criterion_share"
+        yield Problem(
+            f"design.practice.{key}",
+            "needs a known right answer: give task.catch, whose pair practice then shows",
+        )
+    if practice.feedback and isinstance(text, TextSection):
+        for language, texts in text.languages.items():
+            for field in ("right", "wrong"):
+                if getattr(texts, field) is None:
+                    yield Problem(
+                        f"text.languages.{language}.{field}", "missing: practice gives feedback"
+                    )

@@ -7,11 +7,14 @@ import math
 from protocols.display import FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
-from protocols.manifest import Clip, Manifest, Renderer
+from protocols.manifest import Clip as BuiltClip
+from protocols.manifest import Manifest, Renderer
+from protocols.phases import Clip, Image
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 
-CLIPS_IN_MEMORY = 4
-"""The pair that is shown, and the next one."""
+TRIALS_IN_MEMORY = 2
+"""The one that is shown, and the next one."""
 MIB = 2**20
 COMMON_RATES_HZ = (60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 ASSUMED_RT_S = 1.5
@@ -32,6 +35,8 @@ def check_feasible(
     problems += size
     if not size:
         problems += _memory(protocol, display)
+    if not problems:
+        problems += _places(protocol, display)
     if manifest is not None:
         problems += _built_size(protocol, display, manifest)
     return problems
@@ -50,27 +55,22 @@ def require_feasible(
 
 
 def clip_size_px(protocol: StudyProtocol, display: Display) -> tuple[int, int]:
-    """Return (width, height) of every clip in native pixels of the display."""
-    return display.centred_size_px(protocol.clips.width_deg, protocol.clips.height_deg)
+    """Return (width, height) of every stimulus in native pixels of the display."""
+    return protocol.stimuli.size_px(display)
 
 
 def clip_memory_bytes(protocol: StudyProtocol, display: Display) -> int:
     """Return the graphics memory of one clip: four channels a pixel."""
     width, height = clip_size_px(protocol, display)
-    channels = 4 * protocol.clips.bit_depth // 8
-    return protocol.clips.frames * width * height * channels
+    channels = 4 * protocol.stimuli.bit_depth // 8
+    return protocol.stimuli.frames * width * height * channels
 
 
 def session_duration_s(protocol: StudyProtocol, trials: int) -> float:
     """Return an estimate of how long `trials` take, breaks included, answers in 1.5 s."""
     timing = protocol.trial
-    trial_s = (
-        timing.fixation_s
-        + 2 * protocol.clips.duration_s
-        + timing.gap_s
-        + ASSUMED_RT_S
-        + timing.iti_s
-    )
+    shown_s = protocol.task.shown_s(protocol)
+    trial_s = timing.fixation_s + shown_s + ASSUMED_RT_S + timing.iti_s
     return trials * trial_s + (protocol.design.blocks - 1) * protocol.design.break_s
 
 
@@ -78,27 +78,29 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
     """Return a manifest without pixels, marked as simulated: hashes of names stand for frames."""
     width, height = clip_size_px(protocol, display)
     clips = []
-    for name in protocol.clip_names():
-        size = next(size for size in protocol.sizes if size.name == name.size)
-        frames = [sha256_json(["virtual", str(name), k]) for k in range(protocol.clips.frames)]
+    shown = set(protocol.shown())
+    for stimulus in protocol.stimuli.pool():
+        if stimulus.name not in shown:
+            continue
+        count = protocol.stimuli.frames
+        frames = [sha256_json(["virtual", stimulus.name, k]) for k in range(count)]
         clips.append(
-            Clip(
-                scene=name.scene,
-                size=name.size,
-                method=name.method,
+            BuiltClip(
+                name=stimulus.name,
+                condition=dict(stimulus.condition),
                 width_px=width,
                 height_px=height,
-                fps=protocol.clips.fps,
-                bit_depth=protocol.clips.bit_depth,
-                seed=protocol.clips.seed,
+                fps=protocol.stimuli.frame_hz,
+                bit_depth=16 if protocol.stimuli.bit_depth == 16 else 8,
+                seed=protocol.stimuli.seed,
                 parameters={},
-                hole_share=size.hole_share or 0.0,
-                cache_key=sha256_json(["virtual", str(name)]),
+                hole_share=None,
+                cache_key=sha256_json(["virtual", stimulus.name]),
                 frames_sha256=tuple(frames),
             )
         )
     return Manifest(
-        format=1,
+        format=2,
         study=protocol.study.name,
         stimuli_sha256=protocol.stimuli_sha256,
         display=display.name,
@@ -112,12 +114,14 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
 
 def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
     times = {
-        "clips.duration_s": protocol.clips.duration_s,
         "trial.fixation_s": protocol.trial.fixation_s,
         "trial.fixation_timeout_s": protocol.trial.fixation_timeout_s,
-        "trial.gap_s": protocol.trial.gap_s,
         "trial.iti_s": protocol.trial.iti_s,
-    }
+    } | {f"task.{key}": duration_s for key, duration_s in protocol.task.durations().items()}
+    if protocol.stimuli.clip_s is not None:
+        times = {f"{protocol.stimuli.section}.duration_s": protocol.stimuli.clip_s} | times
+    if protocol.design.practice is not None and protocol.design.practice.feedback:
+        times["trial.feedback_s"] = protocol.trial.feedback_s
     if protocol.response.timeout_s is not None:
         times["response.timeout_s"] = protocol.response.timeout_s
     problems = []
@@ -141,7 +145,9 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
 
 
 def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    fps = protocol.clips.fps
+    if protocol.stimuli.clip_s is None:
+        return []
+    fps = protocol.stimuli.frame_hz
     exact = display.refresh_hz / fps
     if round(exact) >= 1 and abs(exact - round(exact)) <= FRAME_TOLERANCE:
         return []
@@ -155,7 +161,7 @@ def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
     also = f", or a display with {' or '.join(rates)} Hz" if rates else ""
     return [
         Problem(
-            "clips.fps",
+            f"{protocol.stimuli.section}.fps",
             f"every clip frame must last whole refreshes at {display.refresh_hz:g} Hz"
             f" (got {fps:g} fps = {exact:g} refreshes); nearest: {near}{also}",
         )
@@ -165,17 +171,19 @@ def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
 def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
     width, height = clip_size_px(protocol, display)
     problems = []
+    section, unit = protocol.stimuli.section, protocol.stimuli.size_unit
     for place, wanted, got, pitch_mm in (
-        ("clips.width_deg", display.width_px, width, display.pitch_x_mm),
-        ("clips.height_deg", display.height_px, height, display.pitch_y_mm),
+        (f"{section}.width_{unit}", display.width_px, width, display.pitch_x_mm),
+        (f"{section}.height_{unit}", display.height_px, height, display.pitch_y_mm),
     ):
         if got > wanted:
             most = 2 * math.degrees(math.atan(wanted * pitch_mm / 2 / display.distance_mm))
+            near = f"{math.floor(most * 100) / 100:g} deg" if unit == "deg" else f"{wanted} px"
             problems.append(
                 Problem(
                     place,
-                    f"clips must fit the screen pixel by pixel (got {got} px of {wanted} px at"
-                    f" {display.distance_mm:g} mm); nearest: {math.floor(most * 100) / 100:g} deg",
+                    f"stimuli must fit the screen pixel by pixel (got {got} px of {wanted} px at"
+                    f" {display.distance_mm:g} mm); nearest: {near}",
                 )
             )
     timing = protocol.trial
@@ -195,23 +203,68 @@ def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
     return problems
 
 
+def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
+    """Return a problem where stimuli that stand beside each other overlap or leave the screen."""
+    width, height = clip_size_px(protocol, display)
+    viewing = Viewing.of(display)
+    for phase in protocol.task.phases(protocol, display):
+        centres = [
+            viewing.to_px(entry.x_deg, entry.y_deg)
+            for entry in phase.show
+            if isinstance(entry, Clip | Image)
+        ]
+        for x, y in centres:
+            if not (
+                width / 2 <= x + 1 <= display.width_px + 2 - width / 2
+                and height / 2 <= y + 1 <= display.height_px + 2 - height / 2
+            ):
+                return [
+                    Problem(
+                        "task",
+                        f"phase {phase.name!r}: every stimulus must be whole on the screen (got one"
+                        f" of {width}x{height} px around pixel {x:.0f}, {y:.0f} of"
+                        f" {display.width_px}x{display.height_px}); make stimuli smaller, or put"
+                        " them nearer to the middle",
+                    )
+                ]
+        for index, (x, y) in enumerate(centres):
+            for other_x, other_y in centres[:index]:
+                if abs(x - other_x) < width and abs(y - other_y) < height:
+                    return [
+                        Problem(
+                            "task",
+                            f"phase {phase.name!r}: stimuli must not overlap (got"
+                            f" {abs(x - other_x):.0f} px between the middles of stimuli {width} px"
+                            " wide); put them farther apart, or make them smaller",
+                        )
+                    ]
+    return []
+
+
 def _memory(protocol: StudyProtocol, display: Display) -> list[Problem]:
     clip = clip_memory_bytes(protocol, display)
     budget = display.clip_memory_mib * MIB
-    if CLIPS_IN_MEMORY * clip <= budget:
+    count = TRIALS_IN_MEMORY * protocol.task.stimuli_per_trial
+    if count * clip <= budget:
         return []
-    frames = protocol.clips.frames
-    fewer = budget // (CLIPS_IN_MEMORY * clip // frames)
-    shrink = math.sqrt(budget / (CLIPS_IN_MEMORY * clip))
+    recipe = protocol.stimuli
+    shrink = math.sqrt(budget / (count * clip))
     width = 2 * math.floor(clip_size_px(protocol, display)[0] * shrink / 2)
+    smaller = (
+        f"width_deg = {math.floor(display.angle_of_width_deg(width) * 100) / 100:g}"
+        if recipe.size_unit == "deg"
+        else f"width_px = {width}"
+    )
+    fewer = int(budget // (count * clip // recipe.frames))
+    shorter = (
+        f"duration_s = {fewer / recipe.frame_hz:.4g} ({fewer} frames), or " if fewer > 1 else ""
+    )
     return [
         Problem(
-            "clips",
-            f"two pairs must fit {display.clip_memory_mib} MiB of graphics memory (got"
-            f" {CLIPS_IN_MEMORY * clip / MIB:.0f} MiB: {CLIPS_IN_MEMORY} clips x {frames} frames);"
-            f" nearest: duration_s = {fewer / protocol.clips.fps:.4g} ({fewer} frames), or"
-            f" width_deg = {math.floor(display.angle_of_width_deg(width) * 100) / 100:g} with the"
-            " same shape",
+            recipe.section,
+            f"the stimuli of two trials must fit {display.clip_memory_mib} MiB of graphics memory"
+            f" (got {count * clip / MIB:.0f} MiB: {count} stimuli x {recipe.frames} frames);"
+            f" nearest: {shorter}{smaller} with the same shape",
         )
     ]
 
@@ -222,18 +275,19 @@ def _built_size(protocol: StudyProtocol, display: Display, manifest: Manifest) -
         if (clip.width_px, clip.height_px) != (width, height):
             return [
                 Problem(
-                    f"clip {clip.clip_name}",
+                    f"clip {clip.name}",
                     f"clips are shown pixel by pixel and never rescaled: must be {width}x{height}"
                     f" px on this display (got {clip.width_px}x{clip.height_px} px, built for"
                     f" {manifest.display!r}); build the clips for {display.name!r}, or set"
                     f" width_deg = {display.angle_of_width_deg(clip.width_px):.4g}",
                 )
             ]
-        if clip.fps != protocol.clips.fps:
+        if clip.fps != protocol.stimuli.frame_hz:
             return [
                 Problem(
-                    f"clip {clip.clip_name}",
-                    f"must be {protocol.clips.fps:g} fps (got {clip.fps:g} fps); build again",
+                    f"clip {clip.name}",
+                    f"must be {protocol.stimuli.frame_hz:g} fps (got {clip.fps:g} fps);"
+                    " build again",
                 )
             ]
     return []

@@ -4,7 +4,8 @@ Every event says its number `n` (0, 1, 2, ... without gaps), when it happened on
 monotonic clock (`t_s`, seconds since the program opened the journal; it starts again at 0 when a
 session is resumed) and when on the wall clock (`at`, UTC).
 
-The analysis needs nothing else: `Attempt` repeats scene, size and methods of its trial.
+The analysis needs nothing else: `Attempt` repeats the condition of its trial. Lines of format 1
+are read as what they say in format 2 (`protocols.format1`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.hashing import canonical_json
-from protocols.session_schema import SideName
 from protocols.units import (
     Count,
     Hertz,
@@ -23,6 +23,7 @@ from protocols.units import (
     Name,
     ParticipantCode,
     Positive,
+    Scalar,
     Seed,
     Sha256,
     Share,
@@ -34,9 +35,9 @@ UtcTime = Annotated[
     str,
     StringConstraints(pattern=r"^[0-9]{4}(-[0-9]{2}){2}T[0-9]{2}(:[0-9]{2}){2}(\.[0-9]{1,6})?Z$"),
 ]
-TrialId = Annotated[str, StringConstraints(pattern=r"^(practice|main|catch)-[0-9]{4}$")]
-Interval = Literal["first", "second"]
-PhaseName = Literal["fixate", "first", "gap", "second", "respond"]
+TrialId = Annotated[str, StringConstraints(pattern=r"^(practice|main|catch)-[0-9]{4,}$")]
+Role = Literal["practice", "main", "catch"]
+"""Practice is never analysed; catch trials have a plain answer, and judge the participant."""
 VoidReason = Literal[
     "gaze-break",  # gaze left the window while it was watched
     "data-loss",  # the tracker lost the eye for longer than a blink, or too much in all
@@ -59,6 +60,8 @@ class Event(Model):
     """Session clock: monotonic, 0 when this run of the program opened the journal."""
     at: UtcTime
     """Wall clock, UTC."""
+    chain: Sha256 | None = None
+    """Kept free for a checksum over this line and all before it; null: there is none."""
 
 
 class DisplayReport(Model):
@@ -84,8 +87,10 @@ class SessionStart(Event):
     """First line: everything the sitting depends on."""
 
     kind: Literal["session-start"] = "session-start"
-    format: Literal[1] = 1
+    format: Literal[1, 2] = 2
     study: Name
+    task: Name = "two-interval"
+    """Kind of the task; format 1 knew one."""
     participant: ParticipantCode
     slot: Count
     """Counterbalancing slot."""
@@ -180,7 +185,8 @@ class Pause(Event):
 class Phase(Model):
     """One phase of an attempt as it was shown."""
 
-    phase: PhaseName
+    phase: Name
+    """Its name in the task."""
     onset_s: Stamp
     """Stamp of the flip that first showed it."""
     offset_s: Stamp
@@ -191,23 +197,24 @@ class Phase(Model):
     """Planned refreshes; null where the participant decides."""
     dropped: Count
     """Refreshes at which nothing new could be shown."""
+    stimuli: tuple[Count, ...] = ()
+    """Which of the attempt's stimuli it showed."""
 
 
-class ShownClip(Model):
-    """One interval's clip."""
+class ShownStimulus(Model):
+    """One stimulus of an attempt."""
 
-    method: Name
-    clip: str
-    """``scene__size__method``."""
-    clip_sha256: Sha256
+    name: str
+    """Its name in the manifest, which is its folder."""
+    sha256: Sha256
     """`Clip.sha256` of the manifest: the hash of its frames' hashes."""
     frames_shown: Count
-    """Different clip frames that reached the display."""
+    """Different frames that reached the display."""
     frames_planned: Count
 
 
 class GazeQuality(Model):
-    """How well gaze was held between the onset of interval 1 and the answer phase."""
+    """How well gaze was held while it was watched."""
 
     samples: Count
     lost_share: Share
@@ -235,44 +242,38 @@ class Attempt(Event):
     kind: Literal["attempt"] = "attempt"
     trial: TrialId
     """Which trial of the plan."""
-    trial_kind: Literal["2afc"] = "2afc"
+    role: Role
     attempt: Positive
     """1 for the first attempt at this trial."""
     position: Count
     """Number of this attempt in the sitting, from 0."""
     block: Count
     """0 is practice."""
-    practice: bool
-    catch: bool
     repeat: Count
-    """Which repeat of its pairing x size x scene, from 0."""
-    scene: Name
-    size: Name
-    first: Name
-    """Method in interval 1."""
-    second: Name
-    """Method in interval 2."""
+    """Which repeat of its condition, from 0."""
+    condition: dict[str, Scalar]
+    """What was shown, column by column, as the task defines it."""
+    track: str | None
+    """The adaptive track that chose the condition; null: it was planned."""
+    stimuli: tuple[ShownStimulus, ...]
+    """In the order in which the task counts them."""
+    answers: tuple[Name, ...]
+    """The answer that each response key stands for, from left to right."""
     expected: Name | None
-    """Catch trials: the method an attentive participant picks."""
-    first_side: SideName
-    """Side of the key that stands for interval 1."""
+    """The right answer; null where there is none."""
     outcome: Outcome
     void_reason: VoidReason | None
-    choice: Interval | None
-    """The interval picked."""
-    chosen: Name | None
-    """The method picked."""
-    chosen_side: SideName | None
-    """The side whose key was pressed."""
+    answer: Name | None
+    """The answer given."""
+    correct: bool | None
+    """Whether it was right; null without an answer, or where none is right."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0)] | None
     """From the onset of the answer phase to the stamp of the key press."""
     phases: tuple[Phase, ...]
     """The phases that were shown, in order."""
-    clips: tuple[ShownClip, ShownClip]
-    """The clips of interval 1 and 2."""
     dropped: Count
-    """Missed refreshes from the onset of interval 1 to the answer phase."""
+    """Missed refreshes from the first watched phase to the answer phase."""
     warned: bool
     """Mode `warn`: the participant was told that gaze had left the dot."""
     gaze: GazeQuality | None
@@ -280,22 +281,32 @@ class Attempt(Event):
     """Samples: CSV with t_s, raw_t, x_px, y_px (empty = lost)."""
     flips_file: SideFile | None
     """Every flip: CSV with flip (its number, as in the frame strip), t_s, interval_s, refreshes,
-    kind, late_s, evidence, phase, clip_frame, frame_sha256."""
+    kind, late_s, evidence, phase, clip_frame, frame_sha256; of several stimuli at once, the last
+    two hold one entry each, with a space between."""
+
+    @property
+    def stimulus_names(self) -> tuple[str, ...]:
+        """Names of what was shown, in order."""
+        return tuple(stimulus.name for stimulus in self.stimuli)
 
     @model_validator(mode="after")
     def _outcome_is_whole(self) -> Attempt:
         completed = self.outcome == "completed"
-        answer = (self.choice, self.chosen, self.chosen_side, self.rt_s)
+        answer = (self.answer, self.rt_s)
         if completed == (self.void_reason is not None):
             raise ValueError("void_reason must be given for void attempts and only for them")
         if completed and None in answer:
-            raise ValueError("a completed attempt must have choice, chosen, chosen_side and rt_s")
-        if not completed and answer != (None, None, None, None):
-            raise ValueError("a void attempt must have no choice, chosen, chosen_side or rt_s")
-        if completed and self.chosen != getattr(self, str(self.choice)):
-            raise ValueError(f"chosen must be the method of the {self.choice} interval")
-        if completed and (self.choice == "first") != (self.chosen_side == self.first_side):
-            raise ValueError("chosen_side must be the side of the chosen interval")
+            raise ValueError("a completed attempt must have answer and rt_s")
+        if not completed and answer != (None, None):
+            raise ValueError("a void attempt must have no answer or rt_s")
+        for name, value in (("answer", self.answer), ("expected", self.expected)):
+            if value is not None and value not in self.answers:
+                raise ValueError(
+                    f"{name} must be one of the answers ({', '.join(self.answers)}) (got {value!r})"
+                )
+        judged = self.answer is not None and self.expected is not None
+        if self.correct != ((self.answer == self.expected) if judged else None):
+            raise ValueError("correct must say whether answer is the expected one")
         return self
 
 
@@ -372,7 +383,7 @@ __all__ = [
     "SessionEnd",
     "SessionResume",
     "SessionStart",
-    "ShownClip",
+    "ShownStimulus",
     "SideFile",
     "Withdrawal",
     "event_line",

@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from protocols.errors import StudyError
+from protocols.format1 import upgraded_attempt
 from protocols.journal import EVENT, AnyEvent, Attempt, SessionStart, Withdrawal
 from protocols.load import read_bytes
 
@@ -130,7 +131,9 @@ def _parse(line: bytes) -> AnyEvent | str:
             f"must be UTF-8 text (got byte 0x{line[error.start]:02x} at column {error.start + 1})"
         )
     try:
-        return EVENT.validate_json(line, strict=True)
+        return EVENT.validate_json(_of_format_2(line), strict=True)
+    except _ContradictionError as error:
+        return f"attempt: {error}"
     except ValidationError as error:
         try:
             raw = json.loads(line)
@@ -140,3 +143,24 @@ def _parse(line: bytes) -> AnyEvent | str:
         kind = raw.get("kind") if isinstance(raw, dict) else None
         place = ".".join(map(str, detail["loc"][1:] if kind else detail["loc"]))
         return f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+
+
+class _ContradictionError(Exception):
+    """A line of format 1 that cannot be read as format 2."""
+
+
+def _of_format_2(line: bytes) -> bytes:
+    """Return a line as format 2 has it; only attempts of format 1 change."""
+    if b'"trial_kind":"2afc"' not in line:
+        return line
+    try:
+        raw = json.loads(line)
+        if not isinstance(raw, dict) or raw.get("trial_kind") != "2afc":
+            return line
+        return json.dumps(upgraded_attempt(raw)).encode()
+    except json.JSONDecodeError:
+        return line
+    except KeyError as error:
+        raise _ContradictionError(f"{error.args[0]}: Field required") from None
+    except (TypeError, ValueError) as error:
+        raise _ContradictionError(str(error)) from None

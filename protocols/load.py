@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import re
 import tomllib
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from protocols.cross_check import cross_check
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
+from protocols.format1 import upgraded_protocol
 from protocols.problems import problems_of
-from protocols.schema import StudyProtocol
-from protocols.stimuli_schema import View
+from protocols.recipes.base import Recipe
+from protocols.recipes.warped_clips import View
+from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
+_RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
 def load_protocol(path: Path) -> StudyProtocol:
@@ -35,15 +38,40 @@ def load_protocol(path: Path) -> StudyProtocol:
         With one line per mistake: file, place, what must hold, what was found, the cure.
     """
     path = _shipped(path, "studies")
-    raw = _read_toml(path)
+    raw = read_toml(path)
+    return protocol_of(raw, path)
+
+
+def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
+    """Return the study that a parsed file of any format says; `path` is for messages and tables.
+
+    Raises
+    ------
+    StudyError
+        With one line per mistake, placed as in format 2.
+    """
+    if raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw:
+        raw = upgraded_protocol(raw)
+    problems: list[Problem] = []
     try:
-        return StudyProtocol.model_validate(raw)
+        study = StudyProtocol.model_validate(_with_tables(raw, path.parent))
     except ValidationError as error:
         problems = problems_of(error, raw, StudyProtocol)
-        for problem in cross_check(_valid_sections(raw)):
+        for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
         raise _study_error(path, problems) from None
+    return study
+
+
+def _with_tables(raw: dict[str, object], folder: Path) -> dict[str, object]:
+    """Return the file with what its recipe has in tables beside it read in."""
+    try:
+        recipe = _RECIPE.validate_python(raw.get("stimuli"))
+    except ValidationError:
+        return raw
+    found: Recipe = recipe.resolved(folder)
+    return raw if found is recipe else raw | {"stimuli": found.model_dump()}
 
 
 def load_display(name_or_path: str, beside: Path | None = None) -> Display:
@@ -81,7 +109,7 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
 
 def load_toml(path: Path, model: type[M]) -> M:
     """Read any TOML file into `model`; `StudyError` lists every mistake."""
-    raw = _read_toml(path)
+    raw = read_toml(path)
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -145,7 +173,8 @@ def _shipped(path: Path, folder: str) -> Path:
     )
 
 
-def _read_toml(path: Path) -> dict[str, object]:
+def read_toml(path: Path) -> dict[str, object]:
+    """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
     try:
         return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
@@ -161,25 +190,12 @@ def _tuples(value: object) -> object:
 
 
 def _valid_sections(raw: dict[str, object]) -> dict[str, object]:
-    """Return what is right by itself: whole sections, or single entries of a list by index."""
+    """Return the sections that are right by themselves."""
     valid: dict[str, object] = {}
     for name, field in StudyProtocol.model_fields.items():
-        if name not in raw:
-            continue
         adapter: TypeAdapter[Any] = TypeAdapter(field.annotation or object)
-        try:
+        with suppress(ValidationError, KeyError):
             valid[name] = adapter.validate_python(raw[name])
-        except ValidationError:
-            value = raw[name]
-            if not isinstance(value, tuple):
-                continue
-            entries = {}
-            for index, entry in enumerate(value):
-                try:
-                    entries[index] = adapter.validate_python((entry,))[0]
-                except ValidationError:
-                    continue
-            valid[name] = entries
     return valid
 
 

@@ -12,14 +12,25 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from protocols.errors import StudyError
+from protocols.format1 import clip_as_written, upgraded_clip
 from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.load import decode_utf8, read_bytes
 from protocols.problems import problems_of
-from protocols.schema import ClipName, StudyProtocol
-from protocols.units import Hertz, Model, Name, Parameters, Pixels, Seed, Sha256, Share
+from protocols.schema import StudyProtocol
+from protocols.units import (
+    Hertz,
+    Model,
+    Name,
+    Parameters,
+    Pixels,
+    Scalar,
+    Seed,
+    Sha256,
+    Share,
+)
 
 MANIFEST_NAME = "manifest.json"
 
@@ -33,11 +44,13 @@ class Renderer(Model):
 
 
 class Clip(Model):
-    """One clip: a folder of PNG frames called ``scene__size__method``."""
+    """One stimulus: a folder of PNG frames of its name; a still has one frame."""
 
-    scene: Name
-    size: Name
-    method: Name
+    name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9]+([-_]{1,2}[a-z0-9]+)*$")]
+    """Its name in plans and journals, and its folder: of warped clips
+    ``scene__size__method``."""
+    condition: dict[Name, Scalar]
+    """What it shows, column by column."""
     width_px: Pixels
     height_px: Pixels
     fps: Hertz
@@ -45,17 +58,16 @@ class Clip(Model):
     seed: Seed
     parameters: Parameters
     """Everything the clip was made with, resolved: camera path, extent, method parameters."""
-    hole_share: Share
-    """Mean share of hole pixels over the frames, as measured."""
+    hole_share: Share | None = None
+    """Mean share of hole pixels over the frames, as measured; null where nothing was warped."""
     cache_key: Sha256
     """Hash of inputs, parameters and the method's sources; equal keys mean equal frames."""
     frames_sha256: Annotated[tuple[Sha256, ...], Field(min_length=1)]
     """Hash of every PNG file, in order."""
 
-    @property
-    def clip_name(self) -> ClipName:
-        """Scene, size and method together."""
-        return ClipName(self.scene, self.size, self.method)
+    def column(self, name: str) -> str:
+        """Return a value of the condition as text; empty where there is no such column."""
+        return str(self.condition.get(name, ""))
 
     @property
     def sha256(self) -> str:
@@ -64,13 +76,14 @@ class Clip(Model):
 
     def frame_path(self, index: int) -> str:
         """Return a frame's path inside the folder of clips."""
-        return frame_path(self.clip_name, index)
+        return frame_path(self.name, index)
 
 
 class Manifest(Model):
     """Every clip of one study, built for one display."""
 
-    format: Literal[1]
+    format: Literal[1, 2]
+    """Version of this file format; folders of format 1 stay what they were."""
     study: Name
     stimuli_sha256: Sha256
     """`StudyProtocol.stimuli_sha256` of the protocol the clips were built for."""
@@ -86,7 +99,7 @@ class Manifest(Model):
 
     @model_validator(mode="after")
     def _clips_differ(self) -> Manifest:
-        for name, count in Counter(str(clip.clip_name) for clip in self.clips).items():
+        for name, count in Counter(clip.name for clip in self.clips).items():
             if count > 1:
                 raise ValueError(f"clips must differ in name (got {name} {count} times)")
         return self
@@ -96,16 +109,16 @@ class Manifest(Model):
         """Hash of the whole manifest: the hash of the file that `write_manifest` writes."""
         return sha256_bytes(_file_bytes(self))
 
-    def clip(self, name: ClipName) -> Clip:
+    def clip(self, name: str) -> Clip:
         """Return one clip; `KeyError` if the manifest lacks it."""
         for clip in self.clips:
-            if clip.clip_name == name:
+            if clip.name == name:
                 return clip
-        raise KeyError(str(name))
+        raise KeyError(name)
 
 
-def frame_path(clip: ClipName, index: int) -> str:
-    """Return ``scene__size__method/000000.png``."""
+def frame_path(clip: object, index: int) -> str:
+    """Return a frame's path in the folder of clips: ``NAME/000000.png``."""
     return f"{clip}/{index:06d}.png"
 
 
@@ -159,14 +172,14 @@ def read_manifest(folder: Path) -> Manifest:
         )
     text = decode_utf8(read_bytes(path, "the manifest"), path)
     try:
-        return Manifest.model_validate_json(text)
+        raw = json.loads(text)
+    except json.JSONDecodeError as broken:
+        raise StudyError(
+            f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
+        ) from None
+    try:
+        return Manifest.model_validate_json(json.dumps(_of_format_2(raw)))
     except ValidationError as error:
-        try:
-            raw = json.loads(text)
-        except json.JSONDecodeError as broken:
-            raise StudyError(
-                f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
-            ) from None
         problems = problems_of(error, raw, Manifest)
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems)) from None
 
@@ -186,22 +199,23 @@ def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:
         )
     if manifest.stimuli_sha256 != protocol.stimuli_sha256:
         raise StudyError(
-            "the clips must be built from this protocol's display, scenes, sizes, methods and"
-            f" clips (hash {protocol.stimuli_sha256[:12]}, got {manifest.stimuli_sha256[:12]});"
+            "the clips must be built from this protocol's display and stimuli"
+            f" (hash {protocol.stimuli_sha256[:12]}, got {manifest.stimuli_sha256[:12]});"
             " run 'metamerlab stimuli build' again"
         )
-    present = {clip.clip_name for clip in manifest.clips}
-    missing = [str(name) for name in protocol.clip_names() if name not in present]
+    present = {clip.name for clip in manifest.clips}
+    missing = [name for name in protocol.shown() if name not in present]
     if missing:
         shown = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
         raise StudyError(
             f"the manifest must list every clip of the study (missing {len(missing)}: {shown});"
             " run 'metamerlab stimuli build' again"
         )
-    wrong = [clip for clip in manifest.clips if len(clip.frames_sha256) != protocol.clips.frames]
+    frames = protocol.stimuli.frames
+    wrong = [clip for clip in manifest.clips if len(clip.frames_sha256) != frames]
     if wrong:
         raise StudyError(
-            f"{wrong[0].clip_name}: must have {protocol.clips.frames} frames"
+            f"{wrong[0].name}: must have {frames} frames"
             f" (got {len(wrong[0].frames_sha256)}); run 'metamerlab stimuli build' again"
         )
 
@@ -209,4 +223,20 @@ def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:
 def _file_bytes(manifest: Manifest) -> bytes:
     """Return the file's content: canonical, but a line per entry, so that diffs are readable."""
     plain = json.loads(canonical_json(manifest))
+    if manifest.format == 1:
+        plain["clips"] = [clip_as_written(clip) for clip in plain["clips"]]
     return (json.dumps(plain, sort_keys=True, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _of_format_2(raw: object) -> object:
+    """Return a manifest as format 2 has it, where it is whole enough to tell."""
+    if (
+        not isinstance(raw, dict)
+        or raw.get("format") != 1
+        or not isinstance(raw.get("clips"), list)
+    ):
+        return raw
+    try:
+        return raw | {"clips": [upgraded_clip(clip) for clip in raw["clips"]]}
+    except (KeyError, TypeError):
+        return raw

@@ -3,52 +3,41 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 from protocols.chance import Chance
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
-from protocols.journal import TrialId
+from protocols.journal import Attempt, Role, TrialId
 from protocols.manifest import Manifest, check_manifest
-from protocols.schema import ClipName, StudyProtocol
-from protocols.session_schema import SideName
-from protocols.units import Count, Model, Name, ParticipantCode, Seed, Sha256
-
-PairKey = tuple[str, str, frozenset[str]]
+from protocols.schema import StudyProtocol
+from protocols.tasks.base import Cell
+from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
 
 
 class PlannedTrial(Model):
-    """One comparison of two clips."""
+    """One trial: what it shows, and which answer each response key stands for."""
 
     id: TrialId
     block: Count
     """0 is practice."""
-    practice: bool
-    catch: bool
+    role: Role
     repeat: Count
-    scene: Name
-    size: Name
-    first: Name
-    """Method in interval 1."""
-    second: Name
-    expected: Name | None
-    """Catch trials: the method an attentive participant picks."""
-    first_side: SideName
-    """Side of the key that stands for interval 1."""
+    condition: dict[str, Scalar]
+    """What is shown, column by column, as the task defines it."""
+    stimuli: tuple[str, ...]
+    """Names in the manifest, as the task counts them; empty until an adaptive rule chooses."""
+    answers: tuple[Name, ...]
+    """The answer that each response key stands for, from left to right."""
+    correct: Name | None = None
+    """The right answer; null where there is none."""
+    track: str | None = None
+    """The adaptive track that chooses the condition; null: it is planned."""
 
     @property
-    def clips(self) -> tuple[ClipName, ClipName]:
-        """The clips of interval 1 and 2."""
-        return (
-            ClipName(self.scene, self.size, self.first),
-            ClipName(self.scene, self.size, self.second),
-        )
-
-    @property
-    def pair(self) -> PairKey:
-        """The two clips, whatever their order."""
-        return self.scene, self.size, frozenset((self.first, self.second))
+    def shown(self) -> frozenset[str]:
+        """What is shown, whatever the order: no two trials in a row show the same."""
+        return frozenset(self.stimuli)
 
 
 class Plan(Model):
@@ -70,7 +59,7 @@ class Plan(Model):
     @property
     def main_trials(self) -> int:
         """Trials that are analysed."""
-        return sum(not (trial.practice or trial.catch) for trial in self.trials)
+        return sum(trial.role == "main" for trial in self.trials)
 
     def block(self, number: int) -> tuple[PlannedTrial, ...]:
         """Return the trials of a block; 0 is practice."""
@@ -82,23 +71,12 @@ class Plan(Model):
         return tuple(sorted({trial.block for trial in self.trials}))
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """One pairing of methods in one scene at one size."""
-
-    scene: str
-    size: str
-    pairing: tuple[str, str]
-    parity: int
-    """Which order comes first for slot 0."""
-
-
 def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slot: int) -> Plan:
     """Return the trials of a participant.
 
-    Counterbalancing by slot: bit 0 turns the order in every pair, bit 1 the sides, and the
-    scene order is a row of a Latin square. Within a participant the orders of a pair alternate
-    over the repeats, and no two clips meet twice in a row.
+    Counterbalancing by slot: bit 0 turns the arrangement of every trial, bit 1 the keys, and the
+    scene order is a row of a Latin square. Within a participant the arrangements of a condition
+    take turns over the repeats, and no two trials in a row show the same.
 
     Raises
     ------
@@ -124,8 +102,8 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         blocks[number].insert(place, catch.model_copy(update={"block": number}))
     trials: list[PlannedTrial] = []
     for number in sorted(blocks):
-        before = trials[-1].pair if trials else None
-        trials += _sided(protocol, slot, chance, apart(blocks[number], before))
+        before = trials[-1].shown if trials else None
+        trials += _keyed(protocol, slot, chance, apart(blocks[number], before))
     return Plan(
         study=protocol.study.name,
         participant=participant,
@@ -134,6 +112,36 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         protocol_sha256=protocol.sha256,
         manifest_sha256=manifest.sha256,
         trials=tuple(trials),
+    )
+
+
+def chosen(
+    protocol: StudyProtocol, plan: Plan, trial: PlannedTrial, attempts: Sequence[Attempt]
+) -> PlannedTrial:
+    """Return a trial with what it shows: for adaptive ones, given the attempts so far.
+
+    Raises
+    ------
+    StudyError
+        If the answers so far do not fit the rule.
+    """
+    rule = protocol.task.adaptation
+    if trial.track is None or rule is None:
+        return trial
+    past = [
+        attempt
+        for attempt in attempts
+        if attempt.track == trial.track and attempt.outcome == "completed"
+    ]
+    tries = sum(attempt.trial == trial.id for attempt in attempts)
+    chance = Chance(plan.seed, plan.participant, plan.slot, "choose", trial.id, tries)
+    arrangement = rule.choose(protocol, trial, past, chance, len(past) + plan.slot)
+    return trial.model_copy(
+        update={
+            "condition": dict(arrangement.condition),
+            "stimuli": arrangement.stimuli,
+            "correct": arrangement.correct,
+        }
     )
 
 
@@ -149,75 +157,86 @@ def latin_row(count: int, row: int) -> list[int]:
     return order[::-1] if mirrored else order
 
 
-def apart(trials: Iterable[PlannedTrial], before: PairKey | None) -> list[PlannedTrial]:
-    """Return the trials with no pair twice in a row, moved as little as possible.
+def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list[PlannedTrial]:
+    """Return the trials so that no two in a row show the same, moved as little as possible.
 
     Raises
     ------
     StudyError
-        If one pair is more than half of the trials, so that there is no such order.
+        If more than half of the trials show the same, so that there is no such order.
     """
     left = list(trials)
     ordered: list[PlannedTrial] = []
+    counts = Counter(trial.shown for trial in left)
     while left:
-        counts = Counter(trial.pair for trial in left)
-        pair, most = counts.most_common(1)[0]
+        shown, most = counts.most_common(1)[0]
         crowded = 2 * most > len(left)  # must come now, or it meets itself at the end
-        allowed = [
-            trial
-            for trial in left
-            if trial.pair != before and (not crowded or trial.pair == pair or before == pair)
-        ]
-        if not allowed:
+        place = next(
+            (
+                index
+                for index, trial in enumerate(left)
+                if not trial.shown
+                or (
+                    trial.shown != before
+                    and (not crowded or trial.shown == shown or before == shown)
+                )
+            ),
+            None,
+        )
+        if place is None:
             raise StudyError(
-                f"design: no clip pair may come twice in a row (block {left[0].block} has too many"
-                f" trials of {sorted(pair[2])} in {pair[0]}, {pair[1]}); add scenes, sizes or"
-                " pairings, or take fewer repeats"
+                f"design: no two trials in a row may show the same (block {left[0].block} has too"
+                f" many trials of {' and '.join(sorted(shown))}); add scenes or conditions, or"
+                " take fewer repeats"
             )
-        ordered.append(allowed[0])
-        left.remove(allowed[0])
-        before = allowed[0].pair
+        trial = left.pop(place)
+        counts[trial.shown] -= 1
+        ordered.append(trial)
+        before = trial.shown
     return ordered
 
 
-def _cells(protocol: StudyProtocol, scenes: Iterable[str]) -> list[_Cell]:
-    cells = []
-    for i, scene in enumerate(scenes):
-        for j, size in enumerate(protocol.sizes):
-            for k, pairing in enumerate(protocol.pairings()):
-                if protocol.comparable(protocol.scene(scene), pairing):
-                    cells.append(_Cell(scene, size.name, pairing, (i + j + k) % 2))
-    return cells
-
-
-def _trial(kind: str, number: int, cell: _Cell, repeat: int, slot: int) -> PlannedTrial:
-    turned = (cell.parity + repeat + slot) % 2 == 1
-    first, second = reversed(cell.pairing) if turned else cell.pairing
+def _trial(
+    protocol: StudyProtocol, kind: Role, number: int, cell: Cell, repeat: int, turn: int
+) -> PlannedTrial:
+    arrangement = cell.arranged(turn)
     return PlannedTrial(
         id=f"{kind}-{number:04d}",
         block=0,
-        practice=kind == "practice",
-        catch=kind == "catch",
+        role=kind,
         repeat=repeat,
-        scene=cell.scene,
-        size=cell.size,
-        first=first,
-        second=second,
-        expected=None,
-        first_side="left",
+        condition=dict(arrangement.condition),
+        stimuli=arrangement.stimuli,
+        answers=protocol.task.answers(),
+        correct=arrangement.correct,
     )
 
 
 def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[PlannedTrial]:
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
-    scenes = [scene.name for scene in protocol.main_scenes()]
-    cells = _cells(protocol, scenes)
+    rule = protocol.task.adaptation
+    if rule is not None:
+        return [
+            PlannedTrial(
+                id=f"main-{number:04d}",
+                block=0,
+                role="main",
+                repeat=0,
+                condition=dict(entry.condition),
+                stimuli=(),
+                answers=protocol.task.answers(),
+                track=entry.track,
+            )
+            for number, entry in enumerate(rule.slots(protocol, chance))
+        ]
+    scenes = protocol.main_scenes()
+    cells = protocol.task.cells(protocol, scenes)
     if not cells:
         raise StudyError(
-            "design: must have at least one trial (no scene has clips for both methods of a"
-            " pairing: pairings with the reference need a scene that has one)"
+            "design: must have at least one trial (no scene has the stimuli that the task needs:"
+            " pairings with the reference, say, need a scene that has one)"
         )
-    ordered: list[tuple[int, _Cell]] = []
+    ordered: list[tuple[int, Cell]] = []
     rounds = 0
     for repeat in range(protocol.design.repeats):
         if protocol.design.scene_order == "random":
@@ -233,7 +252,8 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
                     ordered.append((repeat, queues[scenes[index]].pop()))
             rounds += 1
     return [
-        _trial("main", number, cell, repeat, slot) for number, (repeat, cell) in enumerate(ordered)
+        _trial(protocol, "main", number, cell, repeat, repeat + slot)
+        for number, (repeat, cell) in enumerate(ordered)
     ]
 
 
@@ -241,53 +261,52 @@ def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list
     practice = protocol.design.practice
     if practice is None:
         return []
-    names = practice.scenes or tuple(scene.name for scene in protocol.main_scenes())
-    cells = chance.shuffled(_cells(protocol, names))
+    cells = chance.shuffled(protocol.task.practice_cells(protocol, protocol.practice_scenes()))
     if not cells:
-        raise StudyError(
-            "design.practice: must have a scene with clips for both methods of a pairing"
-        )
-    return [
-        _trial("practice", number, cells[number % len(cells)], number // len(cells), slot)
-        for number in range(practice.trials)
-    ]
+        raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
+    trials = []
+    for number in range(practice.trials * practice.rounds):
+        repeat, place = divmod(number, len(cells))
+        trials.append(_trial(protocol, "practice", number, cells[place], repeat, repeat + slot))
+    return trials
 
 
 def _catch_trials(
     protocol: StudyProtocol, slot: int, chance: Chance
 ) -> list[tuple[int, PlannedTrial]]:
     """Return (block, trial) of every catch trial, spread evenly."""
-    catch = protocol.design.catch
-    if catch is None:
+    wanted = protocol.task.catch_trials
+    if not wanted:
         return []
-    pairing = (catch.better, catch.worse)
-    scenes = [s.name for s in protocol.main_scenes() if protocol.comparable(s, pairing)]
-    if not scenes:
-        raise StudyError(
-            f"design.catch: must have a scene with clips for {catch.better} and {catch.worse}"
+    cells = protocol.task.catch_cells(protocol)
+    if not cells:
+        raise StudyError("task.catch: must fit stimuli of at least one scene")
+    order = chance.shuffled(cells)
+    return [
+        (
+            1 + number * protocol.design.blocks // wanted,
+            _trial(protocol, "catch", number, order[number % len(order)], 0, number + slot),
         )
-    order = chance.shuffled(scenes)
-    trials = []
-    for number in range(catch.trials):
-        cell = _Cell(order[number % len(order)], catch.size, pairing, number % 2)
-        trial = _trial("catch", number, cell, 0, slot)
-        block = 1 + number * protocol.design.blocks // catch.trials
-        trials.append((block, trial.model_copy(update={"expected": catch.better})))
-    return trials
+        for number in range(wanted)
+    ]
 
 
-def _sided(
+def _keyed(
     protocol: StudyProtocol, slot: int, chance: Chance, trials: list[PlannedTrial]
 ) -> list[PlannedTrial]:
-    """Return the trials of a block with their sides: equally often, or one for the session."""
+    """Return the trials of a block with the answers of their keys.
+
+    The order of the answers is turned equally often, or for the whole session, or never.
+    """
     mode = protocol.design.side
-    sides: list[SideName] = ["left", "right"]
+    answers = protocol.task.answers()
+    orders = (answers, answers[::-1])
     if mode == "by-trial":
-        drawn = chance.shuffled([sides[index % 2] for index in range(len(trials))])
+        drawn = chance.shuffled([orders[index % 2] for index in range(len(trials))])
     else:
         turned = mode == "by-participant" and (slot // 2) % 2 == 1
-        drawn = [sides[turned]] * len(trials)
+        drawn = [orders[turned]] * len(trials)
     return [
-        trial.model_copy(update={"first_side": side})
-        for trial, side in zip(trials, drawn, strict=True)
+        trial.model_copy(update={"answers": order})
+        for trial, order in zip(trials, drawn, strict=True)
     ]

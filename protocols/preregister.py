@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 import html
-from dataclasses import dataclass
-from typing import TypeAlias
 
 from protocols.display import Display
-from protocols.feasibility import clip_size_px, session_duration_s, virtual_manifest
+from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
 from protocols.plan import make_plan
+from protocols.prose import Block, Section, Table
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Gaze
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows under a header."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-Block: TypeAlias = "str | list[str] | Table"
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with paragraphs, lists and tables."""
-
-    title: str
-    blocks: tuple[Block, ...]
 
 
 def preregistration(
@@ -137,10 +117,6 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def _label(name: str, label: str | None) -> str:
-    return f"{label} ({name})" if label and label != name else name
-
-
 def _overview(protocol: StudyProtocol) -> Section:
     info = protocol.study
     blocks: list[Block] = [info.description] if info.description else []
@@ -171,58 +147,24 @@ def _hashes(
 
 
 def _stimuli(protocol: StudyProtocol, display: Display) -> Section:
-    width, height = clip_size_px(protocol, display)
-    clips = protocol.clips
-    sizes = [
-        f"{_label(size.name, size.label)}: "
-        + (
-            f"mean hole share {100 * size.hole_share:g} %"
-            if size.hole_share is not None
-            else f"path extent {size.extent_m:g} m"
-        )
-        for size in protocol.sizes
-    ]
-    return Section(
-        "Stimuli",
-        (
-            f"Clips of {clips.duration_s:g} s at {clips.fps:g} frames per second,"
-            f" {clips.width_deg:g} x {clips.height_deg:g} deg ({width} x {height} px, never"
-            f" rescaled) on {display.name}: {display.description or 'no description'}.",
-            "Scenes: "
-            + ", ".join(_label(scene.name, scene.label) for scene in protocol.main_scenes())
-            + ".",
-            "Sizes: " + "; ".join(sizes) + ".",
-            Table(
-                ("method", "registry name", "parameters"),
-                tuple(
-                    (
-                        _label(method.name, method.label),
-                        method.registry_name,
-                        ", ".join(f"{k} = {v}" for k, v in method.parameters.items()) or "defaults",
-                    )
-                    for method in protocol.methods
-                ),
-            ),
-        ),
-    )
+    return Section("Stimuli", protocol.stimuli.described(display, protocol.main_scenes()))
 
 
 def _procedure(protocol: StudyProtocol, display: Display) -> Section:
     design, timing = protocol.design, protocol.trial
     plan = make_plan(protocol, virtual_manifest(protocol, display), "P000", 0)
     minutes = session_duration_s(protocol, len(plan.trials)) / 60
+    feedback = design.practice is not None and design.practice.feedback
     entries = [
-        f"{plan.main_trials} decisions per participant: pairings "
-        + ", ".join(f"{a} / {b}" for a, b in protocol.pairings())
-        + f", each in every scene and size {design.repeats} times, in both orders.",
-        f"A trial: fixation {timing.fixation_s:g} s, first clip, blank {timing.gap_s:g} s, second"
-        f" clip, answer"
+        f"{plan.main_trials} decisions per participant: {protocol.task.design_sentence(protocol)}.",
+        f"A trial: fixation {timing.fixation_s:g} s, {protocol.task.description(protocol)}"
         + (
             f" within {protocol.response.timeout_s:g} s"
             if protocol.response.timeout_s
             else " without time limit"
         )
-        + f", blank {timing.iti_s:g} s. No feedback.",
+        + f", blank {timing.iti_s:g} s."
+        + (" Feedback in practice alone." if feedback else " No feedback."),
         f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks} block(s), breaks"
         f" of at least {design.break_s:g} s. Seed {design.seed}.",
         f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts.",
@@ -230,12 +172,18 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         _gaze(protocol.gaze),
         f"Estimated length without instructions: {minutes:.0f} min.",
     ]
-    if design.practice:
-        entries.append(f"{design.practice.trials} practice trials, never analysed.")
-    if design.catch:
+    practice = design.practice
+    if practice:
+        rounds = ""
+        if practice.criterion_share is not None:
+            rounds = (
+                f" a round, up to {practice.rounds_max} rounds, until"
+                f" {100 * practice.criterion_share:g} % of a round are right"
+            )
+        entries.append(f"{practice.trials} practice trials{rounds}, never analysed.")
+    if protocol.task.catch_trials:
         entries.append(
-            f"{design.catch.trials} catch trials ({design.catch.better} against"
-            f" {design.catch.worse}, size {design.catch.size})."
+            f"{protocol.task.catch_trials} catch trials ({protocol.task.catch_sentence()})."
         )
     return Section("Procedure", (entries,))
 
@@ -265,25 +213,12 @@ def _gaze(gaze: Gaze) -> str:
 
 def _analysis(protocol: StudyProtocol) -> Section:
     analysis = protocol.analysis
-    primary, rules = analysis.primary, analysis.exclusions
-    where = f"at size {primary.size}" if primary.size else "over all sizes"
-    respected = {
-        "participant-scene": "respecting variation of participants and of scenes",
-        "participant": "respecting variation of participants",
-        "pooled": "taking all trials as independent",
-    }[analysis.test]
+    rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
     return Section(
         "Analysis",
         (
-            [
-                f"Primary comparison: {primary.method} against {primary.against}, {where}:"
-                f" preference rate against one half, two-sided, alpha {analysis.alpha:g},"
-                f" {respected}.",
-                f"Other comparisons: correction {analysis.correction}.",
-                "Smallest effect of interest: a preference rate"
-                f" {analysis.smallest_effect_rate:g} from one half.",
-            ],
+            analysis.plain_sentences(protocol),
             "Exclusions, fixed before the data:",
             [
                 f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",
@@ -292,7 +227,7 @@ def _analysis(protocol: StudyProtocol) -> Section:
                 *(
                     [
                         f"sessions with more than {100 * rules.same_side_max_share:g} % of the"
-                        " answers on one side;"
+                        " answers with one key;"
                     ]
                     if rules.same_side_max_share < 1
                     else []

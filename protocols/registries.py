@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from protocols.errors import Problem
+from protocols.recipes.warped_clips import BuiltinScene, WarpedClips
 from protocols.schema import StudyProtocol
-from protocols.stimuli_schema import BuiltinScene
 from protocols.suggest import did_you_mean
 
 
@@ -30,12 +30,15 @@ def check_methods(
     parameters_of : callable, optional
         Gives the parameter names of a known method.
     """
+    recipe = protocol.stimuli
+    if not isinstance(recipe, WarpedClips):
+        return []
     names = ["reference", *known]
     prefixes = tuple(name[: name.index(":") + 1] for name in names if ":" in name)
     problems = []
-    for index, method in enumerate(protocol.methods):
+    for index, method in enumerate(recipe.methods):
         name = method.registry_name
-        place = f"methods[{index}].{'method' if method.method else 'name'}"
+        place = f"stimuli.methods[{index}].{'method' if method.method else 'name'}"
         if name not in names and not name.startswith(prefixes or ("\0",)):
             problems.append(
                 Problem(
@@ -50,7 +53,7 @@ def check_methods(
         offered = [] if method.is_reference else list(parameters_of(name))
         problems += [
             Problem(
-                f"methods[{index}].parameters.{key}",
+                f"stimuli.methods[{index}].parameters.{key}",
                 f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
                 f"{did_you_mean(key, offered)}",
             )
@@ -62,13 +65,16 @@ def check_methods(
 
 def check_scenes(protocol: StudyProtocol, known: Iterable[str]) -> list[Problem]:
     """Return a problem for every built-in scene that is not in `known`."""
+    recipe = protocol.stimuli
+    if not isinstance(recipe, WarpedClips):
+        return []
     names = list(known)
     return [
         Problem(
-            f"scenes[{index}].builtin",
+            f"stimuli.scenes[{index}].builtin",
             f"must be a built-in scene ({', '.join(names)}) (got {scene.builtin!r})"
             f"{did_you_mean(scene.builtin, names)}",
         )
-        for index, scene in enumerate(protocol.scenes)
+        for index, scene in enumerate(recipe.scenes)
         if isinstance(scene, BuiltinScene) and scene.builtin not in names
     ]

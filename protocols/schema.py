@@ -1,16 +1,20 @@
-"""A study protocol: the sections together, and what must hold between them."""
+"""A study protocol: stimuli by recipe, a task, an analysis, and what is common to all."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import combinations
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from protocols.cross_check import cross_check
+from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
+from protocols.recipes import RECIPES
+from protocols.recipes.base import Recipe
+from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import (
     Analysis,
     Design,
@@ -22,119 +26,109 @@ from protocols.session_schema import (
     TextSection,
     TrialTiming,
 )
-from protocols.stimuli_schema import Clips, Method, Scene, Size
+from protocols.tasks import TASKS
+from protocols.tasks.base import Task
 from protocols.units import Model
 
-
-@dataclass(frozen=True, order=True)
-class ClipName:
-    """One clip of a study; `str` gives its folder, ``scene__size__method``."""
-
-    scene: str
-    size: str
-    method: str
-
-    def __str__(self) -> str:
-        return f"{self.scene}__{self.size}__{self.method}"
+if TYPE_CHECKING:
+    AnyRecipe = Recipe
+    AnyTask = Task
+    AnyAnalysis = Analysis
+else:  # what is registered, plug-ins included: known when the program starts
+    _KIND = Field(discriminator="kind")
+    AnyRecipe = Annotated[reduce(or_, RECIPES.values()), _KIND]
+    AnyTask = Annotated[reduce(or_, TASKS.values()), _KIND]
+    AnyAnalysis = Annotated[
+        reduce(or_, dict.fromkeys(task.analysis for task in TASKS.values())), _KIND
+    ]
 
 
 class StudyProtocol(Model):
     """A whole study. Two studies with equal hashes are the same study."""
 
-    format: Literal[1]
-    """Version of this file format."""
+    format: Literal[1, 2]
+    """Version of this file format; files of format 1 are read as what they say in format 2."""
     study: StudyInfo
     display: StudyDisplay
-    scenes: Annotated[tuple[Scene, ...], Field(min_length=1)]
-    sizes: Annotated[tuple[Size, ...], Field(min_length=1)]
-    methods: Annotated[tuple[Method, ...], Field(min_length=2)]
-    clips: Clips
+    stimuli: AnyRecipe
+    task: AnyTask
     design: Design
     trial: TrialTiming
     gaze: Gaze
     response: Response
     text: TextSection
-    analysis: Analysis
+    analysis: AnyAnalysis
     privacy: Privacy
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
-        problems = cross_check({name: getattr(self, name) for name in type(self).model_fields})
+        problems = problems_between({name: getattr(self, name) for name in type(self).model_fields})
         if problems:
             raise ValueError("\n".join(map(str, problems)))
         return self
 
     @property
     def sha256(self) -> str:
-        """Hash of everything the protocol says."""
+        """Hash of everything the protocol says, in the format that it was written in."""
+        if self.format == 1:
+            from protocols.format1 import protocol_as_written
+
+            return sha256_json(protocol_as_written(self))
         return sha256_json(self)
 
     @property
     def stimuli_sha256(self) -> str:
-        """Hash of what decides the pixels: display, scenes, sizes, methods, clips.
+        """Hash of what decides the pixels: the display and the recipe.
 
         Clips stay valid when wording, timing or design change.
         """
-        return sha256_json(
-            self.model_dump(mode="json", include={"display", "scenes", "sizes", "methods", "clips"})
+        display = self.display.model_dump(mode="json")
+        return sha256_json({"display": display, **self.stimuli.identity()})
+
+    @property
+    def warped(self) -> WarpedClips:
+        """The recipe, where it is `warped-clips`; `StudyError` where it is another."""
+        if isinstance(self.stimuli, WarpedClips):
+            return self.stimuli
+        raise StudyError(
+            f"stimuli.kind: this needs a study of 'warped-clips' (got {self.stimuli.kind!r}),"
+            " whose clips are rendered from scenes"
         )
 
-    def scene(self, name: str) -> Scene:
-        """Return the scene called `name`."""
-        return next(scene for scene in self.scenes if scene.name == name)
-
-    def method(self, name: str) -> Method:
-        """Return the method called `name`."""
-        return next(method for method in self.methods if method.name == name)
-
-    def main_scenes(self) -> tuple[Scene, ...]:
-        """Return the scenes of the main trials."""
+    def main_scenes(self) -> tuple[str, ...]:
+        """Return the names of the scenes of the main trials; one empty name where none is told."""
         wanted = self.design.scenes
-        return tuple(scene for scene in self.scenes if not wanted or scene.name in wanted)
+        known = [str(value) for value in self.stimuli.values("scene")]
+        return tuple(name for name in known if not wanted or name in wanted) or ("",)
 
-    def pairings(self) -> tuple[tuple[str, str], ...]:
-        """Return the compared pairs of methods, each once."""
-        if self.design.pairings == "all":
-            return tuple(combinations((method.name for method in self.methods), 2))
-        return self.design.pairings
-
-    def comparable(self, scene: Scene, pairing: Iterable[str]) -> bool:
-        """Return whether `scene` has clips for both methods of a pairing."""
-        return scene.has_reference or not any(self.method(name).is_reference for name in pairing)
-
-    def clip_names(self) -> tuple[ClipName, ...]:
-        """Return every clip the study shows, in the order scene, size, method."""
-        shown: set[ClipName] = set()
+    def practice_scenes(self) -> tuple[str, ...]:
+        """Return the names of the scenes of practice."""
         practice = self.design.practice
-        scenes = {scene.name: scene for scene in self.main_scenes()}
-        if practice:
-            scenes |= {name: self.scene(name) for name in practice.scenes}
-        for scene in scenes.values():
-            for pairing in self.pairings():
-                if self.comparable(scene, pairing):
-                    shown |= {
-                        ClipName(scene.name, size.name, method)
-                        for size in self.sizes
-                        for method in pairing
-                    }
-        catch = self.design.catch
-        if catch:
-            for scene in self.main_scenes():
-                if self.comparable(scene, (catch.better, catch.worse)):
-                    shown |= {
-                        ClipName(scene.name, catch.size, method)
-                        for method in (catch.better, catch.worse)
-                    }
-        rank = [
-            [entry.name for entry in entries] for entries in (self.scenes, self.sizes, self.methods)
-        ]
-        return tuple(
-            sorted(
-                shown,
-                key=lambda clip: (
-                    rank[0].index(clip.scene),
-                    rank[1].index(clip.size),
-                    rank[2].index(clip.method),
-                ),
-            )
-        )
+        return (practice.scenes if practice else ()) or self.main_scenes()
+
+    def shown(self) -> tuple[str, ...]:
+        """Return the name of every stimulus the study shows, in the order of the pool."""
+        cells = self.task.cells(self, self.main_scenes()) + self.task.catch_cells(self)
+        if self.design.practice:
+            cells += self.task.practice_cells(self, self.practice_scenes())
+        names = {name for cell in cells for name in cell.arrangements[0].stimuli}
+        return tuple(s.name for s in self.stimuli.pool() if s.name in names)
+
+
+def problems_between(sections: Mapping[str, object]) -> list[Problem]:
+    """Return every mistake between sections.
+
+    Parameters
+    ----------
+    sections : mapping
+        The sections that are right by themselves. What is missing is not judged, so that a file
+        with other mistakes still gets all that can be said about it.
+    """
+    problems = cross_check(sections)
+    if problems or not {"stimuli", "task", "design"} <= set(sections):
+        return problems
+    study = StudyProtocol.model_construct(**sections)  # type: ignore[arg-type]
+    problems += study.task.problems(study)
+    if "analysis" in sections:
+        problems += study.analysis.problems(study)
+    return problems

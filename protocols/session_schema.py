@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
+from protocols.errors import Problem
 from protocols.units import (
     Count,
     Degrees,
@@ -21,7 +23,8 @@ from protocols.units import (
     Text,
 )
 
-SideName = Literal["left", "right"]
+if TYPE_CHECKING:
+    from protocols.schema import StudyProtocol
 
 
 class StudyInfo(Model):
@@ -54,47 +57,43 @@ class Practice(Model):
     """Trials before the first block; their answers are kept and never analysed."""
 
     trials: Positive
-    """How many."""
+    """How many in a round."""
     scenes: tuple[Name, ...] = ()
     """Left out: the scenes of the design."""
+    feedback: bool = False
+    """Say after each answer whether it was right; the task must know the right answer."""
+    criterion_share: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Least share of right answers in a round; below it another round follows. Left out: one
+    round."""
+    rounds_max: Positive = 3
+    """How many rounds at most, where there is a criterion."""
 
-
-class CatchTrials(Model):
-    """Trials whose answer is known, spread evenly over the blocks."""
-
-    trials: Positive
-    """How many."""
-    better: Name
-    """The method that an attentive participant picks."""
-    worse: Name
-    """The method it is shown against."""
-    size: Name
-    """The size at which the difference is plain."""
+    @property
+    def rounds(self) -> int:
+        """How many rounds are planned."""
+        return 1 if self.criterion_share is None else self.rounds_max
 
 
 class Design(Model):
-    """Which pairs are compared, how often, and in which order."""
+    """How often everything is shown, and in which order."""
 
-    pairings: Annotated[tuple[tuple[Name, Name], ...], Field(min_length=1)] | Literal["all"] = "all"
-    """Pairs of methods; `all` takes every pair once."""
     scenes: tuple[Name, ...] = ()
     """Scenes of the main trials; left out: all."""
     repeats: Positive
-    """How often a participant sees each pairing x size x scene. Orders alternate: with an even
-    number both orders come equally often for everyone, with an odd number across slots."""
+    """How often a participant meets each condition. Arrangements within a trial (which interval
+    comes first, say) alternate: with an even number all come equally often for everyone, with an
+    odd number across slots."""
     scene_order: Literal["random", "balanced"] = "balanced"
     """`balanced`: each round shows every scene once, in a Latin-square order of the slot."""
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"
-    """Which side's key stands for the first interval: swapped between slots, within a session,
-    or never (left is first)."""
+    """Which answer the first response key stands for: swapped between slots, within a session,
+    or never. Tasks with more than two answers, or with answers that name a side, need `fixed`."""
     blocks: Positive = 1
     """The trials are dealt into this many blocks, with breaks between."""
     break_s: SecondsOrNone = 30.0
     """Shortest break between two blocks."""
     practice: Practice | None = None
     """Left out: no practice."""
-    catch: CatchTrials | None = None
-    """Left out: no catch trials."""
     seed: Seed
     """Of the order of trials."""
     max_attempts: Positive = 3
@@ -102,29 +101,28 @@ class Design(Model):
 
 
 class TrialTiming(Model):
-    """One trial: fixate, interval 1, gap, interval 2, respond, inter-trial interval.
+    """What is common to the trials of every task: fixation before, blank after.
 
-    The intervals last `clips.duration_s`. Every time must be whole frames of the display.
+    Every time must be whole frames of the display.
     """
 
-    kind: Literal["2afc"] = "2afc"
     fixation_s: Seconds = 0.5
-    """How long gaze is held on the dot before interval 1."""
+    """How long gaze is held on the dot before the first stimulus."""
     fixation_timeout_s: Seconds = 10.0
     """How long the dot waits for that; then the attempt is void."""
-    gap_s: Seconds = 0.5
-    """Blank between the intervals."""
     iti_s: Seconds = 0.5
-    """Blank after the answer; no feedback."""
+    """Blank after the answer."""
+    feedback_s: Seconds = 0.8
+    """How long practice says whether an answer was right."""
     fixation_x_deg: SignedDegrees = 0.0
-    """Place of the dot, right of the screen's centre (clips are centred)."""
+    """Place of the dot, right of the screen's centre (a single stimulus is centred)."""
     fixation_y_deg: SignedDegrees = 0.0
     """Place of the dot, below the screen's centre."""
     dot_deg: Degrees = 0.6
     """Outer diameter of the fixation target."""
     dot_over_clips: bool = False
-    """Keep the target on the screen during the intervals, over the clips. Left out: clips are
-    shown untouched, and the target only where it lies beside them."""
+    """Keep the target on the screen over the stimuli. Left out: stimuli are shown untouched, and
+    the target only where it lies beside them."""
     dropped_frames_max: Count = 2
     """Refreshes that may be missed during an attempt; one more makes it void."""
 
@@ -170,10 +168,8 @@ Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]
 class Response(Model):
     """Keys, and how long the answer may take."""
 
-    left_keys: Keys = ("left",)
-    """Any of them answers for the left label."""
-    right_keys: Keys = ("right",)
-    """Any of them answers for the right label."""
+    keys: Annotated[tuple[Keys, ...], Field(min_length=2)] = (("left",), ("right",))
+    """One entry for each answer of the task, from left to right: any of its keys gives it."""
     continue_keys: Keys = ("space",)
     """Turn a page, end a break."""
     pause_keys: Keys = ("p",)
@@ -184,10 +180,8 @@ class Response(Model):
     """Left out: no time-out. A later answer makes the attempt void."""
 
     def actions(self) -> dict[str, tuple[str, ...]]:
-        """Return the keys of every action, by field name."""
-        return {
-            "left_keys": self.left_keys,
-            "right_keys": self.right_keys,
+        """Return the keys of every action, by its place in the section."""
+        return {f"keys[{place}]": keys for place, keys in enumerate(self.keys)} | {
             "continue_keys": self.continue_keys,
             "pause_keys": self.pause_keys,
             "quit_keys": self.quit_keys,
@@ -212,8 +206,8 @@ PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
 class Texts(Model):
     """Everything a participant reads, in one language.
 
-    `{left}`, `{right}`, `{continue}` and `{quit}` are replaced by the first key of that action,
-    `{done}` and `{total}` by numbers of blocks.
+    `{left}` and `{right}` are replaced by the leftmost and rightmost answer key, `{continue}` and
+    `{quit}` by the first key of that action, `{done}` and `{total}` by numbers of blocks.
     """
 
     consent: Text
@@ -226,10 +220,9 @@ class Texts(Model):
     """Before the first block."""
     question: Text
     """While the answer is awaited."""
-    first: Text
-    """Label of the first interval on the answer screen."""
-    second: Text
-    """Label of the second interval."""
+    answers: Annotated[dict[Name, Text], Field(min_length=2)]
+    """Label of each answer on the answer screen, by the answer's name; which answers there are is
+    the task's business."""
     break_page: Text
     """Between two blocks."""
     paused: Text
@@ -244,6 +237,10 @@ class Texts(Model):
     """After the quit key."""
     thanks: Text
     """The last page."""
+    right: Text | None = None
+    """After a right answer in practice; needed where practice gives feedback."""
+    wrong: Text | None = None
+    """After a wrong answer in practice."""
     questions: tuple[Question, ...] = ()
     """Asked after the last block."""
 
@@ -256,17 +253,6 @@ class TextSection(Model):
     languages: Annotated[dict[LanguageCode, Texts], Field(min_length=1)]
 
 
-class PrimaryComparison(Model):
-    """The comparison the study stands or falls with."""
-
-    method: Name
-    """The method expected to be preferred."""
-    against: Name
-    """The method it is compared with."""
-    size: Name | None = None
-    """Left out: all sizes together."""
-
-
 class Exclusions(Model):
     """Rules fixed before the data: which sessions and trials the analysis leaves out."""
 
@@ -275,7 +261,7 @@ class Exclusions(Model):
     catch_min_share: Share = 0.75
     """Least share of right answers in catch trials."""
     same_side_max_share: Share = 1.0
-    """Largest share of answers on one side."""
+    """Largest share of answers with one key."""
     rt_min_s: SecondsOrNone = 0.1
     """Faster answers are left out, one by one."""
     rt_max_s: Seconds | None = None
@@ -283,19 +269,20 @@ class Exclusions(Model):
 
 
 class Analysis(Model):
-    """What will be tested, fixed before the data."""
+    """What will be tested, fixed before the data: what every kind of analysis has."""
 
-    primary: PrimaryComparison
-    """The comparison that is tested by itself."""
+    kind: str
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """Level of the tests."""
-    smallest_effect_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
-    """Smallest effect of interest: distance of the preference rate from one half."""
-    test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
-    """Whose variation the inference respects."""
-    correction: Literal["holm", "none"] = "holm"
-    """Over all pairings and sizes; the primary comparison stands alone."""
     exclusions: Exclusions = Exclusions()
+
+    def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from ()
+
+    def plain_sentences(self, study: StudyProtocol) -> list[str]:
+        """Return the analysis in sentences, for a preregistration."""
+        raise NotImplementedError
 
 
 class Privacy(Model):

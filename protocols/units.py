@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
@@ -53,6 +54,8 @@ Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Vector3 = tuple[float, float, float]
 
 Scalar: TypeAlias = bool | int | float | str
+Condition: TypeAlias = Mapping[str, Scalar]
+"""What a stimulus or a trial shows, column by column: ``scene``, ``method``, ..."""
 Parameters: TypeAlias = dict[str, Scalar | tuple[Scalar, ...]]
 """Free parameters of a scene or a method; whoever is named there checks them."""
 

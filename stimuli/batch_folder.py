@@ -20,7 +20,7 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME
-from protocols.schema import ClipName
+from protocols.recipes.warped_clips import ClipName
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import PREVIEW_FOLDER
 from stimuli.whole_file import PART

@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.folder_hold import only_build
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, write_manifest
-from protocols.schema import ClipName
+from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import (
     BUILD_FOLDER,
     HOLES_FOLDER,
@@ -135,7 +135,7 @@ class _Batch:
         A worker keeps the scene that it opened last, so what belongs to the first scene comes
         before what belongs to the second.
         """
-        self._total = len(self.orders.clip_names) * self.orders.protocol.clips.frames
+        self._total = len(self.orders.clip_names) * self.orders.protocol.warped.clips.frames
         self._rank = {name: rank for rank, name in enumerate(self.orders.clip_names)}
         groups: dict[str, list[ClipName]] = {}
         for name in missing:
@@ -181,11 +181,11 @@ class _Batch:
 
     def _order(self, job: tuple[str, ClipName]) -> tuple[int, int, int]:
         kind, name = job
-        scenes = [scene.name for scene in self.orders.protocol.scenes]
+        scenes = [scene.name for scene in self.orders.protocol.warped.scenes]
         return scenes.index(name.scene), KINDS.index(kind), self._rank[name]
 
     def _lacks_preview(self, name: ClipName) -> bool:
-        wanted = self.orders.protocol.clips.preview
+        wanted = self.orders.protocol.warped.clips.preview
         return wanted and not preview_path(self.out, self.records[name]).exists()
 
     def _submit(self, kind: str, name: ClipName) -> None:
@@ -226,7 +226,7 @@ class _Batch:
 
     def _tell(self, waiting: int) -> None:
         """Count frames on the disk: it is the same for processes here and elsewhere."""
-        done = len(self.records) * self.orders.protocol.clips.frames
+        done = len(self.records) * self.orders.protocol.warped.clips.frames
         for folder in self.active.values():
             if folder.exists():
                 done += sum(entry.suffix == ".png" for entry in folder.iterdir())

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from protocols.hashing import sha256_bytes, sha256_file
 from protocols.manifest import MANIFEST_NAME, Manifest, read_manifest
+from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import SURVEY_NAME
 from stimuli.contact import SHEET_NAME
@@ -54,7 +55,7 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
                 present.add(clip.frame_path(index).removesuffix("png") + "exr")
         if clip.parameters.get("preview"):
             present.add(str(preview_path(out, clip).relative_to(out)))
-        name = survey_name(clip.clip_name)
+        name = survey_name(ClipName.of(clip.condition))
         masks[name] = str(clip.parameters.get("hole_masks_sha256"))
         frames = len(clip.frames_sha256)
         present |= {f"{HOLES_FOLDER}/{name}/{index:06d}.png" for index in range(frames)}

@@ -23,7 +23,7 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.methods.registry import create_method
 from protocols.hashing import sha256_bytes
-from protocols.schema import ClipName
+from protocols.recipes.warped_clips import ClipName
 from stimuli.exr import save_colour
 from stimuli.footage import Footage, Shot
 from stimuli.orders import Orders
@@ -127,7 +127,7 @@ def make_frames(
 ) -> list[str]:
     """Write every frame of `clip` into `folder` that is not there; return all their hashes."""
     folder.mkdir(parents=True, exist_ok=True)
-    clips = orders.protocol.clips
+    clips = orders.protocol.warped.clips
     hashes: dict[int, str] = {}
     missing = []
     for frame in range(clips.frames):
@@ -181,7 +181,7 @@ def _frames(
             if method is None:
                 colour = footage.truth(frame)
             else:
-                colour = method.fill(footage.warped(frame), orders.protocol.clips.seed)
+                colour = method.fill(footage.warped(frame), orders.protocol.warped.clips.seed)
             yield frame, _rescaled(colour, orders)
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error
@@ -192,16 +192,16 @@ def _frames(
 
 
 def _shot(orders: Orders, clip: ClipName, extent_m: float) -> Shot:
-    clips = orders.protocol.clips
+    clips = orders.protocol.warped.clips
     path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
     return Shot(path, orders.render_px, extent_m, clips.margin_share)
 
 
 def _rescaled(colour: NDArray[np.float32], orders: Orders) -> NDArray[np.float32]:
     shown, filters = orders.shown_px, {"box": Image.Resampling.BOX}
-    if orders.protocol.clips.rescale == "none" or orders.render_px == shown:
+    if orders.protocol.warped.clips.rescale == "none" or orders.render_px == shown:
         return colour
-    chosen = filters.get(orders.protocol.clips.rescale, Image.Resampling.LANCZOS)
+    chosen = filters.get(orders.protocol.warped.clips.rescale, Image.Resampling.LANCZOS)
     planes = [
         np.asarray(Image.fromarray(np.ascontiguousarray(colour[..., c])).resize(shown, chosen))
         for c in range(3)

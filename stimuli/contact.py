@@ -32,14 +32,14 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
     groups: dict[tuple[str, str], dict[str, Any]] = {}
     entries = []
     for index, clip in enumerate(clips):
-        scene, size = labels["scene", clip.scene], labels["size", clip.size]
-        method = labels["method", clip.method]
+        scene, size = labels["scene", clip.column("scene")], labels["size", clip.column("size")]
+        method = labels["method", clip.column("method")]
         entries.append({"label": f"{scene}, {size}: {method}", "method": method})
         group = groups.setdefault(
-            (clip.scene, clip.size),
+            (clip.column("scene"), clip.column("size")),
             {
                 "title": f"{scene}, {size}",
-                "holes": f"{100 * clip.hole_share:.2f} %",
+                "holes": f"{100 * (clip.hole_share or 0):.2f} %",
                 "range": f"{100 * float(str(clip.parameters['hole_share_least'])):.2f} to"
                 f" {100 * float(str(clip.parameters['hole_share_most'])):.2f} %",
                 "path": clip.parameters["path"],
@@ -84,7 +84,9 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
 
 
 def _labels(protocol: StudyProtocol) -> dict[tuple[str, str], str]:
-    labels = {("scene", entry.name): entry.label or entry.name for entry in protocol.scenes}
-    labels |= {("size", entry.name): entry.label or entry.name for entry in protocol.sizes}
-    labels |= {("method", entry.name): entry.label or entry.name for entry in protocol.methods}
+    labels = {("scene", entry.name): entry.label or entry.name for entry in protocol.warped.scenes}
+    labels |= {("size", entry.name): entry.label or entry.name for entry in protocol.warped.sizes}
+    labels |= {
+        ("method", entry.name): entry.label or entry.name for entry in protocol.warped.methods
+    }
     return labels

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from protocols.manifest import MANIFEST_NAME, Clip
-from protocols.schema import ClipName
+from protocols.recipes.warped_clips import ClipName
 from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.orders import Orders
 from stimuli.preview import PREVIEW_FOLDER, preview_path
@@ -19,7 +19,7 @@ def derive(
     folder = out / PREVIEW_FOLDER
     if folder.exists():
         wanted = set()
-        if orders.protocol.clips.preview:
+        if orders.protocol.warped.clips.preview:
             wanted = {preview_path(out, record).name for record in records.values()}
         for entry in folder.iterdir():
             if entry.name not in wanted:

@@ -38,7 +38,7 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
     from pipeline.methods.registry import create_method
     from stimuli.worker import Bench
 
-    clips = orders.protocol.clips
+    clips = orders.protocol.warped.clips
     first = orders.clip_names[0]
     bench = Bench()
     try:

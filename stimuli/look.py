@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
-from protocols.stimuli_schema import View
+from protocols.recipes.warped_clips import View
 from stimuli import pictures
 from stimuli.open_scene import viewpoint_of
 from stimuli.render import Renderer

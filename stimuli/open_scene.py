@@ -9,7 +9,7 @@ import moderngl
 
 from pipeline.errors import InputError
 from protocols.hashing import Json, sha256_file
-from protocols.stimuli_schema import (
+from protocols.recipes.warped_clips import (
     BuiltinScene,
     ExrScene,
     MeshScene,

@@ -12,8 +12,8 @@ from protocols.display import Display
 from protocols.feasibility import clip_size_px
 from protocols.hashing import Json, sha256_file, sha256_json
 from protocols.manifest import cache_key
-from protocols.schema import ClipName, StudyProtocol
-from protocols.stimuli_schema import Method, Scene, Size
+from protocols.recipes.warped_clips import ClipName, Method, Scene, Size
+from protocols.schema import StudyProtocol
 from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
 from stimuli.sources import source_sha256
 
@@ -35,7 +35,9 @@ class Orders:
     @cached_property
     def clip_names(self) -> tuple[ClipName, ...]:
         """Every clip, scenes together."""
-        return self.protocol.clip_names()
+        shown = set(self.protocol.shown())
+        pool = self.protocol.warped.pool()
+        return tuple(ClipName.of(entry.condition) for entry in pool if entry.name in shown)
 
     @cached_property
     def _surveys(self) -> dict[tuple[str, str], str]:
@@ -50,20 +52,20 @@ class Orders:
     def render_px(self) -> tuple[int, int]:
         """Width and height at which frames are made, before they are rescaled."""
         width, height = self.shown_px
-        asked = self.protocol.clips.render_width_px
+        asked = self.protocol.warped.clips.render_width_px
         return (width, height) if asked is None else (asked, max(1, round(height * asked / width)))
 
     def scene(self, clip: ClipName) -> Scene:
         """The scene of a clip."""
-        return self.protocol.scene(clip.scene)
+        return self.protocol.warped.scene(clip.scene)
 
     def size(self, clip: ClipName) -> Size:
         """The size of a clip."""
-        return next(size for size in self.protocol.sizes if size.name == clip.size)
+        return next(size for size in self.protocol.warped.sizes if size.name == clip.size)
 
     def method(self, clip: ClipName) -> Method:
         """The method of a clip."""
-        return self.protocol.method(clip.method)
+        return self.protocol.warped.method(clip.method)
 
     def registry_name(self, clip: ClipName) -> str:
         """The method's registry name, with its path made relative to `folder`."""
@@ -83,7 +85,7 @@ class Orders:
 
     def clip_key(self, clip: ClipName) -> str:
         """The manifest's cache key: all that decides a clip's pixels."""
-        clips = self.protocol.clips
+        clips = self.protocol.warped.clips
         inputs: dict[str, Json] = {
             "survey": self.survey_key(clip),
             "method": self._method_inputs(clip),
@@ -99,9 +101,9 @@ class Orders:
         known = self._surveys
         key = (scene_name, size_name)
         if key not in known:
-            scene = self.protocol.scene(scene_name)
-            size = next(size for size in self.protocol.sizes if size.name == size_name)
-            clips = self.protocol.clips
+            scene = self.protocol.warped.scene(scene_name)
+            size = next(size for size in self.protocol.warped.sizes if size.name == size_name)
+            clips = self.protocol.warped.clips
             known[key] = sha256_json(
                 {
                     "scene": scene_inputs(scene, self.folder),

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.camera import Camera
 from pipeline.errors import InputError
-from protocols.stimuli_schema import (
+from protocols.recipes.warped_clips import (
     CameraPath,
     CirclePath,
     KeyframesPath,

@@ -20,7 +20,7 @@ LARGEST_PX = 480
 
 def preview_path(out: Path, clip: Clip) -> Path:
     """Return where the preview of `clip` lies; its name carries the clip's hash."""
-    return out / PREVIEW_FOLDER / f"{clip.clip_name}.{clip.sha256[:12]}.webm"
+    return out / PREVIEW_FOLDER / f"{clip.name}.{clip.sha256[:12]}.webm"
 
 
 def write_preview(out: Path, clip: Clip, path: Path) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from protocols.manifest import Clip, read_manifest
+from protocols.recipes.warped_clips import ClipName
 from protocols.suggest import did_you_mean
 from stimuli.batch_folder import HOLES_FOLDER, survey_name
 from stimuli.clip import read_mask
@@ -62,19 +63,19 @@ def probe_batch(
         If the folder holds no finished batch, or there is no such clip.
     """
     manifest = read_manifest(out)
-    clips = {str(clip.clip_name): clip for clip in manifest.clips}
+    clips = {clip.name: clip for clip in manifest.clips}
     for name in names or []:
         if name not in clips:
             raise StudyError(f"{out}: must hold a clip {name!r}{did_you_mean(name, list(clips))}")
     wanted = [clips[name] for name in names or clips]
     references = {
-        (clip.scene, clip.size): clip
+        (clip.column("scene"), clip.column("size")): clip
         for clip in manifest.clips
         if clip.parameters.get("method") == "reference"
     }
     findings = []
     for done, clip in enumerate(wanted, start=1):
-        truth = references.get((clip.scene, clip.size))
+        truth = references.get((clip.column("scene"), clip.column("size")))
         findings.append(_probe(out, clip, truth))
         if report is not None:
             report(done, len(wanted))
@@ -82,7 +83,7 @@ def probe_batch(
 
 
 def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
-    masks = out / HOLES_FOLDER / survey_name(clip.clip_name)
+    masks = out / HOLES_FOLDER / survey_name(ClipName.of(clip.condition))
     changes, true_changes, repeated, black = [], [], [], []
     last: tuple[NDArray[np.float32], NDArray[np.bool_] | None] | None = None
     last_true: NDArray[np.float32] | None = None
@@ -111,7 +112,7 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
     ratio = None
     if flicker is not None and true_changes and np.mean(true_changes) > 0:
         ratio = flicker / float(np.mean(true_changes))
-    return Finding(str(clip.clip_name), flicker, ratio, repeated, black)
+    return Finding(clip.name, flicker, ratio, repeated, black)
 
 
 def _frame(out: Path, clip: Clip, index: int) -> NDArray[np.float32]:

@@ -15,9 +15,8 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.manifest import Clip, Manifest, read_manifest
 from protocols.manifest import Renderer as RendererEntry
+from protocols.recipes.warped_clips import BuiltinScene, ClipName, MeshScene
 from protocols.revision import code_revision, package_version
-from protocols.schema import ClipName
-from protocols.stimuli_schema import BuiltinScene, MeshScene
 from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
@@ -45,7 +44,7 @@ class Records:
             manifest = read_manifest(self._out)
             old = manifest.renderer
             if RendererInfo(old.vendor, old.renderer, old.version) == self._renderer:
-                records = {clip.clip_name: clip for clip in manifest.clips}
+                records = {ClipName.of(clip.condition): clip for clip in manifest.clips}
         except StudyError:
             pass
         for path in self._folder.glob("*.json"):
@@ -55,7 +54,7 @@ class Records:
             except (ValueError, KeyError, ValidationError):
                 continue
             if raw["renderer"] == asdict(self._renderer):
-                records[clip.clip_name] = clip
+                records[ClipName.of(clip.condition)] = clip
         return records
 
     def is_done(self, name: ClipName, record: Clip | None) -> bool:
@@ -66,7 +65,7 @@ class Records:
         if read_survey(masks, self._orders.survey_key(name)) is None:
             return False
         folder = self._out / str(name)
-        endings = (".png", ".exr") if self._orders.protocol.clips.exr else (".png",)
+        endings = (".png", ".exr") if self._orders.protocol.warped.clips.exr else (".png",)
         frames = range(len(record.frames_sha256))
         wanted = {f"{index:06d}{ending}" for index in frames for ending in endings}
         try:
@@ -81,8 +80,9 @@ class Records:
 
     def is_stale(self, records: Mapping[ClipName, Clip]) -> bool:
         """Whether the folder has no manifest, or one that says other things than `records`."""
-        # Not for the revision: it says who made the clips, and sittings cite the manifest's hash.
-        made_by = {"revision": "", "versions": {}}
+        # Not for revision or format: they say who made the clips, and sittings cite the
+        # manifest's hash.
+        made_by = {"revision": "", "versions": {}, "format": 2}
         try:
             old = read_manifest(self._out).model_copy(update=made_by)
         except StudyError:
@@ -94,13 +94,17 @@ class Records:
         self._folder.mkdir(parents=True, exist_ok=True)
         content = {"clip": record.model_dump(mode="json"), "renderer": asdict(self._renderer)}
         write_whole(
-            self._folder / f"{record.clip_name}.json", json.dumps(content, sort_keys=True).encode()
+            self._folder / f"{record.name}.json", json.dumps(content, sort_keys=True).encode()
         )
 
     def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
         """Return the manifest's entry of a clip with these frames."""
         orders = self._orders
-        scene, clips, (width, height) = orders.scene(name), orders.protocol.clips, orders.shown_px
+        scene, clips, (width, height) = (
+            orders.scene(name),
+            orders.protocol.warped.clips,
+            orders.shown_px,
+        )
         parameters: dict[str, Scalar | tuple[Scalar, ...]] = {
             "path": scene.camera.kind,
             "extent_m": survey.extent_m,
@@ -119,9 +123,8 @@ class Records:
             if value is not None:
                 parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value
         return Clip(
-            scene=name.scene,
-            size=name.size,
-            method=name.method,
+            name=str(name),
+            condition=dict(name.condition),
             width_px=width,
             height_px=height,
             fps=clips.fps,
@@ -137,7 +140,7 @@ class Records:
         """Return the manifest of `records`."""
         orders = self._orders
         return Manifest(
-            format=1,
+            format=2,
             study=orders.protocol.study.name,
             stimuli_sha256=orders.protocol.stimuli_sha256,
             display=orders.display.name,

@@ -19,7 +19,7 @@ import moderngl
 
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
-from protocols.schema import ClipName
+from protocols.recipes.warped_clips import ClipName
 from stimuli.clip import Survey, make_frames, take_survey
 from stimuli.open_scene import open_scenery
 from stimuli.orders import Orders

@@ -4,32 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from protocols.journal import GazeQuality, Interval, VoidReason
+from protocols.journal import GazeQuality, VoidReason
+from protocols.phases import ITI, Phase
 from protocols.plan import PlannedTrial
-from protocols.session_schema import Response, SideName
+from protocols.session_schema import Response
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import Flip, Pacer
 from study_app.stage import KeyPress, Picture, Shown, Stage
-from study_app.trial import WATCHED, Observed, Phase, Timeline, Trial, Watch, advance
+from study_app.trial import Observed, Timeline, Trial, Watch, advance
 
-CLIP_OF = {Phase.FIRST: 0, Phase.SECOND: 1}
-"""Which of the pair a phase shows."""
+BLANK = Phase(ITI, 0)
+"""What is shown while nothing else is."""
 TRACKER_PATIENCE_S = 2.0
 """A tracker that is silent for longer between two attempts ends the run."""
+
+
+class Flipped(NamedTuple):
+    """One flip of an attempt."""
+
+    phase: int
+    """Which phase it showed."""
+    frames: tuple[tuple[int, int], ...]
+    """(stimulus, frame) of everything of the trial's that it showed."""
+    flip: Flip
 
 
 @dataclass
 class Log:
     """What is collected during an attempt, in memory."""
 
-    flips: list[tuple[Phase, int | None, Flip]] = field(default_factory=list)
+    flips: list[Flipped] = field(default_factory=list)
     shown: list[Shown] = field(default_factory=list)
     """What the stage said of each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
     answer: KeyPress | None = None
-    answer_side: SideName | None = None
     quality: GazeQuality | None = None
 
 
@@ -45,7 +56,7 @@ class Watcher:
         while (silent_s := self.monitor.silent_s(stage.now())) > silence_s:
             if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
                 return True
-            stage.show(Picture(Phase.ITI))
+            stage.show(Picture(BLANK, rests=True))
             self.monitor.feed(self.source.poll())
         return False
 
@@ -95,77 +106,77 @@ def run_attempt(
     onset_s = 0.0  # of the answer phase
     interrupts: list[VoidReason] = []
     stage.key_presses()  # what was pressed before does not count
-    while state.phase is not Phase.DONE:
-        shown = stage.show(_picture(state, timeline))
+    while not state.done(timeline):
+        phase = timeline.phases[state.index]
+        shown = stage.show(_picture(state, planned, timeline))
         flip = pacer.flip(shown.t_s)
+        before = log.flips[-1].phase if log.flips else None
         log.shown.append(shown)
-        log.flips.append((state.phase, state.clip_frame(timeline), flip))
-        if state.frames == 0:  # the first flip of a phase
-            if len(log.flips) == 1 or log.flips[-2][0] is not state.phase:
-                mark(state.phase.value, flip.t_s)
-            if watcher and state.phase is Phase.FIRST:
-                planned_s = (2 * timeline.interval + timeline.gap) / stage.refresh_hz
-                watcher.monitor.watch(flip.t_s, planned_s)
-            elif state.phase is Phase.RESPOND:
+        log.flips.append(Flipped(state.index, state.shown_frames(timeline), flip))
+        if before != state.index:  # the first flip of a phase
+            mark(phase.name, flip.t_s)
+            watched_before = before is not None and timeline.phases[before].watched
+            if watcher and phase.watched and not watched_before:
+                watcher.monitor.watch(flip.t_s, timeline.watched_frames / stage.refresh_hz)
+            if phase.ends_on:
                 onset_s = flip.t_s
         gaze = _read_gaze(watcher, stage, log, recording=not state.over)
-        if watcher and log.quality is None and state.phase not in (Phase.FIXATE, *WATCHED):
-            if any(phase is Phase.FIRST for phase, _, _ in log.flips):
+        if watcher and log.quality is None and timeline.rests(state.index):
+            if any(timeline.phases[entry.phase].watched for entry in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
             watcher.monitor.rest()
         if state.over and not written:
             on_outcome(state, log)
             written = True
-        choice, interrupt = _read_keys(stage, state, planned, response, onset_s, log)
+        answer, interrupt = _read_keys(stage, state, phase, planned, response, onset_s, log)
         if interrupt:
             interrupts.append(interrupt)
         state = advance(
             state,
-            Observed(flip.refreshes if log.flips[1:] else 1, gaze, choice, interrupt),
+            Observed(flip.refreshes if log.flips[1:] else 1, gaze, answer, interrupt),
             timeline,
         )
     return AttemptResult(state, log, tuple(interrupts))
 
 
-def _picture(state: Trial, timeline: Timeline) -> Picture:
-    resting = state.phase is Phase.ITI
+def _picture(state: Trial, planned: PlannedTrial, timeline: Timeline) -> Picture:
+    phase = timeline.phases[state.index]
+    last = state.index == len(timeline.phases) - 1
+    judged = state.completed and planned.correct is not None
     return Picture(
-        state.phase,
-        CLIP_OF.get(state.phase),
-        state.clip_frame(timeline),
-        state.void_reason if resting else None,
-        state.warned and resting,
+        phase,
+        state.frames,
+        timeline.rests(state.index),
+        state.void_reason if last else None,
+        state.warned and last,
+        state.answer == planned.correct if judged else None,
     )
 
 
 def _read_keys(
     stage: Stage,
     state: Trial,
+    phase: Phase,
     planned: PlannedTrial,
     response: Response,
     onset_s: float,
     log: Log,
-) -> tuple[Interval | None, VoidReason | None]:
+) -> tuple[str | None, VoidReason | None]:
     """Return the answer, where one is awaited, and the wish to pause or quit."""
-    choice: Interval | None = None
+    answer: str | None = None
     interrupt: VoidReason | None = None
     for press in stage.key_presses():
-        side: SideName | None = None
         if press.key in response.quit_keys:
             interrupt = "quit"
         elif press.key in response.pause_keys:
             interrupt = interrupt or "paused"
-        elif press.key in response.left_keys:
-            side = "left"
-        elif press.key in response.right_keys:
-            side = "right"
-        awaited = state.phase is Phase.RESPOND and press.t_s >= onset_s
-        if side is not None and choice is None and awaited:
-            choice = "first" if side == planned.first_side else "second"
-            log.answer, log.answer_side = press, side
-    if interrupt is None and stage.focus_lost() and state.phase is not Phase.ITI:
+        elif answer is None and phase.ends_on and press.t_s >= onset_s and not state.over:
+            place = next((i for i, keys in enumerate(response.keys) if press.key in keys), None)
+            if place is not None:
+                answer, log.answer = planned.answers[place], press
+    if interrupt is None and stage.focus_lost() and not state.over:
         interrupt = "focus-lost"
-    return choice, interrupt
+    return answer, interrupt
 
 
 def _read_gaze(watcher: Watcher | None, stage: Stage, log: Log, *, recording: bool) -> Watch:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 
-from protocols.journal import Attempt, Interval, PhaseName, ShownClip
-from protocols.journal import Phase as PhaseRecord
+from protocols.journal import Attempt, Phase, ShownStimulus
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial
-from study_app.attempt import CLIP_OF, Log
+from study_app.attempt import Flipped, Log
 from study_app.gaze.source import GazeSample
-from study_app.pacing import Flip
 from study_app.recorder import Recorder
-from study_app.trial import GazeMode, Phase, Timeline, Trial
+from study_app.trial import GazeMode, Timeline, Trial
 
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
 
@@ -44,40 +42,35 @@ def attempt_event(
             f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.session_time)
         )
     flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(planned, log, manifest, recorder.session_time)
+        f"flips/{stem}", ".csv", _flips_csv(planned, log, timeline, manifest, recorder.session_time)
     )
-    chosen: Interval | None = trial.choice
-    onset_s = next((f.t_s for phase, _, f in log.flips if phase is Phase.RESPOND), None)
     rt_s = None
-    if chosen and log.answer and onset_s is not None:
+    if trial.completed and log.answer:
+        onset_s = next(
+            entry.flip.t_s for entry in log.flips if timeline.phases[entry.phase].ends_on
+        )
         rt_s = round(log.answer.t_s - onset_s, 6)
+    judged = trial.completed and planned.correct is not None
     return Attempt(
         **recorder.stamps(),
         trial=planned.id,
+        role=planned.role,
         attempt=number,
         position=position,
         block=planned.block,
-        practice=planned.practice,
-        catch=planned.catch,
         repeat=planned.repeat,
-        scene=planned.scene,
-        size=planned.size,
-        first=planned.first,
-        second=planned.second,
-        expected=planned.expected,
-        first_side=planned.first_side,
+        condition=planned.condition,
+        track=planned.track,
+        stimuli=_shown(planned, log.flips, manifest),
+        answers=planned.answers,
+        expected=planned.correct,
         outcome="completed" if trial.completed else "void",
         void_reason=trial.void_reason,
-        choice=chosen,
-        chosen={"first": planned.first, "second": planned.second}[chosen] if chosen else None,
-        chosen_side=log.answer_side if chosen else None,
-        key=log.answer.key if chosen and log.answer else None,
+        answer=trial.answer,
+        correct=trial.answer == planned.correct if judged else None,
+        key=log.answer.key if trial.completed and log.answer else None,
         rt_s=rt_s,
         phases=_phases(log.flips, timeline, recorder.session_time),
-        clips=(
-            _shown(planned, 0, log.flips, manifest),
-            _shown(planned, 1, log.flips, manifest),
-        ),
         dropped=trial.dropped,
         warned=trial.warned,
         gaze=log.quality if timeline.gaze is not GazeMode.NONE else None,
@@ -87,45 +80,45 @@ def attempt_event(
 
 
 def _shown(
-    planned: PlannedTrial,
-    interval: int,
-    flips: Sequence[tuple[Phase, int | None, Flip]],
-    manifest: Manifest,
-) -> ShownClip:
-    clip = manifest.clip(planned.clips[interval])
-    phase = (Phase.FIRST, Phase.SECOND)[interval]
-    return ShownClip(
-        method=clip.method,
-        clip=str(clip.clip_name),
-        clip_sha256=clip.sha256,
-        frames_shown=len({frame for shown, frame, _ in flips if shown is phase}),
-        frames_planned=len(clip.frames_sha256),
-    )
+    planned: PlannedTrial, flips: Sequence[Flipped], manifest: Manifest
+) -> tuple[ShownStimulus, ...]:
+    found = []
+    for index, name in enumerate(planned.stimuli):
+        clip = manifest.clip(name)
+        frames = {frame for entry in flips for shown, frame in entry.frames if shown == index}
+        found.append(
+            ShownStimulus(
+                name=name,
+                sha256=clip.sha256,
+                frames_shown=len(frames),
+                frames_planned=len(clip.frames_sha256),
+            )
+        )
+    return tuple(found)
 
 
 def _phases(
-    flips: Sequence[tuple[Phase, int | None, Flip]],
-    timeline: Timeline,
-    session_time: Callable[[float], float],
-) -> tuple[PhaseRecord, ...]:
+    flips: Sequence[Flipped], timeline: Timeline, session_time: Callable[[float], float]
+) -> tuple[Phase, ...]:
     """Sum up the flips by phase; the flip that replaces a phase's last picture ends it."""
     records = []
-    for index, (phase, _, flip) in enumerate(flips):
-        if phase is Phase.ITI or (index and flips[index - 1][0] is phase):
+    for number, (index, _, flip) in enumerate(flips):
+        last = index == len(timeline.phases) - 1  # the blank that ends the trial
+        if last or (number and flips[number - 1].phase == index):
             continue
         end = next(
-            (i for i in range(index, len(flips)) if flips[i][0] is not phase), len(flips) - 1
+            (i for i in range(number, len(flips)) if flips[i].phase != index), len(flips) - 1
         )
-        inside = [flips[i][2] for i in range(index + 1, end + 1)]
-        name: PhaseName = phase.value
+        inside = [flips[i].flip for i in range(number + 1, end + 1)]
         records.append(
-            PhaseRecord(
-                phase=name,
+            Phase(
+                phase=timeline.phases[index].name,
                 onset_s=session_time(flip.t_s),
-                offset_s=session_time(flips[end][2].t_s),
+                offset_s=session_time(flips[end].flip.t_s),
                 refreshes=sum(entry.refreshes for entry in inside),
-                planned=timeline.planned(phase),
+                planned=timeline.planned(index),
                 dropped=sum(entry.missed for entry in inside),
+                stimuli=tuple(stimulus for stimulus, _ in flips[number].frames),
             )
         )
     return tuple(records)
@@ -143,19 +136,22 @@ def _gaze_csv(samples: Sequence[GazeSample], session_time: Callable[[float], flo
 def _flips_csv(
     planned: PlannedTrial,
     log: Log,
+    timeline: Timeline,
     manifest: Manifest,
     session_time: Callable[[float], float],
 ) -> bytes:
-    hashes = [manifest.clip(name).frames_sha256 for name in planned.clips]
+    hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
     text = io.StringIO()
     text.write(FLIPS_HEADER + "\n")
     before_s: float | None = None
-    for (phase, frame, flip), shown in zip(log.flips, log.shown, strict=True):
+    for (index, frames, flip), shown in zip(log.flips, log.shown, strict=True):
         interval = "" if before_s is None else f"{flip.t_s - before_s:.6f}"
-        clip = "," if frame is None else f"{frame},{hashes[CLIP_OF[phase]][frame]}"
+        numbers = " ".join(str(frame) for _, frame in frames)
+        digests = " ".join(hashes[stimulus][frame] for stimulus, frame in frames)
         text.write(
             f"{shown.number},{session_time(flip.t_s):.6f},{interval},{flip.refreshes},{flip.kind},"
-            f"{round(flip.late_s, 6) + 0.0:.6f},{shown.evidence},{phase.value},{clip}\n"
+            f"{round(flip.late_s, 6) + 0.0:.6f},{shown.evidence},{timeline.phases[index].name},"
+            f"{numbers},{digests}\n"
         )
         before_s = flip.t_s
     return text.getvalue().encode("ascii")

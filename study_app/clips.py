@@ -1,6 +1,7 @@
-"""Clips on their way to the screen: read, checked against their hashes, decoded, uploaded.
+"""Stimuli on their way to the screen: read, checked against their hashes, decoded, uploaded.
 
-Two pairs have a place in graphics memory: the one that is shown, and the next. A thread reads and
+Those of two trials have a place in graphics memory: of the one that is shown, and of the next. A
+thread reads and
 decodes only while `allow` is on; `pump`, called by the thread that owns the context, uploads.
 """
 
@@ -24,9 +25,9 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.load import read_bytes
 from protocols.manifest import Clip, Manifest
-from protocols.schema import ClipName
 
-Pair: TypeAlias = tuple[ClipName, ClipName]
+Names: TypeAlias = tuple[str, ...]
+"""The stimuli of one trial, as its task counts them."""
 _DECODED_AHEAD = 4  # frames that wait in memory for their upload
 
 
@@ -73,7 +74,7 @@ def check_files(folder: Path, manifest: Manifest) -> None:
     for clip in manifest.clips:
         if clip.bit_depth != 8:
             raise StudyError(
-                f"{clip.clip_name}: clips that are shown must have 8 bits (got {clip.bit_depth});"
+                f"{clip.name}: clips that are shown must have 8 bits (got {clip.bit_depth});"
                 " set clips.bit_depth = 8 and build again"
             )
     missing = [
@@ -92,24 +93,24 @@ def check_files(folder: Path, manifest: Manifest) -> None:
 
 @dataclass
 class _Slot:
-    """One pair's place in graphics memory."""
+    """One trial's place in graphics memory."""
 
-    arrays: tuple[moderngl.TextureArray, moderngl.TextureArray]
-    pair: Pair | None = None
+    arrays: tuple[moderngl.TextureArray, ...]
+    names: Names | None = None
     left: int = 0
     """Frames not yet uploaded."""
     error: Exception | None = None
-    """What came up while it was read; told when the pair is wanted, not in another trial."""
+    """What came up while it was read; told when the trial comes, not in another trial."""
 
 
 @dataclass
 class _Job:
-    pair: Pair
+    names: Names
     cancelled: threading.Event = field(default_factory=threading.Event)
 
 
 class ClipStore:
-    """Two pairs of clips as RGBA8 texture arrays.
+    """The stimuli of two trials as RGBA8 texture arrays.
 
     Parameters
     ----------
@@ -119,19 +120,23 @@ class ClipStore:
         The clips.
     manifest : Manifest
         Whose clips all have one size and length.
+    per_trial : int
+        How many stimuli a trial has.
 
     Raises
     ------
     StudyError
-        If two pairs do not fit the graphics memory.
+        If those of two trials do not fit the graphics memory.
     """
 
-    def __init__(self, ctx: moderngl.Context, folder: Path, manifest: Manifest) -> None:
+    def __init__(
+        self, ctx: moderngl.Context, folder: Path, manifest: Manifest, per_trial: int
+    ) -> None:
         self._folder, self._manifest = folder, manifest
         clip = manifest.clips[0]
         self.size = clip.width_px, clip.height_px
         self.frames = len(clip.frames_sha256)
-        self._slots = _allocate(ctx, self.size, self.frames)
+        self._slots = _allocate(ctx, self.size, self.frames, per_trial)
         self._shown = 0
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._job: _Job | None = None
@@ -150,15 +155,15 @@ class ClipStore:
         else:
             self._allowed.clear()
 
-    def expect(self, pair: Pair) -> None:
-        """Say which pair comes next; it is loaded beside the one that is shown."""
-        if any(slot.pair == pair for slot in self._slots):
+    def expect(self, names: Names) -> None:
+        """Say which stimuli come next; they are loaded beside those that are shown."""
+        if any(slot.names == names for slot in self._slots):
             return
         if self._job is not None:
             self._job.cancelled.set()
         spare = self._slots[1 - self._shown]
-        spare.pair, spare.left, spare.error = pair, 2 * self.frames, None
-        self._job = _Job(pair)
+        spare.names, spare.left, spare.error = names, len(names) * self.frames, None
+        self._job = _Job(names)
         self._jobs.put(self._job)
 
     def pump(self, until_s: float) -> bool:
@@ -186,8 +191,8 @@ class ClipStore:
             worked = True
         return worked
 
-    def ready(self, pair: Pair) -> bool:
-        """Return whether every frame of `pair` is in graphics memory.
+    def ready(self, names: Names) -> bool:
+        """Return whether every frame of these stimuli is in graphics memory.
 
         Raises
         ------
@@ -195,14 +200,14 @@ class ClipStore:
             As `read_frame`: what came up while it was read.
         """
         for slot in self._slots:
-            if slot.pair == pair and slot.error is not None:
-                slot.pair, error = None, slot.error
+            if slot.names == names and slot.error is not None:
+                slot.names, error = None, slot.error
                 raise error
-        return any(slot.pair == pair and slot.left == 0 for slot in self._slots)
+        return any(slot.names == names and slot.left == 0 for slot in self._slots)
 
-    def show(self, pair: Pair) -> tuple[moderngl.TextureArray, moderngl.TextureArray]:
-        """Return the arrays of a pair that is ready, and free the other place for the next."""
-        self._shown = next(i for i, slot in enumerate(self._slots) if slot.pair == pair)
+    def show(self, names: Names) -> tuple[moderngl.TextureArray, ...]:
+        """Return the arrays of stimuli that are ready, and free the other place for the next."""
+        self._shown = next(i for i, slot in enumerate(self._slots) if slot.names == names)
         return self._slots[self._shown].arrays
 
     def close(self) -> None:
@@ -219,7 +224,7 @@ class ClipStore:
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
-            for clip, name in enumerate(job.pair):
+            for clip, name in enumerate(job.names):
                 for index in range(self.frames):
                     self._allowed.wait()
                     if job.cancelled.is_set():
@@ -243,9 +248,12 @@ class ClipStore:
             return
 
 
-def _allocate(ctx: moderngl.Context, size: tuple[int, int], frames: int) -> tuple[_Slot, _Slot]:
-    """Make four texture arrays, or say why not."""
-    needed = 4 * frames * size[0] * size[1] * 4
+def _allocate(
+    ctx: moderngl.Context, size: tuple[int, int], frames: int, per_trial: int
+) -> tuple[_Slot, _Slot]:
+    """Make the texture arrays of two trials, or say why not."""
+    count = 2 * per_trial
+    needed = count * frames * size[0] * size[1] * 4
     mib = needed / 2**20
     layers = int(ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
     if frames > layers:
@@ -260,7 +268,7 @@ def _allocate(ctx: moderngl.Context, size: tuple[int, int], frames: int) -> tupl
             raise StudyError(_too_little(mib, f"{free / 2**20:.0f} MiB are free"))
     made: list[moderngl.TextureArray] = []
     ctx.clear_errors()
-    for _ in range(4):
+    for _ in range(count):
         try:
             array = ctx.texture_array((*size, frames), 4)
         except moderngl.Error:
@@ -272,11 +280,11 @@ def _allocate(ctx: moderngl.Context, size: tuple[int, int], frames: int) -> tupl
             raise StudyError(_too_little(mib, f"the driver answered {error}"))
         array.filter = (moderngl.NEAREST, moderngl.NEAREST)
         made.append(array)
-    return _Slot((made[0], made[1])), _Slot((made[2], made[3]))
+    return _Slot(tuple(made[:per_trial])), _Slot(tuple(made[per_trial:]))
 
 
 def _too_little(mib: float, found: str) -> str:
     return (
-        f"graphics memory must hold two pairs of clips, {mib:.0f} MiB ({found}); shorten the"
-        " clips, make them smaller, or free memory"
+        f"graphics memory must hold the stimuli of two trials, {mib:.0f} MiB ({found}); shorten"
+        " clips, make stimuli smaller, or free memory"
     )

@@ -22,11 +22,11 @@ from protocols.journal import (
     VoidReason,
 )
 from protocols.plan import Plan
+from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.geometry import Viewing
 from study_app.gaze.source import GazeSource
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
@@ -118,10 +118,7 @@ def conduct(
 
 def _main_done(recorder: Recorder) -> int:
     return sum(
-        isinstance(event, Attempt)
-        and event.outcome == "completed"
-        and not event.practice
-        and not event.catch
+        isinstance(event, Attempt) and event.outcome == "completed" and event.role == "main"
         for event in recorder.events
     )
 
@@ -148,7 +145,6 @@ class _Conductor:
         self._language = start.language
         self._texts = texts_of(self._protocol, self._language)
         self._pages = Dialogue(stage, self._protocol.response, self._texts, max(plan.blocks))
-        self._timeline = Timeline.of(self._protocol, setting.display)
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
             timing = self._protocol.trial
@@ -253,6 +249,7 @@ class _Conductor:
         return self._gaze_check is None or self._gaze_check.passed(block)
 
     def _trial(self, step: RunTrial) -> bool:
+        timeline = Timeline.of(self._protocol, self._setting.display, step.trial)
         self._stage.prepare(step.trial, step.attempt)
         after = following(self._protocol, self._plan, self._recorder.events, step.trial)
         if after is not None:
@@ -267,7 +264,7 @@ class _Conductor:
                 step.position,
                 trial,
                 log,
-                self._timeline,
+                timeline,
                 self._setting.manifest,
                 self._recorder,
                 store_gaze=self._protocol.privacy.store_gaze,
@@ -277,7 +274,7 @@ class _Conductor:
 
         result = run_attempt(
             step.trial,
-            self._timeline,
+            timeline,
             self._protocol.response,
             self._stage,
             self._watcher,

@@ -1,14 +1,17 @@
-"""What stands where on the screen: clip, fixation target, and what a lab adds to the picture."""
+"""What stands where on the screen: stimuli, fixation target, and what a lab adds to the picture."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.manifest import Manifest
-from protocols.session_schema import TrialTiming
-from study_app.gaze.geometry import Viewing
+from protocols.phases import Clip, Image
+from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.strip import BLOCK_PX, BLOCKS
 
 PATCH_PX = 48
@@ -29,7 +32,10 @@ class Extras:
 class Layout:
     """Places in pixels: of upper left corners, from the upper left corner of the screen."""
 
-    clip: tuple[int, int]
+    stimulus_px: tuple[int, int]
+    """Width and height of every stimulus."""
+    places: Mapping[tuple[float, float], tuple[int, int]]
+    """Of stimuli, by the angles of their middles."""
     patch: tuple[int, int]
     dot_px: tuple[float, float]
     """The middle of the fixation target."""
@@ -37,18 +43,28 @@ class Layout:
 
     @classmethod
     def of(
-        cls, display: Display, timing: TrialTiming, manifest: Manifest, extras: Extras
+        cls, display: Display, protocol: StudyProtocol, manifest: Manifest, extras: Extras
     ) -> Layout:
-        """Place everything; all clips of a study have one size.
+        """Place everything; all stimuli of a study have one size.
 
         Raises
         ------
         StudyError
-            If an extra would cover a clip.
+            If an extra would cover a stimulus.
         """
         across, down = display.width_px, display.height_px
         width, height = manifest.clips[0].width_px, manifest.clips[0].height_px
-        x, y = (across - width) // 2, (down - height) // 2
+        viewing = Viewing.of(display)
+        places = {}
+        for phase in protocol.task.phases(protocol, display):
+            for entry in phase.show:
+                if isinstance(entry, Clip | Image):
+                    x_px, y_px = viewing.to_px(entry.x_deg, entry.y_deg)
+                    places[entry.x_deg, entry.y_deg] = (
+                        math.floor(x_px - width / 2 + 1e-6),
+                        math.floor(y_px - height / 2 + 1e-6),
+                    )
+        x, y = max(place[0] for place in places.values()), min(p[1] for p in places.values())
         patch = across - PATCH_PX, down - PATCH_PX - BLOCK_PX
         sizes = f"(they are {width}x{height} on {across}x{down})"
         if extras.strip and (y < BLOCK_PX or across < BLOCKS * BLOCK_PX or height > down):
@@ -61,16 +77,20 @@ class Layout:
                 f"--photodiode: the patch needs {PATCH_PX} pixels beside or below the clips"
                 f" {sizes}; make the clips smaller, or leave it out"
             )
-        viewing = Viewing.of(display)
+        timing = protocol.trial
         x_deg, y_deg = timing.fixation_x_deg, timing.fixation_y_deg
         left, _ = viewing.to_px(x_deg - timing.dot_deg / 2, y_deg)
         right, _ = viewing.to_px(x_deg + timing.dot_deg / 2, y_deg)
-        return cls((x, y), patch, viewing.to_px(x_deg, y_deg), right - left)
+        return cls((width, height), places, patch, viewing.to_px(x_deg, y_deg), right - left)
 
-    def beside_clip(self, clip_px: tuple[int, int], reach_px: int) -> bool:
-        """Return whether a target of this reach around the dot leaves the clip uncovered."""
-        (x, y), (width, height) = self.clip, clip_px
-        return not (
+    def beside(self, places: Iterable[tuple[int, int]], reach_px: int) -> bool:
+        """Return whether a target of this reach around the dot leaves stimuli uncovered.
+
+        `places` are the upper left corners of the stimuli.
+        """
+        width, height = self.stimulus_px
+        return not any(
             x - reach_px < self.dot_px[0] < x + width + reach_px
             and y - reach_px < self.dot_px[1] < y + height + reach_px
+            for x, y in places
         )

@@ -53,9 +53,9 @@ def standing(events: Sequence[AnyEvent]) -> Standing:
 def attempt_line(attempt: Attempt, events: Sequence[AnyEvent]) -> str:
     """Return one line on an attempt that is over."""
     now = standing(events)
-    kind = "practice" if attempt.practice else "catch" if attempt.catch else "main"
+    kind = attempt.role
     outcome = (
-        f"{attempt.choice}, {attempt.rt_s:.2f} s"
+        f"{attempt.answer}, {attempt.rt_s:.2f} s"
         if attempt.outcome == "completed"
         else f"VOID {attempt.void_reason}"
     )
@@ -86,7 +86,7 @@ def rows(events: Sequence[AnyEvent]) -> list[tuple[str, str]]:
         table.append(("vsync", f"{start.timing_evidence}, {start.refresh_hz:.3f} Hz"))
     if attempts:
         last = attempts[-1]
-        table.append(("last", f"{last.trial}: {last.void_reason or last.choice}"))
+        table.append(("last", f"{last.trial}: {last.void_reason or last.answer}"))
     voids = ", ".join(f"{count} {reason}" for reason, count in now.voids)
     table.append(("attempts", f"{now.attempts}, void: {voids or 'none'}"))
     table.append(("dropped frames", f"{now.dropped} of {now.shown} refreshes"))
@@ -99,4 +99,4 @@ def rows(events: Sequence[AnyEvent]) -> list[tuple[str, str]]:
 
 
 def _decides(attempt: Attempt) -> bool:
-    return attempt.outcome == "completed" and not attempt.practice and not attempt.catch
+    return attempt.outcome == "completed" and attempt.role == "main"

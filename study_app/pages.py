@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,15 +49,21 @@ class Pages:
         # Contrast with 50 % grey is 5.3 to 1 for black, and 3.9 to 1 for white.
         self._grey = 0 if background >= 110 else 255
 
-    def fixed(self, response: Response) -> dict[str, NDArray[np.uint8]]:
+    def fixed(self, response: Response, answers: Sequence[str]) -> dict[str, NDArray[np.uint8]]:
         """Return every image that is known beforehand, by name."""
         texts = self._texts
+        shown = {
+            "preparing": texts.preparing,
+            "gaze-lost": texts.gaze_lost,
+            "too-late": texts.too_late,
+            "right": texts.right,
+            "wrong": texts.wrong,
+        }
         return {
-            "preparing": self._centred(fill(texts.preparing, response)),
-            "gaze-lost": self._centred(fill(texts.gaze_lost, response)),
-            "too-late": self._centred(fill(texts.too_late, response)),
-            "answer-left": self._answer(texts.first, texts.second, response),
-            "answer-right": self._answer(texts.second, texts.first, response),
+            name: self._centred(fill(text, response)) for name, text in shown.items() if text
+        } | {
+            answer_name(order): self._answer(order, response)
+            for order in (tuple(answers), tuple(answers)[::-1])
         }
 
     def notice_of(self, picture: Picture) -> str:
@@ -94,19 +102,18 @@ class Pages:
         hint = text_image([label], face, width, align="centre", grey=self._grey)
         _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
 
-    def _answer(self, left: str, right: str, response: Response) -> NDArray[np.uint8]:
-        """Return the answer screen: the question, and at each side its label and key."""
+    def _answer(self, order: Sequence[str], response: Response) -> NDArray[np.uint8]:
+        """Return the answer screen: the question, and below it each answer's label and key."""
         width, height = self._size
         image = self._centred(fill(self._texts.question, response), at=0.36, ends=0.47)
-        for label, keys, x in (
-            (left, response.left_keys, 0.25),
-            (right, response.right_keys, 0.75),
-        ):
-            text = f"{label}\n{key_label(keys[0])}"
+        room = width // len(order)
+        for place, (answer, keys) in enumerate(zip(order, response.keys, strict=True)):
+            text = f"{self._texts.answers[answer]}\n{key_label(keys[0])}"
             face = typeface_for([text], self._letter_px)
-            lines = wrap(text, face, round(0.4 * width))
-            block = text_image(lines, face, width // 2, align="centre", grey=self._grey)
-            _paste(image, block, (round(width * x) - width // 4, round(height * 0.5)))
+            lines = wrap(text, face, round(0.8 * room))
+            block = text_image(lines, face, room, align="centre", grey=self._grey)
+            x = round(width * (2 * place + 1) / (2 * len(order))) - room // 2
+            _paste(image, block, (x, round(height * 0.5)))
         return image
 
     def _centred(self, text: str, at: float = 0.45, ends: float = 1.0) -> NDArray[np.uint8]:
@@ -147,6 +154,11 @@ class Pages:
         return image
 
 
+def answer_name(answers: Sequence[str]) -> str:
+    """Return the name of the answer screen on which answers have this order."""
+    return "answer-" + "-".join(answers)
+
+
 def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
     """Refuse texts that no font of this machine can write, before anything is shown.
 
@@ -162,7 +174,8 @@ def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
         texts.practice,
         texts.start,
         texts.question,
-        f"{texts.first}\n{texts.second}←→",
+        "\n".join(texts.answers.values()) + "←→",
+        *(text for text in (texts.right, texts.wrong) if text),
         texts.break_page + digits,
         texts.paused,
         texts.gaze_lost,

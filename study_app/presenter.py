@@ -13,17 +13,19 @@ from pathlib import Path
 import moderngl
 
 from protocols.manifest import Manifest
+from protocols.phases import Clip, Image, Optotype, Text
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
-from study_app.clips import ClipStore, Pair
+from study_app.clips import ClipStore, Names
 from study_app.draw import Painter
 from study_app.layout import PATCH_PX, Extras, Layout
+from study_app.optotype import landolt_ring
 from study_app.page_turner import NOTICE_S, PageTurner
-from study_app.pages import Pages
+from study_app.pages import Pages, answer_name
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 from study_app.target import target_image
-from study_app.trial import Phase
+from study_app.trial import Timeline
 from study_app.virtual import Observer
 from study_app.window import Window
 
@@ -82,22 +84,22 @@ class Presenter:
         background = round(255 * protocol.display.background)
         self._painter = Painter(window.ctx, window.size, background)
         self._pages = Pages(window.size, texts, background)
-        self._layout = Layout.of(window.display, protocol.trial, manifest, self._extras)
-        self._store = ClipStore(window.ctx, stimuli, manifest)
+        self._layout = Layout.of(window.display, protocol, manifest, self._extras)
+        self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
         image = target_image(self._layout.dot_diameter_px, background)
-        reach = len(image) // 2
+        self._reach = len(image) // 2
         x_px, y_px = self._layout.dot_px
         self._target = self._painter.texture(image)
-        self._target_place = round(x_px) - reach, round(y_px) - reach
-        self._dot_beside = self._layout.beside_clip(self._store.size, reach)
+        self._target_place = round(x_px) - self._reach, round(y_px) - self._reach
         self._statics = {
             name: self._painter.texture(image)
-            for name, image in self._pages.fixed(protocol.response).items()
+            for name, image in self._pages.fixed(protocol.response, protocol.task.answers()).items()
         }
         self._trial: PlannedTrial | None = None
         self._attempt = 1
-        self._next: Pair | None = None
-        self._clips: tuple[moderngl.TextureArray, moderngl.TextureArray] | None = None
+        self._next: Names | None = None
+        self._stimuli: tuple[moderngl.TextureArray, ...] = ()
+        self._rings: dict[Optotype, tuple[moderngl.Texture, tuple[int, int]]] = {}
         self._number = 0
         self._last_s = window.now()
         self._notice: tuple[str, float] | None = None
@@ -124,7 +126,8 @@ class Presenter:
         gc.enable()
         self._store.close()
         self._turner.release()
-        for texture in (*self._statics.values(), self._target):
+        rings = (texture for texture, _ in self._rings.values())
+        for texture in (*self._statics.values(), self._target, *rings):
             texture.release()
         self._painter.release()
 
@@ -138,24 +141,24 @@ class Presenter:
         return self._window.now()
 
     def expect(self, trial: PlannedTrial) -> None:
-        """Load the trial's clips while nothing moves: it comes next."""
-        self._next = trial.clips
+        """Load the trial's stimuli while nothing moves: it comes next."""
+        self._next = trial.stimuli
 
     def prepare(self, trial: PlannedTrial, attempt: int) -> None:
-        """Have the trial's clips in graphics memory, saying so while it takes time."""
+        """Have the trial's stimuli in graphics memory, saying so while it takes time."""
         self._store.allow(True)
         while self._notice and self.now() < self._notice[1] + NOTICE_S:
             self._flip(lambda: self._draw_static(str(self._notice and self._notice[0])))
             self._store.pump(self.now())
         self._notice = None
-        self._store.expect(trial.clips)
-        while not self._store.ready(trial.clips):
+        self._store.expect(trial.stimuli)
+        while not self._store.ready(trial.stimuli):
             self._store.pump(self.now() + _UPLOAD_SHARE / self._refresh_hz)
-            if not self._store.ready(trial.clips):
+            if not self._store.ready(trial.stimuli):
                 self._flip(lambda: self._draw_static("preparing"))
         self._store.allow(False)
         self._trial, self._attempt, self._next = trial, attempt, None
-        self._clips = self._store.show(trial.clips)
+        self._stimuli = self._store.show(trial.stimuli)
         self._answer, self._asked = None, False
         self._warm_up()
         self._on_prepare(trial, attempt)
@@ -166,11 +169,10 @@ class Presenter:
 
     def show(self, picture: Picture) -> Shown:
         """Draw, flip, and return the flip's stamp and number."""
-        resting = picture.phase in (Phase.RESPOND, Phase.ITI)
-        if resting:
-            self._between_clips(picture)
+        if picture.rests:
+            self._between_stimuli(picture)
         shown = self._flip(lambda: self._draw(picture))
-        if picture.phase is Phase.RESPOND and self._observer and self._trial and not self._asked:
+        if picture.phase.ends_on and self._observer and self._trial and not self._asked:
             self._asked = True
             key, after_s = self._observer.answer(self._trial, self._attempt)
             self._answer = key, shown.t_s + after_s
@@ -237,26 +239,44 @@ class Presenter:
         return shown
 
     def _draw(self, picture: Picture) -> None:
-        painter = self._painter
-        phase = picture.phase
+        painter, phase = self._painter, picture.phase
         light = 0.0
-        name = ""
-        if phase is Phase.RESPOND and self._trial is not None:
-            name = f"answer-{self._trial.first_side}"
-        elif phase is Phase.ITI:
-            name = self._pages.notice_of(picture)
         painter.clear()
+        name = self._pages.notice_of(picture)
         if name:
             painter.image(self._statics[name], (0, 0))
-        if picture.clip is not None and picture.frame is not None and self._clips is not None:
-            painter.clip_frame(self._clips[picture.clip], picture.frame, self._layout.clip)
-            light = 1.0 - picture.frame % 2
-        if phase in (Phase.FIXATE, Phase.GAP) or (
-            picture.clip is not None and (self._protocol.trial.dot_over_clips or self._dot_beside)
-        ):
-            painter.image(self._target, self._target_place)
+        places = []
+        for entry in phase.show:
+            if isinstance(entry, Clip | Image):
+                frame = phase.clip_frame(entry, picture.refreshes)
+                places.append(self._layout.places[entry.x_deg, entry.y_deg])
+                painter.clip_frame(self._stimuli[entry.stimulus], frame, places[-1])
+                light = 1.0 - frame % 2
+            elif isinstance(entry, Text):
+                painter.image(self._statics[self._text_name(entry, picture)], (0, 0))
+            elif isinstance(entry, Optotype):
+                painter.image(*self._ring(entry))
+            elif self._dot_shows(places):
+                painter.image(self._target, self._target_place)
         if self._extras.photodiode:
             painter.patch(self._layout.patch, PATCH_PX, light)
+
+    def _dot_shows(self, places: Sequence[tuple[int, int]]) -> bool:
+        """Return whether the target is drawn beside or over stimuli at these places."""
+        over = self._protocol.trial.dot_over_clips
+        return not places or over or self._layout.beside(places, self._reach)
+
+    def _text_name(self, text: Text, picture: Picture) -> str:
+        if text.name == "answer" and self._trial is not None:
+            return answer_name(self._trial.answers)
+        return "right" if picture.correct else "wrong"
+
+    def _ring(self, entry: Optotype) -> tuple[moderngl.Texture, tuple[int, int]]:
+        """Return a ring's texture and its place; drawn once, before its trial begins."""
+        if entry not in self._rings:
+            image, place = landolt_ring(entry, self._window.display)
+            self._rings[entry] = self._painter.texture(image), place
+        return self._rings[entry]
 
     def _draw_static(self, name: str) -> None:
         self._painter.clear()
@@ -264,15 +284,15 @@ class Presenter:
         if self._extras.photodiode:
             self._painter.patch(self._layout.patch, PATCH_PX, 0.0)
 
-    def _between_clips(self, picture: Picture) -> None:
-        """Use the time in which nothing moves: load the next pair, take keys as they come."""
+    def _between_stimuli(self, picture: Picture) -> None:
+        """Use the time in which nothing moves: load what comes next, take keys as they come."""
         self._store.allow(True)
         if self._next is not None:
             self._store.expect(self._next)
             self._next = None
         period_s = 1.0 / self._refresh_hz
         self._store.pump(self.now() + _UPLOAD_SHARE * period_s)
-        if picture.phase is Phase.RESPOND:
+        if picture.phase.ends_on:
             self._window.pump_until(self._last_s + _POLL_SHARE * period_s)
         else:
             gc.enable()
@@ -282,13 +302,11 @@ class Presenter:
 
     def _warm_up(self) -> None:
         """Draw everything the trial will draw, without flipping, so that nothing is the first."""
-        assert self._clips is not None
         assert self._trial is not None
-        for index in (0, self._store.frames - 1):
-            for clip in (0, 1):
-                self._draw(Picture(Phase.FIRST, clip, index))
-        self._draw(Picture(Phase.RESPOND))
-        self._draw(Picture(Phase.GAP))
+        timeline = Timeline.of(self._protocol, self._window.display, self._trial)
+        for phase in timeline.phases:
+            for refreshes in (0, (phase.frames or 1) - 1):
+                self._draw(Picture(phase, refreshes))
         if self._extras.strip:
             self._painter.strip(self._number)
         self._painter.finish()

@@ -19,6 +19,7 @@ from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
 from study_app.display_check import (
@@ -28,13 +29,12 @@ from study_app.display_check import (
     check_display,
     write_report,
 )
-from study_app.gaze.geometry import Viewing
 from study_app.gaze.open_source import Desk, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.layout import Extras, Layout
 from study_app.markers import LslMarkers
-from study_app.observer import ArtificialObserver, ObserverModel, rng_of
+from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.pages import check_texts
 from study_app.presenter import Presenter
@@ -114,7 +114,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     language = _language(options, resuming=resuming)
     texts = texts_of(protocol, language)
     check_texts(protocol, texts)
-    Layout.of(display, protocol.trial, manifest, options.extras)
+    Layout.of(display, protocol, manifest, options.extras)
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
     # Early, so that recorders find the stream before the first trial.
@@ -188,8 +188,9 @@ def _language(options: SittingOptions, *, resuming: bool) -> str:
 def _observer(options: SittingOptions) -> ArtificialObserver | None:
     if not options.simulate:
         return None
+    protocol = options.protocol
     return ArtificialObserver(
-        ObserverModel(), options.protocol.response, options.seed, options.participant
+        default_model(protocol), protocol.response, options.seed, options.participant
     )
 
 

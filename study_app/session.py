@@ -21,7 +21,7 @@ from protocols.journal import (
     Consent,
     VoidReason,
 )
-from protocols.plan import Plan, PlannedTrial
+from protocols.plan import Plan, PlannedTrial, chosen
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Question
 
@@ -105,11 +105,12 @@ def next_step(
             continue
         if block not in started:
             return StartBlock(block, len(plan.block(block)), first=not started)
-        queue = remaining(plan, block, attempts, protocol.design.max_attempts)
+        queue = remaining(protocol, plan, block, attempts)
         if not queue:
             return EndBlock(block)
         tries = sum(attempt.trial == queue[0].id for attempt in attempts)
-        return RunTrial(queue[0], attempt=tries + 1, position=len(attempts))
+        trial = chosen(protocol, plan, queue[0], attempts)
+        return RunTrial(trial, attempt=tries + 1, position=len(attempts))
     answered = {event.question for event in events if isinstance(event, Answer)}
     for question in protocol.text.languages[language].questions:
         if question.name not in answered:
@@ -120,31 +121,56 @@ def next_step(
 def following(
     protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], trial: PlannedTrial
 ) -> PlannedTrial | None:
-    """Return which trial comes after `trial`, the one that runs; None after the last.
+    """Return which trial comes after `trial`, the one that runs; None where that is not known.
 
     It is the same whether the attempt counts or is void: a void trial never comes at once where
-    another is left.
+    another is left. What an adaptive trial shows follows from the answer that is awaited.
     """
     attempts = [event for event in events if isinstance(event, Attempt)]
-    queue = remaining(plan, trial.block, attempts, protocol.design.max_attempts)
-    if len(queue) > 1:
-        return queue[1]
-    later = [entry for entry in plan.trials if entry.block > trial.block]
-    return later[0] if later else None
+    queue = remaining(protocol, plan, trial.block, attempts)[1:]
+    queue += [entry for entry in plan.trials if entry.block > trial.block]
+    return queue[0] if queue and queue[0].stimuli else None
 
 
 def remaining(
-    plan: Plan, block: int, attempts: Sequence[Attempt], max_attempts: int
+    protocol: StudyProtocol, plan: Plan, block: int, attempts: Sequence[Attempt]
 ) -> list[PlannedTrial]:
     """Return the trials of a block that are still to come, in order.
 
     A void trial comes again at a seeded place later in its block, not at once where another
-    trial is left, and not next to its own clip pair. After `max_attempts` it is given up.
+    trial is left, and not next to one that shows the same. After `max_attempts` it is given up.
+    Practice with a criterion ends with the first round that reaches it.
     """
-    queue = list(plan.block(block))
+    practice = protocol.design.practice
+    if block > 0 or practice is None or practice.criterion_share is None:
+        return _queue(protocol, plan, plan.block(block), attempts)
+    trials = plan.block(block)
+    rounds = [
+        trials[first : first + practice.trials] for first in range(0, len(trials), practice.trials)
+    ]
+    for number, trials in enumerate(rounds):
+        left = _queue(protocol, plan, trials, attempts)
+        if left:
+            return left + [trial for later in rounds[number + 1 :] for trial in later]
+        names = {trial.id for trial in trials}
+        answered = [
+            attempt.correct
+            for attempt in attempts
+            if attempt.trial in names and attempt.outcome == "completed"
+        ]
+        if answered and sum(map(bool, answered)) >= practice.criterion_share * len(answered):
+            break
+    return []
+
+
+def _queue(
+    protocol: StudyProtocol, plan: Plan, trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]
+) -> list[PlannedTrial]:
+    queue = list(trials)
+    names = {trial.id for trial in trials}
     counted: dict[str, int] = {}
     for attempt in attempts:
-        if attempt.block != block:
+        if attempt.trial not in names:
             continue
         trial = next(entry for entry in queue if entry.id == attempt.trial)
         queue.remove(trial)
@@ -152,7 +178,7 @@ def remaining(
             continue
         if attempt.void_reason not in NOT_THE_PARTICIPANTS:
             counted[trial.id] = counted.get(trial.id, 0) + 1
-        if counted.get(trial.id, 0) < max_attempts:
+        if counted.get(trial.id, 0) < protocol.design.max_attempts:
             queue.insert(_place(plan, queue, trial, attempt.attempt), trial)
     return queue
 
@@ -173,8 +199,11 @@ def _place(plan: Plan, queue: Sequence[PlannedTrial], trial: PlannedTrial, attem
     free = [
         place
         for place in places
-        if queue[place - 1].pair != trial.pair
-        and (place == len(queue) or queue[place].pair != trial.pair)
+        if not trial.shown
+        or (
+            queue[place - 1].shown != trial.shown
+            and (place == len(queue) or queue[place].shown != trial.shown)
+        )
     ]
     candidates = free or list(places) or [0]
     return candidates[chance.below(len(candidates))]

@@ -6,7 +6,7 @@ Only the stage and the eye are virtual. Every journal says that it is simulated.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -18,14 +18,13 @@ from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.conduct import Outcome, conduct
-from study_app.gaze.geometry import Viewing
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
-from study_app.observer import ArtificialObserver, ObserverModel, rng_of
+from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
 from study_app.recorder import Recorder
 from study_app.sittings import find_sittings, is_stillborn
-from study_app.trial import Timeline
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 
@@ -36,7 +35,8 @@ class Simulation:
     protocol: StudyProtocol
     display: Display
     seed: int = 0
-    model: ObserverModel = field(default_factory=ObserverModel)
+    model: ObserverModel | None = None
+    """Left out: the default population of the study's task."""
     gaze: GazeBehaviour = HUMAN
     gaze_rate_hz: float = 250.0
     missed_per_flip: float = 0.0
@@ -151,7 +151,8 @@ def _stage(
 ) -> tuple[VirtualStage, SimulatedGaze | None]:
     """Return the virtual display and, where the protocol watches gaze, the eye."""
     protocol, display = simulation.protocol, simulation.display
-    observer = ArtificialObserver(simulation.model, protocol.response, simulation.seed, participant)
+    model = simulation.model or default_model(protocol)
+    observer = ArtificialObserver(model, protocol.response, simulation.seed, participant)
     gaze = None
     if protocol.gaze.mode != "none":
         dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
@@ -162,8 +163,8 @@ def _stage(
             rate_hz=simulation.gaze_rate_hz,
             behaviour=simulation.gaze,
         )
-    timeline = Timeline.of(protocol, display)
-    flips = 4 * (timeline.fixate + 2 * timeline.interval + timeline.gap)
+    shown_s = protocol.trial.fixation_s + protocol.task.shown_s(protocol)
+    flips = round(4 * shown_s * display.refresh_hz)
 
     def on_prepare(trial: PlannedTrial, attempt: int) -> Mapping[int, Fault]:
         rng = rng_of(simulation.seed, "attempt", participant, trial.id, attempt)

@@ -60,7 +60,7 @@ class Sitting:
     def main_done(self) -> int:
         """Main trials decided."""
         return sum(
-            attempt.outcome == "completed" and not attempt.practice and not attempt.catch
+            attempt.outcome == "completed" and attempt.role == "main"
             for attempt in self.journal.attempts
         )
 

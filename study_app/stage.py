@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from protocols.journal import VoidReason
+from protocols.phases import Phase
 from protocols.plan import PlannedTrial
-from study_app.trial import Phase
 
 
 class KeyPress(NamedTuple):
@@ -40,14 +40,16 @@ class Picture:
     """What one flip shows."""
 
     phase: Phase
-    clip: int | None = None
-    """0 or 1: the clip of interval 1 or 2; None: no clip."""
-    frame: int | None = None
-    """Which frame of it."""
+    refreshes: int = 0
+    """How long the phase has been on the screen."""
+    rests: bool = False
+    """Nothing moves any more: the next stimuli may load."""
     notice: VoidReason | None = None
     """During the inter-trial interval: why the attempt was void."""
     warned: bool = False
     """During the inter-trial interval: gaze had left the dot (mode `warn`)."""
+    correct: bool | None = None
+    """During feedback: whether the answer was right."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,9 @@ class Stage(Protocol):
         """Return the monotonic clock, in seconds."""
 
     def prepare(self, trial: PlannedTrial, attempt: int) -> None:
-        """Make the trial's clips ready to be shown; may take as long as it needs.
+        """Make the trial's stimuli ready to be shown; may take as long as it needs.
 
-        Raises `StudyError` if a clip is missing or is not what was hashed.
+        Raises `StudyError` if one is missing or is not what was hashed.
         """
 
     def expect(self, trial: PlannedTrial) -> None:

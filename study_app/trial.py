@@ -1,14 +1,15 @@
 """One attempt at a trial as a pure state machine, counted in refreshes of the display.
 
-A `Trial` says what the next flip shows. After that flip, `advance` takes what was observed and
-returns the next `Trial`. No clock, window, tracker or keyboard is read here: a late flip is a
-number of refreshes, gaze is a verdict, an answer is an interval.
+A trial is a list of phases (`protocols.phases`). A `Trial` says where in the list the next flip
+is. After that flip, `advance` takes what was observed and returns the next `Trial`. No clock,
+window, tracker or keyboard is read here, and no task is known: a late flip is a number of
+refreshes, gaze is a verdict, an answer is a name.
 
 ::
 
-    FIXATE -> FIRST -> GAP -> SECOND -> RESPOND -> ITI -> DONE
-       \\________\\_______\\______\\_________\\________/  void: gaze, loss, time-out, dropped
-                                                         frames, pause, quit, focus
+    fixate -> the task's phases -> respond [-> feedback] -> iti -> done
+       \\____________\\_______________/  void: gaze, loss, time-out, dropped frames,
+                                        pause, quit, focus
 """
 
 from __future__ import annotations
@@ -17,21 +18,11 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from protocols.display import Display
-from protocols.errors import StudyError
-from protocols.journal import Interval, VoidReason
+from protocols.journal import VoidReason
+from protocols.phases import ITI, Clip, Image, Phase
+from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
-
-
-class Phase(Enum):
-    """What is on the screen."""
-
-    FIXATE = "fixate"
-    FIRST = "first"
-    GAP = "gap"
-    SECOND = "second"
-    RESPOND = "respond"
-    ITI = "iti"
-    DONE = "done"
+from protocols.tasks.base import trial_phases, whole_frames
 
 
 class Watch(Enum):
@@ -56,70 +47,57 @@ class GazeMode(Enum):
     NONE = "none"
 
 
-WATCHED = (Phase.FIRST, Phase.GAP, Phase.SECOND)
-_NEXT = {
-    Phase.FIXATE: Phase.FIRST,
-    Phase.FIRST: Phase.GAP,
-    Phase.GAP: Phase.SECOND,
-    Phase.SECOND: Phase.RESPOND,
-}
-
-
 @dataclass(frozen=True)
 class Timeline:
-    """The protocol's times in refreshes of one display, and its rules for voiding."""
+    """The phases of one trial on one display, and the rules for voiding it.
 
-    fixate: int
-    fixate_timeout: int
-    interval: int
-    gap: int
-    iti: int
-    respond_timeout: int | None
-    refreshes_per_clip_frame: int
+    The last phase is the blank that ends it; those that gaze is watched in stand together.
+    """
+
+    phases: tuple[Phase, ...]
     dropped_max: int
     gaze: GazeMode
 
+    def __post_init__(self) -> None:
+        """Check what the machine relies on."""
+        if self.phases[-1].name != ITI or self.phases[-1].frames is None:
+            raise ValueError("the last phase must be the inter-trial interval, of a fixed length")
+        watched = [index for index, phase in enumerate(self.phases) if phase.watched]
+        if not watched or watched != list(range(watched[0], watched[-1] + 1)):
+            raise ValueError("a trial must have watched phases, and they must stand together")
+        if not any(phase.ends_on for phase in self.phases):
+            raise ValueError("a trial must have a phase that an answer ends")
+
     @classmethod
-    def of(cls, protocol: StudyProtocol, display: Display) -> Timeline:
-        """Count a protocol's times in refreshes.
+    def of(cls, protocol: StudyProtocol, display: Display, trial: PlannedTrial) -> Timeline:
+        """Return the phases of a trial.
 
         Raises
         ------
         StudyError
-            If one is not whole: `protocols.feasibility` says it in full.
+            If a time is not whole refreshes: `protocols.feasibility` says it in full.
         """
-        timing, response = protocol.trial, protocol.response
-
-        def frames(duration_s: float) -> int:
-            whole = display.frames(duration_s)
-            if not whole:
-                raise StudyError(
-                    f"{duration_s:g} s must be whole frames at {display.refresh_hz:g} Hz;"
-                    " run 'metamerlab protocol check'"
-                )
-            return whole
-
+        phases = trial_phases(protocol, display, practice=trial.role == "practice")
         return cls(
-            fixate=frames(timing.fixation_s),
-            fixate_timeout=frames(timing.fixation_timeout_s),
-            interval=frames(protocol.clips.duration_s),
-            gap=frames(timing.gap_s),
-            iti=frames(timing.iti_s),
-            respond_timeout=None if response.timeout_s is None else frames(response.timeout_s),
-            refreshes_per_clip_frame=frames(1 / protocol.clips.fps),
-            dropped_max=timing.dropped_frames_max,
-            gaze=GazeMode(protocol.gaze.mode),
+            (*phases, Phase(ITI, whole_frames(display, protocol.trial.iti_s))),
+            protocol.trial.dropped_frames_max,
+            GazeMode(protocol.gaze.mode),
         )
 
-    def planned(self, phase: Phase) -> int | None:
+    def planned(self, index: int) -> int | None:
         """Return the length of a phase in refreshes; None where the participant decides."""
-        return {
-            Phase.FIXATE: None if self.gaze is GazeMode.ENFORCE else self.fixate,
-            Phase.FIRST: self.interval,
-            Phase.GAP: self.gap,
-            Phase.SECOND: self.interval,
-            Phase.ITI: self.iti,
-        }.get(phase)
+        phase = self.phases[index]
+        gated = phase.gate_frames is not None and self.gaze is GazeMode.ENFORCE
+        return None if gated else phase.frames
+
+    @property
+    def watched_frames(self) -> int:
+        """Refreshes in which gaze is watched."""
+        return sum(phase.frames or 0 for phase in self.phases if phase.watched)
+
+    def rests(self, index: int) -> bool:
+        """Return whether nothing moves any more, so that the next stimuli may load."""
+        return index > max(i for i, phase in enumerate(self.phases) if phase.watched)
 
 
 @dataclass(frozen=True)
@@ -130,7 +108,7 @@ class Observed:
     """Refreshes since the flip before: 1 in time, more where some were missed, 0 where two
     flips fell into one."""
     gaze: Watch = Watch.HELD
-    choice: Interval | None = None
+    answer: str | None = None
     interrupt: VoidReason | None = None
     """`paused`, `quit` or `focus-lost`."""
 
@@ -139,64 +117,97 @@ class Observed:
 class Trial:
     """An attempt: what the next flip shows, and how it ended once it has."""
 
-    phase: Phase = Phase.FIXATE
+    index: int = 0
+    """Of the phase; past the last one, the attempt is done."""
     frames: int = 0
-    """Refreshes of this phase before the next flip; for FIXATE, of the present hold."""
+    """Refreshes of this phase before the next flip; behind a gate, of the present hold."""
     waited: int = 0
-    """Refreshes since the dot appeared."""
+    """Refreshes since the gate closed."""
     dropped: int = 0
-    """Refreshes missed from the onset of interval 1 to that of the answer phase."""
-    completed: bool = False
+    """Refreshes missed from the first watched phase to the onset of the answer phase."""
+    answer: str | None = None
     void_reason: VoidReason | None = None
-    choice: Interval | None = None
     warned: bool = False
 
     @property
+    def completed(self) -> bool:
+        """Whether an answer was given."""
+        return self.answer is not None
+
+    @property
     def over(self) -> bool:
-        """Whether the outcome is fixed; the inter-trial interval may still be running."""
+        """Whether the outcome is fixed; feedback and blank may still be running."""
         return self.completed or self.void_reason is not None
 
-    def clip_frame(self, timeline: Timeline) -> int | None:
-        """Return which frame of its clip the next flip shows; None where no clip is shown."""
-        if self.phase not in (Phase.FIRST, Phase.SECOND):
-            return None
-        return self.frames // timeline.refreshes_per_clip_frame
+    def done(self, timeline: Timeline) -> bool:
+        """Return whether every phase is over."""
+        return self.index == len(timeline.phases)
+
+    def shown_frames(self, timeline: Timeline) -> tuple[tuple[int, int], ...]:
+        """Return (stimulus, frame) of everything of the trial's that the next flip shows."""
+        phase = timeline.phases[self.index]
+        return tuple(
+            (entry.stimulus, phase.clip_frame(entry, self.frames))
+            for entry in phase.show
+            if isinstance(entry, Clip | Image)
+        )
 
 
 def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     """Return the trial after one more flip.
 
-    A flip that comes late shortens nothing: the clip skips the frames that are late and keeps
-    its duration. Where the late flip is the first of a phase, the phase before was longer.
+    A flip that comes late shortens nothing: a clip skips the frames that are late and keeps its
+    duration. Where the late flip is the first of a phase, the phase before was longer.
 
     Raises
     ------
     ValueError
         If the trial is done; start a new one.
     """
+    if trial.done(timeline):
+        raise ValueError("the trial is done; start a new one")
+    phase = timeline.phases[trial.index]
     # The first flip of a phase is its onset, however late it came.
     step = 1 if trial.frames == 0 else observed.refreshes
-    match trial.phase:
-        case Phase.DONE:
-            raise ValueError("the trial is done; start a new one")
-        case Phase.ITI:
-            shown = replace(trial, frames=trial.frames + step)
-            return replace(shown, phase=Phase.DONE) if shown.frames >= timeline.iti else shown
-        case _ if observed.interrupt is not None:
-            return _void(trial, observed.interrupt)
-        case Phase.FIXATE:
-            return _fixate(trial, observed, step, timeline)
-        case Phase.RESPOND:
-            return _respond(trial, observed, step, timeline)
-        case _:
-            return _watched(trial, observed, step, timeline)
+    if trial.over:
+        return _lasted(replace(trial, frames=trial.frames + step), phase)
+    if observed.interrupt is not None:
+        return _void(trial, observed.interrupt, timeline)
+    trial = _count_dropped(trial, observed, timeline)
+    if phase.watched and observed.gaze in (Watch.VIOLATION, Watch.LOSS):
+        if timeline.gaze is GazeMode.ENFORCE:
+            reason: VoidReason = "data-loss"
+            if observed.gaze is Watch.VIOLATION:
+                reason = "gaze-break"
+            return _void(trial, reason, timeline)
+        if timeline.gaze is GazeMode.WARN:
+            trial = replace(trial, warned=True)
+    if trial.dropped > timeline.dropped_max:
+        return _void(trial, "dropped-frames", timeline)
+    if phase.gate_frames is not None:
+        return _gated(trial, observed, step, timeline)
+    if observed.answer is not None and observed.answer in phase.ends_on:
+        return replace(trial, index=trial.index + 1, frames=0, answer=observed.answer)
+    shown = replace(trial, frames=trial.frames + step)
+    if phase.timeout_frames is not None and shown.frames >= phase.timeout_frames:
+        return _void(shown, "too-late", timeline)
+    return _lasted(shown, phase)
 
 
-def _void(trial: Trial, reason: VoidReason) -> Trial:
-    return replace(trial, phase=Phase.ITI, frames=0, void_reason=reason)
+def _lasted(shown: Trial, phase: Phase) -> Trial:
+    """Go on to the next phase where this one has had its length."""
+    if phase.frames is not None and shown.frames >= phase.frames:
+        return replace(shown, index=shown.index + 1, frames=0)
+    return shown
 
 
-def _fixate(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
+def _void(trial: Trial, reason: VoidReason, timeline: Timeline) -> Trial:
+    return replace(trial, index=len(timeline.phases) - 1, frames=0, void_reason=reason)
+
+
+def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
+    """Wait until gaze was held for the length of the phase."""
+    phase = timeline.phases[trial.index]
     gated = timeline.gaze is GazeMode.ENFORCE
     held = not gated or observed.gaze is Watch.HELD
     shown = replace(
@@ -204,43 +215,16 @@ def _fixate(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> 
         frames=trial.frames + step if held else 0,  # the hold starts over
         waited=trial.waited + observed.refreshes,
     )
-    if shown.frames >= timeline.fixate:
-        return replace(shown, phase=Phase.FIRST, frames=0)
-    if gated and shown.waited >= timeline.fixate_timeout:
-        return _void(shown, "no-fixation")
+    if shown.frames >= (phase.frames or 0):
+        return replace(shown, index=shown.index + 1, frames=0, waited=0)
+    if gated and shown.waited >= (phase.gate_frames or 0):
+        return _void(shown, "no-fixation", timeline)
     return shown
 
 
-def _watched(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
-    trial = _count_dropped(trial, observed)
-    if observed.gaze in (Watch.VIOLATION, Watch.LOSS):
-        if timeline.gaze is GazeMode.ENFORCE:
-            return _void(trial, "gaze-break" if observed.gaze is Watch.VIOLATION else "data-loss")
-        if timeline.gaze is GazeMode.WARN:
-            trial = replace(trial, warned=True)
-    if trial.dropped > timeline.dropped_max:
-        return _void(trial, "dropped-frames")
-    shown = replace(trial, frames=trial.frames + step)
-    if shown.frames >= (timeline.planned(trial.phase) or 0):
-        return replace(shown, phase=_NEXT[trial.phase], frames=0)
-    return shown
-
-
-def _respond(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
-    if trial.frames == 0:  # a late onset kept the last frame of interval 2 on the screen
-        trial = _count_dropped(trial, observed)
-        if trial.dropped > timeline.dropped_max:
-            return _void(trial, "dropped-frames")
-    if observed.choice is not None:
-        return replace(trial, phase=Phase.ITI, frames=0, completed=True, choice=observed.choice)
-    shown = replace(trial, frames=trial.frames + step)
-    if timeline.respond_timeout is not None and shown.frames >= timeline.respond_timeout:
-        return _void(shown, "too-late")
-    return shown
-
-
-def _count_dropped(trial: Trial, observed: Observed) -> Trial:
-    """Count missed refreshes; those before the onset of interval 1 only lengthened the dot."""
-    if observed.refreshes <= 1 or (trial.phase is Phase.FIRST and trial.frames == 0):
+def _count_dropped(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
+    """Count the missed refreshes that kept a picture of a watched phase on the screen."""
+    kept = trial.index if trial.frames else trial.index - 1
+    if observed.refreshes <= 1 or kept < 0 or not timeline.phases[kept].watched:
         return trial
     return replace(trial, dropped=trial.dropped + observed.refreshes - 1)

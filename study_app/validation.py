@@ -12,7 +12,7 @@ import numpy as np
 
 from protocols.errors import StudyError
 from protocols.session_schema import Gaze
-from study_app.gaze.geometry import Viewing, angle_between_deg
+from protocols.viewing import Viewing, angle_between_deg
 from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource
 
 SETTLE_S = 0.6

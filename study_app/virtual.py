@@ -14,7 +14,6 @@ from typing import Literal, Protocol
 
 from protocols.plan import PlannedTrial
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
-from study_app.trial import Phase
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Wall clock of simulated sessions when their virtual clock reads 0."""
@@ -131,7 +130,7 @@ class VirtualStage:
         elif fault is not None:  # doubled: the swap did not wait
             stamp_s = self._clock() + 0.02 / self._true_hz
         self._clock.move_to(stamp_s)
-        if picture.phase is Phase.RESPOND and not self._asked and self._trial is not None:
+        if picture.phase.ends_on and not self._asked and self._trial is not None:
             self._asked = True
             key, after_s = self._observer.answer(*self._trial)
             self.press(key, stamp_s + after_s)

@@ -18,8 +18,8 @@ def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str
         Blocks done, and in all.
     """
     values = {
-        "left": response.left_keys[0],
-        "right": response.right_keys[0],
+        "left": response.keys[0][0],
+        "right": response.keys[-1][0],
         "continue": response.continue_keys[0],
         "quit": response.quit_keys[0],
         "done": str(done),

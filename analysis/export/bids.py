@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import ATTEMPT_COLUMNS, SESSION_COLUMNS
+from analysis.columns import SESSION_COLUMNS, attempt_columns
 from analysis.export.bids_events import EVENT_COLUMNS, event_rows
 from analysis.export.bids_gaze import write_gaze
 from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
@@ -80,7 +80,8 @@ def _write_run(
     numbers = {attempt.position for attempt in run.attempts}
     table = mine[[int(position) in numbers for position in mine["position"]]]
     if len(table):
-        columns = [c for c in ATTEMPT_COLUMNS if c.name in table and c.name not in _NOT_IN_BEH]
+        known = attempt_columns(content.protocol)
+        columns = [c for c in known if c.name in table and c.name not in _NOT_IN_BEH]
         write_tsv(beh / f"{stem}_beh.tsv", table, [FileColumn.of(column) for column in columns])
         write_json(beh / f"{stem}_beh.json", about | column_docs(columns))
     return write_gaze(content, beh, stem, person, run)
@@ -184,45 +185,38 @@ def _write_answers(content: Content, folder: Path) -> None:
 
 
 def _write_stimuli(content: Content, folder: Path) -> None:
-    """List every clip that was shown to anybody."""
-    clips = {
-        (attempt.scene, attempt.size, clip.method): (clip.clip_sha256, clip.frames_planned)
+    """List every stimulus that was shown to anybody."""
+    shown = {
+        stimulus.name: stimulus
         for person in content.people
         for attempt in person.reading.journal.attempts
-        for clip in attempt.clips
+        for stimulus in attempt.stimuli
     }
-    protocol = content.protocol
-    table = pd.DataFrame(
-        [
-            {
-                "clip": f"{scene}__{size}__{method}",
-                "scene": scene,
-                "size": size,
-                "method": method,
-                "clip_sha256": digest,
-                "frames": frames,
-                "fps": protocol.clips.fps,
-                "width_deg": protocol.clips.width_deg,
-                "height_deg": protocol.clips.height_deg,
-            }
-            for (scene, size, method), (digest, frames) in sorted(clips.items())
-        ]
-    )
-    if table.empty:
+    recipe = content.protocol.stimuli
+    pool = [entry for entry in recipe.pool() if entry.name in shown]
+    if not pool:
         return
+    rows = []
+    for entry in pool:
+        stimulus = shown[entry.name]
+        rows.append(
+            {
+                "stimulus": entry.name,
+                **entry.condition,
+                "stimulus_sha256": stimulus.sha256,
+                "frames": stimulus.frames_planned,
+                "fps": recipe.frame_hz if recipe.frames > 1 else None,
+            }
+        )
     columns = [
-        FileColumn("clip", "Scene, size and method"),
-        FileColumn("scene", "Scene"),
-        FileColumn("size", "Size of the disocclusion"),
-        FileColumn("method", "How its holes were filled"),
-        FileColumn("clip_sha256", "SHA-256 over the hashes of its frames, as in the manifest"),
-        FileColumn("frames", "Frames of the clip"),
-        FileColumn("fps", "Frames per second", "Hz"),
-        FileColumn("width_deg", "Width on the screen", "deg"),
-        FileColumn("height_deg", "Height on the screen", "deg"),
+        FileColumn("stimulus", "Its name"),
+        *(FileColumn(name, "Column of the stimuli's conditions") for name in recipe.columns()),
+        FileColumn("stimulus_sha256", "SHA-256 over the hashes of its frames, as in the manifest"),
+        FileColumn("frames", "Frames; a still has one"),
+        FileColumn("fps", "Frames per second; n/a for stills", "Hz"),
     ]
     (folder / "stimuli").mkdir()
-    write_tsv(folder / "stimuli" / "clips.tsv", table, columns)
+    write_tsv(folder / "stimuli" / "clips.tsv", pd.DataFrame(rows), columns)
     write_json(folder / "stimuli" / "clips.json", {column.name: column.doc() for column in columns})
 
 

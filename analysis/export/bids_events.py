@@ -25,10 +25,8 @@ _KINDS = (
     ("validation", "The gaze source was validated"),
     ("note", "Something the operator or the program wanted remembered"),
     ("fixate", "The dot waits for gaze"),
-    ("first", "Interval 1: the clip of the first method"),
-    ("gap", "Blank between the intervals"),
-    ("second", "Interval 2: the clip of the second method"),
     ("respond", "The answer is awaited"),
+    ("feedback", "Practice says whether the answer was right"),
 )
 EVENT_COLUMNS = (
     FileColumn("onset", "Seconds since the program opened the journal in this run", "s"),
@@ -39,9 +37,8 @@ EVENT_COLUMNS = (
     FileColumn("attempt", "1 for the first attempt at this trial"),
     FileColumn("position", "Number of this attempt in the sitting, from 0"),
     FileColumn("block", "Block; 0 is practice"),
-    FileColumn("method", "Method of the clip that was shown"),
-    FileColumn("clip", "Clip that was shown, see stimuli/clips.tsv"),
-    FileColumn("clip_sha256", "SHA-256 over the hashes of the clip's frames"),
+    FileColumn("stimulus", "What was shown, see stimuli/clips.tsv; several are joined by spaces"),
+    FileColumn("stimulus_sha256", "SHA-256 over the hashes of its frames"),
     FileColumn("refreshes", "Refreshes of the display that it lasted"),
     FileColumn("planned_refreshes", "Refreshes planned; n/a where the participant decides"),
     FileColumn("dropped", "Refreshes at which nothing new could be shown"),
@@ -66,7 +63,6 @@ def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
 
 
 def _attempt(attempt: Attempt) -> list[dict[str, object]]:
-    shown = dict(zip(("first", "second"), attempt.clips, strict=True))
     rows = []
     for phase in attempt.phases:
         row: dict[str, object] = {
@@ -82,12 +78,11 @@ def _attempt(attempt: Attempt) -> list[dict[str, object]]:
             "dropped": phase.dropped,
             "outcome": attempt.void_reason or attempt.outcome,
         }
-        if phase.phase in shown:
-            clip = shown[phase.phase]
+        shown = [attempt.stimuli[index] for index in phase.stimuli]
+        if shown:
             row |= {
-                "method": clip.method,
-                "clip": f"{attempt.scene}__{attempt.size}__{clip.method}",
-                "clip_sha256": clip.clip_sha256,
+                "stimulus": " ".join(stimulus.name for stimulus in shown),
+                "stimulus_sha256": " ".join(stimulus.sha256 for stimulus in shown),
             }
         if phase.phase == "respond":
             row["response_time"] = attempt.rt_s

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import Column
+from protocols.columns import Column
 from protocols.hashing import Json
 
 NOTHING = "n/a"

@@ -57,8 +57,8 @@ class Content:
         lines = [
             f"# {self.title}",
             self.description,
-            f"{len(sessions)} participants, {whole} of them with a completed sitting; pairs of"
-            " short clips, shown one after the other, and the one preferred of each pair."
+            f"{len(sessions)} participants, {whole} of them with a completed sitting. A trial:"
+            f" {self.protocol.task.description(self.protocol)}."
             + (
                 " Sittings that were cut short are here as they are: see the column `status`."
                 if lists_sittings

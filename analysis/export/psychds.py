@@ -9,13 +9,13 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.columns import (
-    ATTEMPT_COLUMNS,
-    DECISION_COLUMNS,
     SESSION_COLUMNS,
-    Column,
+    attempt_columns,
+    decision_columns,
 )
 from analysis.export.content import Content, label, write_json
 from analysis.export.psychds_rules import broken_rules
+from protocols.columns import Column
 from protocols.hashing import Json
 
 _ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")
@@ -25,7 +25,7 @@ _ANSWER_COLUMNS = (
     Column("question", "text", "", "Name of the closing question"),
     Column("text", "text", "", "Answer as typed or chosen"),
 )
-_KEYWORDS = ("psychophysics", "two-alternative forced choice", "image warping", "inpainting")
+_KEYWORDS = ("psychophysics", "image quality", "image warping", "foveated rendering")
 
 
 def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
@@ -41,8 +41,8 @@ def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
     written: dict[str, Column] = {}
     for name, table, columns in (
         ("sittings", tables.sessions, SESSION_COLUMNS),
-        ("attempts", tables.attempts, ATTEMPT_COLUMNS),
-        ("decisions", tables.decisions, DECISION_COLUMNS),
+        ("attempts", tables.attempts, attempt_columns(content.protocol)),
+        ("decisions", tables.decisions, decision_columns(content.protocol)),
         ("answers", tables.answers, _ANSWER_COLUMNS),
     ):
         if table.empty:
@@ -83,7 +83,7 @@ def _description(content: Content, columns: tuple[Column, ...]) -> dict[str, Jso
         "description": content.description,
         "version": content.protocol.study.version,
         "keywords": list(_KEYWORDS),
-        "measurementTechnique": "two-alternative forced choice with a gaze-fixation gate",
+        "measurementTechnique": f"{content.protocol.task.kind}, with a gaze-fixation gate",
         "variableMeasured": _variables(columns),
     }
     if content.source:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from analysis.columns import dictionary
+from analysis.columns import PREFERENCE_COLUMNS, dictionary
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report import wording
 from analysis.report.figures import ReportFigure, inline_svg, report_figures
@@ -169,12 +169,14 @@ def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]
 
 
 def _write_csv(source: Source, results: StudyResults, folder: Path) -> None:
-    if source.tidy is not None:
-        write_tables(source.tidy, folder)
+    if source.tidy is not None and source.protocol is not None:
+        write_tables(source.tidy, source.protocol, folder)
+        pwcmp_table(source.decisions).to_csv(folder / "pwcmp.csv", index=False, lineterminator="\n")
     else:
         source.decisions.to_csv(folder / "decisions.csv", index=False, lineterminator="\n")
-        pwcmp_table(source.decisions).to_csv(folder / "pwcmp.csv", index=False, lineterminator="\n")
-        dictionary().to_csv(folder / "dictionary.csv", index=False, lineterminator="\n")
+        dictionary({"decisions": PREFERENCE_COLUMNS}).to_csv(
+            folder / "dictionary.csv", index=False, lineterminator="\n"
+        )
     cells = pd.DataFrame(
         [vars(cell) | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
     )

@@ -23,6 +23,7 @@ class Source:
 
     decisions: pd.DataFrame
     tidy: Tidy | None
+    protocol: StudyProtocol | None
     settings: Settings
     simulated: bool
     provenance: dict[str, Json]
@@ -64,7 +65,13 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
         },
     }
     return Source(
-        decisions, tidy, from_protocol(protocol), tidy.simulated, provenance, tidy.warnings
+        decisions,
+        tidy,
+        protocol,
+        from_protocol(protocol),
+        tidy.simulated,
+        provenance,
+        tidy.warnings,
     )
 
 
@@ -103,6 +110,7 @@ def from_table(
     return Source(
         decisions,
         None,
+        protocol,
         settings,
         bool(decisions["simulated"].fillna(0).max()),
         {"table_sha256": sha256_file(path), "protocol_sha256": settings.protocol_sha256},

@@ -1,10 +1,9 @@
-"""Textures of named formats: creation, upload, read back, and a pool that reuses them.
+"""Textures of named formats: creation, upload and read back.
 
 Arrays are (row, column[, channel]); the GPU's (width, height) stays inside this module
 and the pass hosts. Row 0 of an array is texel row 0.
 """
 
-from collections import Counter, defaultdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -228,65 +227,3 @@ def _check_array(array: NDArray[Any], fmt: Format, shape: tuple[int, ...]) -> No
             f"array must be {np.dtype(fmt.array_dtype)} of shape {shape} for a {fmt.name} texture"
             f" (got {array.dtype} of shape {array.shape})"
         )
-
-
-class TexturePool:
-    """Lends textures and takes them back, so that a sequence allocates only once.
-
-    Owned by whoever builds the passes; `release()` frees everything it ever made.
-    Borrowers give textures back and never release them.
-    """
-
-    def __init__(self, ctx: moderngl.Context) -> None:
-        self._ctx = ctx
-        self._idle: defaultdict[tuple[tuple[int, int], str], list[moderngl.Texture]] = defaultdict(
-            list
-        )
-        self._lent: dict[int, moderngl.Texture] = {}  # by id(): GL names repeat across contexts
-
-    def take(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
-        """Lend a texture as `create_texture` makes it; its content is undefined."""
-        idle = self._idle[size, format_name]
-        texture = idle.pop() if idle else create_texture(self._ctx, size, format_name)
-        self._lent[id(texture)] = texture
-        return texture
-
-    def give_back(self, *textures: moderngl.Texture) -> None:
-        """Take back textures that this pool lent.
-
-        Raises
-        ------
-        ValueError
-            If one was not lent by this pool, or was given back already.
-        """
-        for texture in textures:
-            if self._lent.pop(id(texture), None) is None:
-                raise ValueError(
-                    f"a texture given back must be on loan from this pool (got a"
-                    f" {texture.width}x{texture.height} one that is not)"
-                )
-            _reset_sampling(texture)  # the next borrower expects a texture as made
-            self._idle[texture.size, format_of(texture).name].append(texture)
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory of all textures alive, lent or idle."""
-        alive = [*self._lent.values(), *(t for idle in self._idle.values() for t in idle)]
-        return sum(t.width * t.height * format_of(t).bytes_per_texel for t in alive)
-
-    @property
-    def alive(self) -> Counter[str]:
-        """How many textures exist, by format."""
-        names = [format_of(t).name for t in self._lent.values()]
-        names += [key[1] for key, idle in self._idle.items() for _ in idle]
-        return Counter(names)
-
-    def release(self) -> None:
-        """Free every texture, also those on loan."""
-        for texture in self._lent.values():
-            texture.release()
-        for idle in self._idle.values():
-            for texture in idle:
-                texture.release()
-        self._lent.clear()
-        self._idle.clear()

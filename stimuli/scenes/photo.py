@@ -18,7 +18,7 @@ from scipy import ndimage
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_same_size
-from protocols.stimuli_schema import RgbdScene, StereoPath, StereoScene
+from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
 from stimuli.exr import load_colour, load_plane
 from stimuli.paths import STILL, Pose
 from stimuli.scenes.stereo import BUILT_IN, StereoPair, built_in_pair, fill_unknown, load_pair

@@ -12,7 +12,7 @@ from pipeline.camera import UPRIGHT, Camera
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
-from protocols.stimuli_schema import ExrScene, StereoPath, UpsamplingPath
+from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.channels import Motion, Planes, find_motion, need, need_motion
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose

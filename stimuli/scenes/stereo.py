@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
 from pipeline.warp.settings import WarpSettings
-from protocols.stimuli_schema import PHOTOGRAPH_RIM_PX
+from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour, load_plane
 
 BUILT_IN: Final = ("motorcycle",)

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.manifest import Clip, read_manifest
+from protocols.recipes.warped_clips import ClipName
 from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.score.metrics import HOLES, Metric
 from stimuli.score.pair import Pair, read_colour
@@ -61,24 +62,35 @@ def subjects_of_batch(folder: Path) -> Subjects:
     manifest = read_manifest(folder)
     if manifest.simulated:
         raise StudyError(f"{folder}: must hold clips with pixels (this manifest is simulated)")
-    references = {(clip.scene, clip.size): clip for clip in manifest.clips if _is_reference(clip)}
+    references = {
+        (clip.column("scene"), clip.column("size")): clip
+        for clip in manifest.clips
+        if _is_reference(clip)
+    }
     items, without = [], set()
     for clip in manifest.clips:
         if _is_reference(clip):
             continue
-        truth = references.get((clip.scene, clip.size))
+        truth = references.get((clip.column("scene"), clip.column("size")))
         if truth is None:
-            without.add(f"{clip.scene}, {clip.size}")
+            without.add(f"{clip.column('scene')}, {clip.column('size')}")
             continue
-        items.append(Subject(clip.scene, clip.size, clip.method, _batch_pair(folder, clip, truth)))
+        items.append(
+            Subject(
+                clip.column("scene"),
+                clip.column("size"),
+                clip.column("method"),
+                _batch_pair(folder, clip, truth),
+            )
+        )
     if not items:
-        found = ", ".join(sorted({clip.method for clip in manifest.clips}))
+        found = ", ".join(sorted({clip.column("method") for clip in manifest.clips}))
         raise StudyError(
             f"{folder}: clips must have a reference to be scored against (there are clips of"
             f" {found or 'nothing'}, and none whose scene and size has both a reference and"
             " another method); add a method 'reference' to the protocol and build again"
         )
-    order = [clip.method for clip in manifest.clips]
+    order = [clip.column("method") for clip in manifest.clips]
     items.sort(key=lambda item: order.index(item.method))
     notes = tuple(f"{name}: no reference clip, so nothing to score against"
                   for name in sorted(without))  # fmt: skip
@@ -192,7 +204,7 @@ def usable_regions(metric: Metric, pair: Pair) -> tuple[str, ...]:
 
 
 def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> Pair:
-    name, frames = str(clip.clip_name), len(clip.frames_sha256)
+    name, frames = clip.name, len(clip.frames_sha256)
     _check_lengths(name, frames, len(truth.frames_sha256), 0)
     if frames == 1:
         raise StudyError(
@@ -206,7 +218,7 @@ def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> Pair:
             f"{folder / name}: must have the size of its reference (got {sizes[0][0]} x"
             f" {sizes[0][1]} px, and {sizes[1][0]} x {sizes[1][1]} px); build again"
         )
-    holes = folder / HOLES_FOLDER / survey_name(clip.clip_name)
+    holes = folder / HOLES_FOLDER / survey_name(ClipName.of(clip.condition))
     test, true = (
         tuple(folder / entry.frame_path(k) for k in range(frames)) for entry in (clip, truth)
     )

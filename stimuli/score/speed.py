@@ -42,7 +42,7 @@ def time_methods(
             for key, value in clip.parameters.items()
             if key.startswith("method.")
         }
-        methods.setdefault(clip.method, (name, given))
+        methods.setdefault(clip.column("method"), (name, given))
     try:
         ctx = create_context()
     except GLUnavailableError:

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from analysis.columns import dictionary
+from analysis.columns import PREFERENCE_COLUMNS, dictionary
 from analysis.plain_csv import OPTIONAL, REQUIRED, read_decisions
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, power_plot, save_figure
 from analysis.power import (
@@ -125,8 +125,8 @@ def tidy(
 ) -> None:
     """Write journals as tidy CSV tables: one row per attempt, per decision, per sitting.
 
-    Beside them dictionary.csv says what every column means, flow.csv what the protocol's rules
-    left out, and pwcmp.csv holds the decisions for the program pwcmp.
+    Beside them dictionary.csv says what every column means, and flow.csv what the protocol's rules
+    left out.
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
@@ -134,7 +134,7 @@ def tidy(
         study = load_protocol(protocol)
         with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = read_sessions(sessions, study, progress=progress)
-            write_tables(tables, work)
+            write_tables(tables, study, work)
     for warning in tables.warnings:
         print(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
@@ -240,7 +240,7 @@ def import_(
             for name, frame in (
                 ("decisions.csv", decisions),
                 ("pwcmp.csv", pwcmp_table(decisions)),
-                ("dictionary.csv", dictionary()),
+                ("dictionary.csv", dictionary({"decisions": PREFERENCE_COLUMNS})),
             ):
                 frame.to_csv(work / name, index=False, lineterminator="\n")
     people = decisions["participant"].nunique()

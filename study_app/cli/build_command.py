@@ -126,16 +126,16 @@ def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None
         table.add_column(column, justify="right")
     shown = set()
     for clip in outcome.manifest.clips:
-        if (clip.scene, clip.size) in shown:
+        if (clip.column("scene"), clip.column("size")) in shown:
             continue
-        shown.add((clip.scene, clip.size))
+        shown.add((clip.column("scene"), clip.column("size")))
         least, most = (
             float(str(clip.parameters[f"hole_share_{end}"])) for end in ("least", "most")
         )
         table.add_row(
-            f"{clip.scene}, {clip.size}",
+            f"{clip.column('scene')}, {clip.column('size')}",
             f"{float(str(clip.parameters['extent_m'])):.4g} m",
-            f"{100 * clip.hole_share:.2f} %",
+            f"{100 * (clip.hole_share or 0):.2f} %",
             f"{100 * least:.2f} %",
             f"{100 * most:.2f} %",
             f"{clip.parameters['margin_px']} px",

@@ -12,8 +12,8 @@ from rich.table import Table
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import (
-    CLIPS_IN_MEMORY,
     MIB,
+    TRIALS_IN_MEMORY,
     check_feasible,
     clip_memory_bytes,
     clip_size_px,
@@ -27,7 +27,6 @@ from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
-from protocols.scene_files import missing_files
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
@@ -80,7 +79,7 @@ def check(
         )
         # No mistake of the protocol: where sittings run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
-            for missing in missing_files(study, protocol.absolute().parent):
+            for missing in study.stimuli.problems(protocol.absolute().parent):
                 print(f"note: {missing}")
 
 
@@ -181,22 +180,24 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
     table = Table(title=study.study.title, show_header=False, title_justify="left")
     table.add_column()
     table.add_column(overflow="fold")
-    clips = study.clip_names()
     width, height = clip_size_px(study, screen)
-    memory = CLIPS_IN_MEMORY * clip_memory_bytes(study, screen) / MIB
-    practice = sum(trial.practice for trial in plan.trials)
-    catch = sum(trial.catch for trial in plan.trials)
+    count = TRIALS_IN_MEMORY * study.task.stimuli_per_trial
+    memory = count * clip_memory_bytes(study, screen) / MIB
+    practice = sum(trial.role == "practice" for trial in plan.trials)
+    catch = sum(trial.role == "catch" for trial in plan.trials)
+    frames = f" of {study.stimuli.frames} frames" if study.stimuli.frames > 1 else ""
     minutes = session_duration_s(study, len(plan.trials)) / 60
     for name, value in (
         ("study", f"{study.study.name}, version {study.study.version}"),
         ("protocol hash", study.sha256),
         ("participants", str(study.study.participants)),
         ("decisions", f"{plan.main_trials} each, + {practice} practice, + {catch} catch trials"),
-        ("pairings", ", ".join(f"{a} / {b}" for a, b in study.pairings())),
+        ("task", f"{study.task.kind}: {study.task.description(study)}"),
+        ("conditions", study.task.design_sentence(study)),
         ("blocks", str(study.design.blocks)),
         ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
-        ("clips", f"{len(clips)} of {study.clips.frames} frames, {width} x {height} px"),
-        ("memory", f"{memory:.0f} MiB for two pairs"),
+        ("stimuli", f"{len(study.shown())}{frames}, {width} x {height} px"),
+        ("memory", f"{memory:.0f} MiB for two trials"),
         ("gaze", study.gaze.mode),
         ("languages", ", ".join(study.text.languages)),
     ):
@@ -221,11 +222,12 @@ def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
 
 def _trial_table(plan: Plan) -> Table:
     table = Table(title=f"Trials of slot {plan.slot}", title_justify="left")
-    for column in ("block", "trial", "scene", "size", "first", "second", "first is"):
-        table.add_column(column)
+    columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
+    for column in ("block", "trial", *columns, "right", "keys"):
+        table.add_column(column, overflow="fold", no_wrap=column == "trial")
     for trial in plan.trials:
+        shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
         table.add_row(
-            str(trial.block), trial.id, trial.scene, trial.size,
-            trial.first, trial.second, trial.first_side,
-        )  # fmt: skip
+            str(trial.block), trial.id, *shown, trial.correct or "", " ".join(trial.answers)
+        )
     return table

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,12 +19,16 @@ from protocols.journal import Attempt, SessionEnd
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
+from protocols.schema import StudyProtocol
+from protocols.tasks.pairs import PairTask
+from protocols.tasks.rates import RatesAnalysis
+from protocols.units import Scalar
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.sitting_commands import register
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
-from study_app.observer import DEFAULT_UTILITIES, ObserverModel
+from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
 
@@ -61,12 +67,32 @@ def simulate(
             + ", ".join(f"{name}={value:g}" for name, value in DEFAULT_UTILITIES.items())
         ),
     ] = None,
+    strength: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="VALUE=SENSITIVITY, for tasks with a right answer: d' of a value of analysis.by at"
+            " the middle level; may be given more than once."
+        ),
+    ] = None,
+    slope: Annotated[
+        float | None, typer.Option(help="Change of the sensitivity over the range of levels.")
+    ] = None,
+    criterion: Annotated[
+        float | None, typer.Option(help="Tendency to say no, in units of the noise (yes-no).")
+    ] = None,
     participant_sd: Annotated[
-        float, typer.Option(min=0, help="Logit deviation between participants.")
-    ] = 0.5,
-    scene_sd: Annotated[float, typer.Option(min=0, help="Logit deviation between scenes.")] = 0.5,
-    lapse: Annotated[float, typer.Option(min=0, max=1, help="Share of blind answers.")] = 0.02,
-    order_bias: Annotated[float, typer.Option(help="Logit in favour of the first clip.")] = 0.0,
+        float | None,
+        typer.Option(min=0, help="Deviation between participants, in logits or d'."),
+    ] = None,
+    scene_sd: Annotated[
+        float | None, typer.Option(min=0, help="Deviation between scenes, in logits or d'.")
+    ] = None,
+    lapse: Annotated[
+        float | None, typer.Option(min=0, max=1, help="Share of blind answers. Default: .02.")
+    ] = None,
+    order_bias: Annotated[
+        float | None, typer.Option(help="Logit in favour of the first of two.")
+    ] = None,
     missed_per_1000: Annotated[
         float, typer.Option(min=0, max=1000, help="Flips of a thousand that miss their refresh.")
     ] = 0.0,
@@ -97,8 +123,12 @@ def simulate(
             study,
             screen,
             seed=seed,
-            model=ObserverModel(
-                utilities=_utilities(utility, [method.name for method in study.methods]),
+            model=_model(
+                study,
+                utilities=utility,
+                strength=strength,
+                slope=slope,
+                criterion=criterion,
                 participant_sd=participant_sd,
                 scene_sd=scene_sd,
                 lapse=lapse,
@@ -197,23 +227,55 @@ def _sittings_above(session: Path) -> list[Sitting]:
     return find_sittings(absolute.parent.parent, absolute.parent.name)
 
 
-def _utilities(given: list[str] | None, methods: list[str]) -> dict[str, float]:
-    utilities = dict(DEFAULT_UTILITIES)
-    for entry in given or []:
-        name, equals, value = entry.partition("=")
-        if name not in methods:
+def _model(
+    study: StudyProtocol,
+    *,
+    utilities: list[str] | None,
+    strength: list[str] | None,
+    **given: object,
+) -> ObserverModel:
+    """Return the default population of the task with what was asked for in its place."""
+    model = default_model(study)
+    options: dict[str, object] = {name: value for name, value in given.items() if value is not None}
+    task = study.task
+    if utilities:
+        known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
+        options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", utilities, known)
+    if strength:
+        analysis = study.analysis
+        known = study.stimuli.values(analysis.by) if isinstance(analysis, RatesAnalysis) else ()
+        options["strength"] = _numbers("--strength", strength, known)
+    fields = {field.name for field in dataclasses.fields(model)}
+    for name in options:
+        if name not in fields:
+            option = "--utility" if name == "utilities" else "--" + name.replace("_", "-")
             raise StudyError(
-                f"--utility: METHOD must be one of {', '.join(methods)} (got {name!r})"
+                f"{option}: must be left out for the task {task.kind!r}, whose observers have"
+                f" {', '.join(sorted(fields & _OPTIONS))}"
             )
+    return dataclasses.replace(model, **options)  # type: ignore[arg-type]
+
+
+_OPTIONS = {
+    "utilities", "strength", "slope", "criterion", "participant_sd", "scene_sd", "lapse",
+    "order_bias",
+}  # fmt: skip
+
+
+def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str, float]:
+    names = [str(value) for value in known]
+    found = {}
+    for entry in given:
+        name, equals, value = entry.partition("=")
+        if names and name not in names:
+            raise StudyError(f"{option}: NAME must be one of {', '.join(names)} (got {name!r})")
         try:
-            utilities[name] = float(value)
+            found[name] = float(value)
         except ValueError:
             raise StudyError(
-                f"--utility: must be METHOD=LOGIT with a number (got {entry!r})"
-                if equals
-                else f"--utility: must be METHOD=LOGIT (got {entry!r})"
+                f"{option}: must be NAME=NUMBER{' with a number' if equals else ''} (got {entry!r})"
             ) from None
-    return utilities
+    return found
 
 
 def _row(sitting: Sitting) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ def require_decisions(sittings: Iterable[Sitting]) -> None:
         attempt.void_reason
         for sitting in empty
         for attempt in sitting.journal.attempts
-        if attempt.void_reason and not attempt.practice and not attempt.catch
+        if attempt.void_reason and attempt.role == "main"
     )
     counts = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
     worst = max(_CURES, key=lambda reason: voids[reason])

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 
 from protocols.journal import GazeQuality
 from protocols.session_schema import Gaze
-from study_app.gaze.geometry import Viewing, angle_between_deg
+from protocols.viewing import Viewing, angle_between_deg
 from study_app.gaze.source import GazeSample
 from study_app.trial import Watch
 

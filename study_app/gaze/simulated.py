@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from study_app.gaze.geometry import Viewing
+from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
 
 _CHUNK = 256  # samples drawn at once

@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 from protocols.journal import Attempt, Withdrawal
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from study_app.gaze.geometry import Viewing
+from protocols.viewing import Viewing
 from study_app.gaze.lsl import LslSpec
 from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSample

@@ -9,11 +9,11 @@ import time
 from itertools import pairwise
 
 import pytest
+from study_app.observer import ArtificialObserver, ObserverModel
 
 from protocols.journal import Attempt, BlockStart, Note, Pause, SessionEnd, SessionResume
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
-from study_app.observer import ArtificialObserver, ObserverModel
 
 THIEF = """
 import glfw, time

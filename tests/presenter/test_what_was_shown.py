@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study_app.gaze.geometry import Viewing
+from protocols.viewing import Viewing
 from study_app.strip import Seen, compare
 
 ONE_TRIAL = {

@@ -7,13 +7,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from protocols.stimuli_schema import BuiltinScene, Clips, Method, Size
 
 from protocols.display import Display
 from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import clip_fps, explained, study_files
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Exclusions, Question, Texts
-from protocols.stimuli_schema import BuiltinScene, Clips, Method, Size
 from study_app.cli.new_study import slug
 
 

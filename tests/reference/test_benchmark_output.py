@@ -10,6 +10,7 @@ from benchmarks.output import PagePart
 @pytest.mark.parametrize(
     ("name", "option"),
     [
+        ("adaptive", "--json"),
         ("analysis", "--json"),
         ("fill", "--json"),
         ("fill", "--plot"),

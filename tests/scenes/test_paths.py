@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pipeline.errors import InputError
 from protocols.stimuli_schema import (
     CirclePath,
     Keyframe,
@@ -14,6 +12,8 @@ from protocols.stimuli_schema import (
     StereoPath,
     UpsamplingPath,
 )
+
+from pipeline.errors import InputError
 from stimuli.paths import make_path
 from stimuli.solve import search
 from stimuli.world import Viewpoint

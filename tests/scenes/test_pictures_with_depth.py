@@ -5,10 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-
-from pipeline.errors import InputError
-from pipeline.warp.settings import MOST_RIM_PX
-from protocols.publish import json_schema
 from protocols.stimuli_schema import (
     CirclePath,
     ExrScene,
@@ -17,6 +13,10 @@ from protocols.stimuli_schema import (
     StereoScene,
     UpsamplingPath,
 )
+
+from pipeline.errors import InputError
+from pipeline.warp.settings import MOST_RIM_PX
+from protocols.publish import json_schema
 from stimuli.exr_parts import frame_files
 from stimuli.footage import Footage, Shot
 from stimuli.paths import STILL, make_path

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import expit
+from study_app.observer import ObserverModel
 
 from analysis.report import report_sessions
 from protocols.load import load_display, load_protocol
 from study_app.gaze.simulated import STEADY
-from study_app.observer import ObserverModel
 from study_app.simulate import Simulation, simulate_study
 
 UTILITIES = {"reference": 2.0, "metameric": 1.2, "push-pull": 0.0}

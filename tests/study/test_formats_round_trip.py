@@ -27,8 +27,12 @@ from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
 from protocols.publish import json_schema, schema_names, schema_path, schema_text
+from protocols.recipes.files import Files
+from protocols.recipes.warped_clips import ClipName, WarpedClips
 from protocols.reference import reference_text
-from protocols.schema import ClipName, StudyProtocol
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Design, Gaze, Practice, Response, TrialTiming
+from protocols.tasks import TASKS
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]
 EVENTS = [
@@ -122,17 +126,18 @@ def attempts() -> st.SearchStrategy[Attempt]:
     }
 
     def build(drawn: dict[str, Any]) -> Attempt:
+        answers = tuple(dict.fromkeys(drawn["answers"])) or ("yes", "no")
+        expected = drawn["expected"] and answers[0]
+        drawn |= {"answers": answers, "expected": expected}
         if drawn["outcome"] == "void":
-            drawn |= dict.fromkeys(("choice", "chosen", "chosen_side", "rt_s"))
+            drawn |= dict.fromkeys(("answer", "correct", "rt_s"))
             drawn["void_reason"] = drawn["void_reason"] or "quit"
         else:
-            choice = drawn["choice"] or "second"
-            other = {"left": "right", "right": "left"}[drawn["first_side"]]
+            answer = answers[-1] if drawn["warned"] else answers[0]
             drawn |= {
                 "void_reason": None,
-                "choice": choice,
-                "chosen": drawn[choice],
-                "chosen_side": drawn["first_side"] if choice == "first" else other,
+                "answer": answer,
+                "correct": answer == expected if expected else None,
                 "rt_s": drawn["rt_s"] or 0.0,
             }
         return Attempt(**drawn)
@@ -157,7 +162,7 @@ def test_every_event_survives_its_journal_line(event_class):
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.lists(instances(Clip), max_size=3, unique_by=lambda c: c.clip_name), st.data())
+@given(st.lists(instances(Clip), max_size=3, unique_by=lambda c: c.name), st.data())
 def test_a_manifest_survives_its_file(tmp_path, clips, data):
     fields = Manifest.model_fields
     drawn = {
@@ -165,7 +170,7 @@ def test_a_manifest_survives_its_file(tmp_path, clips, data):
         for name, field in fields.items()
         if name != "clips"
     }
-    manifest = Manifest(**drawn, clips=tuple(clips))
+    manifest = Manifest(**(drawn | {"format": 2}), clips=tuple(clips))
 
     path = write_manifest(tmp_path, manifest)
 
@@ -179,9 +184,9 @@ def test_a_manifest_survives_its_file(tmp_path, clips, data):
     [
         (b'{"format": 1, "study"', "line 1: must be valid JSON"),
         (b"\xff\xfe", "line 1: must be UTF-8 text (got byte 0xff)"),
-        (b'{"format": 2}', "format: must be 1 (got 2)"),
+        (b'{"format": 3}', "format: must be 1 or 2 (got 3)"),
         (b'{"format": 1}', "clips: missing"),
-        (b'{"format": 1, "clips": [{"size": 3}]}', "clips[0].size: must be text in quotes (got 3)"),
+        (b'{"format": 2, "clips": [{"name": 3}]}', "clips[0].name: must be text in quotes (got 3)"),
     ],
 )
 def test_a_manifest_that_is_none_is_told(tmp_path, content, message):
@@ -229,20 +234,24 @@ def test_two_clips_of_one_name_are_refused(sample_manifest):
         Manifest.model_validate(plain)
 
 
-@pytest.mark.parametrize("section", ["design", "trial", "gaze", "response", "clips", "privacy"])
-def test_sections_survive_plain_data(section):
-    model = StudyProtocol.model_fields[section].annotation
+SECTIONS = [Design, TrialTiming, Gaze, Response, Practice, Files, *TASKS.values()]
+SECTIONS += dict.fromkeys(task.analysis for task in TASKS.values())
 
+
+@pytest.mark.parametrize("model", SECTIONS, ids=lambda entry: entry.__name__)
+def test_sections_survive_plain_data(model):
     @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
     @given(instances(model))
     def survives(made):
         assert TypeAdapter(model).validate_json(canonical_json(made)) == made
 
-    if section == "clips":  # whole frames are rare among random numbers
-        made = load_protocol(Path("demo")).clips
-        assert TypeAdapter(model).validate_json(canonical_json(made)) == made
-    elif section != "privacy":
-        survives()
+    survives()
+
+
+def test_the_section_of_warped_clips_survives_plain_data():
+    made = load_protocol(Path("demo")).warped  # whole frames are rare among random numbers
+
+    assert TypeAdapter(WarpedClips).validate_json(canonical_json(made)) == made
 
 
 @pytest.mark.parametrize("name", sorted(shipped("studies")))
@@ -308,10 +317,11 @@ def test_clip_names_are_unambiguous_and_frames_are_numbered():
 def test_stimuli_hash_ignores_wording_and_timing_but_not_pixels():
     protocol = load_protocol(Path("demo"))
     other_gap = protocol.model_copy(
-        update={"trial": protocol.trial.model_copy(update={"gap_s": 1.0})}
+        update={"task": protocol.task.model_copy(update={"gap_s": 1.0})}
     )
+    clips = protocol.warped.clips.model_copy(update={"width_deg": 9.0})
     wider = protocol.model_copy(
-        update={"clips": protocol.clips.model_copy(update={"width_deg": 9.0})}
+        update={"stimuli": protocol.warped.model_copy(update={"clips": clips})}
     )
 
     assert other_gap.stimuli_sha256 == protocol.stimuli_sha256
@@ -341,8 +351,8 @@ def test_the_sample_sessions_are_two_complete_simulated_journals(sample_sessions
     for read in journals:
         assert read.start.simulated
         done = [a for a in read.attempts if a.outcome == "completed"]
-        assert sum(not (a.practice or a.catch) for a in done) == read.start.trials == 24
-        assert all(a.expected == "reference" for a in done if a.catch)
+        assert sum(a.role == "main" for a in done) == read.start.trials == 24
+        assert all(a.condition[a.expected] == "reference" for a in done if a.role == "catch")
 
 
 @pytest.mark.parametrize("name", schema_names())

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.load import load_display, shipped
-from study_app.gaze.geometry import Viewing
+from protocols.viewing import Viewing
 
 FHD = Viewing.of(load_display("fhd27-60hz"))
 

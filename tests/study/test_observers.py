@@ -11,23 +11,23 @@ import pytest
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
-from study_app.observer import ArtificialObserver, ObserverModel
+from study_app.observers import ArtificialObserver, PreferenceModel
 
 DEMO = load_protocol(Path("demo"))
 PLAN = make_plan(DEMO, virtual_manifest(DEMO, load_display("fhd27-60hz")), "P1", 0)
 EVEN = {"participant_sd": 0.0, "scene_sd": 0.0, "lapse": 0.0}
 
 
-def rate_of_first(model: ObserverModel, trial, count: int = 4000) -> float:
+def rate_of_first(model: PreferenceModel, trial, count: int = 4000) -> float:
     observer = ArtificialObserver(model, DEMO.response, 1, "P1")
-    left = sum(
-        observer.answer(trial, attempt)[0] in DEMO.response.left_keys for attempt in range(count)
-    )
-    return (left if trial.first_side == "left" else count - left) / count
+    keys = DEMO.response.keys[trial.answers.index("first")]
+    return sum(observer.answer(trial, attempt)[0] in keys for attempt in range(count)) / count
 
 
 def pick(first: str, second: str):
-    return next(t for t in PLAN.trials if (t.first, t.second) == (first, second))
+    return next(
+        t for t in PLAN.trials if (t.condition["first"], t.condition["second"]) == (first, second)
+    )
 
 
 # Four standard deviations of a share of 4000 answers.
@@ -35,7 +35,7 @@ NEAR = 4 * math.sqrt(0.25 / 4000)
 
 
 def test_a_preference_of_075_is_answered_as_075_in_both_orders():
-    model = ObserverModel({"metameric": math.log(3.0)}, **EVEN)
+    model = PreferenceModel({"metameric": math.log(3.0)}, **EVEN)
 
     assert rate_of_first(model, pick("metameric", "push-pull")) == pytest.approx(0.75, abs=NEAR)
     assert rate_of_first(model, pick("push-pull", "metameric")) == pytest.approx(0.25, abs=NEAR)
@@ -43,8 +43,8 @@ def test_a_preference_of_075_is_answered_as_075_in_both_orders():
 
 def test_lapses_pull_towards_one_half_and_bias_towards_the_first():
     sure = {"metameric": 50.0}
-    lapsing = ObserverModel(sure, **(EVEN | {"lapse": 0.2}))
-    biased = ObserverModel({}, order_bias=math.log(3.0), **EVEN)
+    lapsing = PreferenceModel(sure, **(EVEN | {"lapse": 0.2}))
+    biased = PreferenceModel({}, order_bias=math.log(3.0), **EVEN)
 
     assert rate_of_first(lapsing, pick("metameric", "push-pull")) == pytest.approx(0.9, abs=NEAR)
     assert rate_of_first(biased, pick("push-pull", "metameric")) == pytest.approx(0.75, abs=NEAR)
@@ -52,7 +52,7 @@ def test_lapses_pull_towards_one_half_and_bias_towards_the_first():
 
 @pytest.mark.parametrize("which", ["participant_sd", "scene_sd"])
 def test_logits_vary_between_participants_and_scenes_by_their_deviation(which):
-    model = ObserverModel({}, **(EVEN | {which: 0.8}))
+    model = PreferenceModel({}, **(EVEN | {which: 0.8}))
     logits = []
     for number in range(2000):
         who = (f"P{number}", "garden") if which == "participant_sd" else ("P1", f"s{number}")
@@ -68,7 +68,7 @@ def test_answers_depend_on_seed_participant_trial_and_attempt_alone():
     trial = PLAN.trials[5]
 
     def answer(seed=1, participant="P1", attempt=1):
-        return ArtificialObserver(ObserverModel(), DEMO.response, seed, participant).answer(
+        return ArtificialObserver(PreferenceModel(), DEMO.response, seed, participant).answer(
             trial, attempt
         )
 
@@ -79,7 +79,7 @@ def test_answers_depend_on_seed_participant_trial_and_attempt_alone():
 def test_equals_take_longer_than_an_easy_pair():
     def median_rt_s(utility: float) -> float:
         observer = ArtificialObserver(
-            ObserverModel({"metameric": utility}, **EVEN), DEMO.response, 1, "P1"
+            PreferenceModel({"metameric": utility}, **EVEN), DEMO.response, 1, "P1"
         )
         trial = pick("metameric", "push-pull")
         return float(np.median([observer.answer(trial, k)[1] for k in range(2000)]))

@@ -8,10 +8,10 @@ import random
 import pytest
 
 from protocols.load import load_display
-from study_app.observer import ArtificialObserver, ObserverModel
+from study_app.attempt import BLANK
+from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.pacing import LATE_SHARE, Pacer
 from study_app.stage import Picture
-from study_app.trial import Phase
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 RATES_HZ = [60, 90, 120, 144, 240]
@@ -19,7 +19,7 @@ RATES_HZ = [60, 90, 120, 144, 240]
 
 def stage_with(faults, rate_hz, true_hz=None):
     """A virtual display with faults by number of flip, and no one before it."""
-    observer = ArtificialObserver(ObserverModel(), None, 0, "P01")
+    observer = ArtificialObserver(PreferenceModel(), None, 0, "P01")
     stage = VirtualStage(
         VirtualClock(),
         true_hz or rate_hz,
@@ -55,7 +55,7 @@ def test_200_planted_faults_are_found_and_no_other(rate_hz, off_share):
 
     found = {}
     for number in range(3000):
-        flip = pacer.flip(stage.show(Picture(Phase.ITI)).t_s)
+        flip = pacer.flip(stage.show(Picture(BLANK)).t_s)
         if flip.kind not in ("first", "on-time"):
             found[number] = (flip.kind, flip.missed)
 
@@ -79,7 +79,7 @@ def test_refreshes_add_up_to_the_time_passed():
     faults = planted(200, 3000, seed=9)
     stage = stage_with(faults, 120)
     pacer = Pacer(120)
-    flips = [pacer.flip(stage.show(Picture(Phase.ITI)).t_s) for _ in range(3000)]
+    flips = [pacer.flip(stage.show(Picture(BLANK)).t_s) for _ in range(3000)]
 
     assert sum(flip.refreshes for flip in flips) == math.floor(
         (flips[-1].t_s - flips[0].t_s) * 120 + 0.5
@@ -97,6 +97,6 @@ def test_a_shipped_display_s_rate_paces_its_virtual_twin():
     display = load_display("fhd24-144hz")
     stage = stage_with({}, display.refresh_hz)
     pacer = Pacer(display.refresh_hz)
-    flips = [pacer.flip(stage.show(Picture(Phase.ITI)).t_s) for _ in range(1440)]
+    flips = [pacer.flip(stage.show(Picture(BLANK)).t_s) for _ in range(1440)]
 
     assert {flip.kind for flip in flips[1:]} == {"on-time"}

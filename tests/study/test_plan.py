@@ -32,12 +32,18 @@ PAPER_CLIPS = virtual_manifest(PAPER, FHD)
 DEMO_CLIPS = virtual_manifest(DEMO, FHD)
 
 
-def changed(protocol: StudyProtocol, **sections: dict[str, object]) -> StudyProtocol:
+def changed(protocol: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
     """Return the protocol with some fields of its sections changed, checked again."""
     plain = protocol.model_dump()
+    plain["stimuli"]["clips"] |= clips or {}
     for section, fields in sections.items():
         plain[section] |= fields
     return StudyProtocol.model_validate(plain)
+
+
+def condition(trial) -> tuple[object, ...]:
+    """What a trial compares, in its order."""
+    return tuple(trial.condition[name] for name in ("scene", "size", "first", "second"))
 
 
 def display_at(refresh_hz: float, **fields: object) -> Display:
@@ -49,10 +55,10 @@ def test_the_paper_s_study_has_72_decisions_each_cell_twice_in_both_orders(slot)
     plan = make_plan(PAPER, PAPER_CLIPS, f"P{slot}", slot)
 
     assert len(plan.trials) == plan.main_trials == 72
-    cells = Counter(trial.pair for trial in plan.trials)
+    cells = Counter(trial.shown for trial in plan.trials)
     assert len(cells) == 3 * 2 * 6
     assert set(cells.values()) == {2}
-    ordered = Counter((t.scene, t.size, t.first, t.second) for t in plan.trials)
+    ordered = Counter(condition(t) for t in plan.trials)
     assert len(ordered) == 72
     assert {trial.repeat for trial in plan.trials} == {0, 1}
 
@@ -63,12 +69,7 @@ def test_orders_are_balanced_within_or_between_neighbouring_slots(repeats):
     plans = [make_plan(protocol, virtual_manifest(protocol, FHD), f"P{s}", s) for s in (0, 1)]
 
     def orders(*which):
-        return Counter(
-            (t.scene, t.size, t.first, t.second)
-            for plan in which
-            for t in plan.trials
-            if not t.practice and not t.catch
-        )
+        return Counter(condition(t) for plan in which for t in plan.trials if t.role == "main")
 
     together = orders(*plans)
     assert len(together) == 24
@@ -81,14 +82,14 @@ def test_sides_swap_between_slots_or_within_a_session_or_never():
     def sides(mode, slot):
         protocol = changed(DEMO, design={"side": mode})
         plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", slot)
-        return Counter(trial.first_side for trial in plan.trials)
+        return Counter(trial.answers[0] for trial in plan.trials)
 
     total = len(make_plan(DEMO, DEMO_CLIPS, "P1", 0).trials)
     assert [set(sides("by-participant", slot)) for slot in range(4)] == [
-        {"left"}, {"left"}, {"right"}, {"right"},
+        {"first"}, {"first"}, {"second"}, {"second"},
     ]  # fmt: skip
-    assert set(sides("fixed", 3)) == {"left"}
-    left = sides("by-trial", 0)["left"]
+    assert set(sides("fixed", 3)) == {"first"}
+    left = sides("by-trial", 0)["first"]
     assert abs(2 * left - total) <= 3  # one odd trial per block
 
 
@@ -107,9 +108,9 @@ def test_latin_rows_put_every_scene_everywhere_and_after_every_other(count):
 @pytest.mark.parametrize("slot", range(6))
 def test_balanced_scene_order_shows_every_scene_once_per_round(slot):
     plan = make_plan(PAPER, PAPER_CLIPS, "P1", slot)
-    names = [scene.name for scene in PAPER.scenes]
+    names = [scene.name for scene in PAPER.warped.scenes]
     for start in range(0, 72, 6):
-        shown = [trial.scene for trial in plan.trials[start : start + 6]]
+        shown = [trial.condition["scene"] for trial in plan.trials[start : start + 6]]
         assert sorted(shown) == sorted(names)
         row = latin_row(6, slot + start // 6)
         assert shown == [names[index] for index in row]
@@ -118,10 +119,7 @@ def test_balanced_scene_order_shows_every_scene_once_per_round(slot):
 def test_a_plan_is_the_same_on_every_platform():
     """Pinned: SHA-256, integers and sorting only. Changing it strands every running study."""
     assert Chance(1, "P01", "plan").shuffled(range(10)) == PINNED_SHUFFLE
-    first = [
-        (trial.scene, trial.size, trial.first, trial.second)
-        for trial in make_plan(PAPER, PAPER_CLIPS, "P01", 0).trials[:3]
-    ]
+    first = [condition(trial) for trial in make_plan(PAPER, PAPER_CLIPS, "P01", 0).trials[:3]]
     assert first == PINNED_TRIALS
 
 
@@ -157,7 +155,12 @@ def test_chance_is_uniform():
 )
 def test_no_clip_pair_comes_twice_in_a_row(repeats, blocks, order, scenes, catches, slot, seed):
     assume(catches <= 3 * scenes and 6 * scenes * repeats >= 6 * blocks)  # else there is no order
-    catch = {"trials": catches, "better": "reference", "worse": "push-pull", "size": "large"}
+    catch = {
+        "trials": catches,
+        "better": "reference",
+        "worse": "push-pull",
+        "where": {"size": "large"},
+    }
     protocol = changed(
         PAPER,
         clips={"duration_s": 0.1},
@@ -165,31 +168,35 @@ def test_no_clip_pair_comes_twice_in_a_row(repeats, blocks, order, scenes, catch
             "repeats": repeats,
             "blocks": blocks,
             "scene_order": order,
-            "scenes": tuple(scene.name for scene in PAPER.scenes[:scenes]),
-            "catch": catch if catches else None,
+            "scenes": tuple(scene.name for scene in PAPER.warped.scenes[:scenes]),
             "practice": {"trials": 3, "scenes": ("thicket",)},
             "seed": seed,
         },
+        task={"catch": catch if catches else None},
     )
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", slot)
 
-    assert all(early.pair != late.pair for early, late in pairwise(plan.trials))
+    assert all(early.shown != late.shown for early, late in pairwise(plan.trials))
     assert len({trial.id for trial in plan.trials}) == len(plan.trials)
     assert plan.main_trials == scenes * 2 * 3 * repeats
-    assert sum(trial.catch for trial in plan.trials) == catches
-    assert sum(trial.practice for trial in plan.trials) == 3
+    assert sum(trial.role == "catch" for trial in plan.trials) == catches
+    assert sum(trial.role == "practice" for trial in plan.trials) == 3
     assert [trial.block for trial in plan.trials] == sorted(trial.block for trial in plan.trials)
     assert set(plan.blocks) == set(range(blocks + 1))
-    assert all(trial.expected == "reference" for trial in plan.trials if trial.catch)
+    assert all(
+        trial.condition[trial.correct] == "reference"
+        for trial in plan.trials
+        if trial.role == "catch"
+    )
 
 
 def test_catch_trials_are_spread_over_the_blocks_and_never_open_one():
-    catch = {"trials": 6, "better": "reference", "worse": "push-pull", "size": "large"}
-    protocol = changed(PAPER, design={"catch": catch})
+    catch = {"trials": 6, "better": "reference", "worse": "push-pull", "where": {"size": "large"}}
+    protocol = changed(PAPER, task={"catch": catch})
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 5)
 
-    assert Counter(t.block for t in plan.trials if t.catch) == {1: 2, 2: 2, 3: 2}
-    assert not any(plan.block(number)[0].catch for number in (1, 2, 3))
+    assert Counter(t.block for t in plan.trials if t.role == "catch") == {1: 2, 2: 2, 3: 2}
+    assert not any(plan.block(number)[0].role == "catch" for number in (1, 2, 3))
 
 
 def test_another_participant_or_slot_gets_another_order():
@@ -203,41 +210,54 @@ def test_another_participant_or_slot_gets_another_order():
 
 def test_a_photograph_on_a_circle_has_no_pairing_with_the_reference():
     plain = DEMO.model_dump()
-    plain["scenes"] = (
-        plain["scenes"][0],
+    plain["stimuli"]["scenes"] = (
+        plain["stimuli"]["scenes"][0],
         {
             "name": "street", "kind": "stereo", "left": "l.png", "right": "r.png",
             "disparity": "d.pfm", "focal_px": 1000.0, "baseline_m": 0.2,
             "camera": {"kind": "circle"},
         },
     )  # fmt: skip
-    plain["design"]["catch"] = None
+    plain["task"]["catch"] = None
     protocol = StudyProtocol.model_validate(plain)
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
 
-    street = [trial for trial in plan.trials if trial.scene == "street"]
+    street = [trial for trial in plan.trials if trial.condition["scene"] == "street"]
     assert len(street) == 1 * 2 * 2  # one pairing of three, two sizes, two repeats
-    assert all({t.first, t.second} == {"push-pull", "metameric"} for t in street)
-    assert not any(n.scene == "street" and n.method == "reference" for n in protocol.clip_names())
+    assert all(set(condition(t)[2:]) == {"push-pull", "metameric"} for t in street)
+    assert [name for name in protocol.shown() if name.startswith("street")] == [
+        f"street__{size}__{method}"
+        for size in ("small", "large")
+        for method in ("push-pull", "metameric")
+    ]
 
 
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"repeats": 2, "scenes": ("garden",), "pairings": (("metameric", "push-pull"),)}, None),
-        ({"blocks": 25}, "design.blocks: must not be more than the main trials, 24 .got 25."),
+        (
+            {
+                "design": {"repeats": 2, "scenes": ("garden",)},
+                "task": {"pairings": (("metameric", "push-pull"),)},
+            },
+            None,
+        ),
+        (
+            {"design": {"blocks": 25}},
+            "design.blocks: must not be more than the main trials, 24 .got 25.",
+        ),
     ],
 )
 def test_a_design_that_cannot_be_arranged_is_refused(fields, message):
-    protocol = changed(DEMO, design=fields)
+    protocol = changed(DEMO, **fields)
     manifest = virtual_manifest(protocol, FHD)
     if message is None:
         assert make_plan(protocol, manifest, "P1", 0).main_trials == 4
         plain = protocol.model_dump()
-        plain["sizes"] = plain["sizes"][:1]
-        plain["design"] |= {"practice": None, "catch": None}
+        plain["stimuli"]["sizes"] = plain["stimuli"]["sizes"][:1]
+        plain["design"]["practice"] = plain["task"]["catch"] = None
         protocol = StudyProtocol.model_validate(plain)
-        message = "no clip pair may come twice in a row"
+        message = "no two trials in a row may show the same"
         manifest = virtual_manifest(protocol, FHD)
     with pytest.raises(StudyError, match=message):
         make_plan(protocol, manifest, "P1", 0)
@@ -247,7 +267,7 @@ def test_clips_of_another_protocol_are_refused():
     with pytest.raises(StudyError, match="must belong to study 'demo'"):
         make_plan(DEMO, PAPER_CLIPS, "P1", 0)
     wider = changed(DEMO, clips={"width_deg": 9.0})
-    with pytest.raises(StudyError, match="must be built from this protocol's display, scenes"):
+    with pytest.raises(StudyError, match="must be built from this protocol's display and stimuli"):
         make_plan(wider, DEMO_CLIPS, "P1", 0)
     fewer = DEMO_CLIPS.model_copy(update={"clips": DEMO_CLIPS.clips[1:]})
     with pytest.raises(StudyError, match="missing 1: garden__small__reference"):
@@ -270,13 +290,13 @@ def test_shipped_studies_are_feasible_on_their_displays():
 
 
 def test_150_ms_at_90_hz_is_refused_with_the_nearest_durations():
-    protocol = changed(DEMO, trial={"gap_s": 0.15})
+    protocol = changed(DEMO, task={"gap_s": 0.15})
 
     assert messages(protocol, display_at(60.0)) == []
     assert messages(protocol, display_at(120.0)) == []
     (message,) = messages(protocol, display_at(90.0))
     assert message == (
-        "trial.gap_s: must be whole frames at 90 Hz (got 0.15 s = 13.5 frames); nearest:"
+        "task.gap_s: must be whole frames at 90 Hz (got 0.15 s = 13.5 frames); nearest:"
         " 0.144444 s or 0.155556 s, or a display with 60 or 100 or 120 or 240 Hz"
     )
     with pytest.raises(StudyError, match=r"feasible on display 'fhd27-60hz'"):
@@ -287,7 +307,7 @@ def test_60_fps_on_144_hz_is_refused_with_the_nearest_rates():
     (message,) = messages(PAPER, display_at(144.0))
 
     assert message == (
-        "clips.fps: every clip frame must last whole refreshes at 144 Hz (got 60 fps ="
+        "stimuli.clips.fps: every clip frame must last whole refreshes at 144 Hz (got 60 fps ="
         " 2.4 refreshes); nearest: 72 fps or 48 fps, or a display with 60 or 120 or 240 Hz"
     )
 
@@ -295,7 +315,9 @@ def test_60_fps_on_144_hz_is_refused_with_the_nearest_rates():
 def test_a_clip_larger_than_the_screen_is_refused_with_the_largest_angle():
     (message,) = messages(changed(DEMO, clips={"height_deg": 28.0}), FHD)
 
-    assert message.startswith("clips.height_deg: clips must fit the screen pixel by pixel (got")
+    assert message.startswith(
+        "stimuli.clips.height_deg: stimuli must fit the screen pixel by pixel (got"
+    )
     assert message.endswith("nearest: 27 deg")
     assert messages(changed(DEMO, clips={"height_deg": 27.0}), FHD) == []
 
@@ -304,7 +326,7 @@ def test_pairs_larger_than_memory_are_refused_with_feasible_values():
     small = display_at(60.0, clip_memory_mib=1024)
     (message,) = messages(PAPER, small)
 
-    assert "two pairs must fit 1024 MiB of graphics memory (got 25" in message
+    assert "the stimuli of two trials must fit 1024 MiB of graphics memory (got 25" in message
     seconds = float(message.split("duration_s = ")[1].split(" ")[0])
     degrees = float(message.split("width_deg = ")[1].split(" ")[0])
     frames = int(seconds * 60)

@@ -35,27 +35,28 @@ def mistakes(tmp_path):
     ("old", "new", "message"),
     [
         ("gap_s = 0.5", "gap_ms = 500",
-         "trial.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?"),
+         "task.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?"),
         ("iti_s = 0.5", "iti = 0.5", "trial.iti: unknown key; did you mean 'iti_s' (seconds)?"),
         ("window_deg = 1.5", "window_arcmin = 90",
          "gaze.window_arcmin: unknown key; did you mean 'window_deg' (degrees): window_deg = 1.5?"),
         ("window_deg = 1.5", "window_deg = -1.5",
          "gaze.window_deg: must be greater than 0 degrees (got -1.5)"),
-        ("gap_s = 0.5", 'gap_s = "0.5"', "trial.gap_s: must be a number (got '0.5')"),
-        ("gap_s = 0.5", "gap_s = true", "trial.gap_s: must be a number (got true)"),
-        ("gap_s = 0.5", "gap_s = inf", "trial.gap_s: must be a finite number (got inf)"),
+        ("gap_s = 0.5", 'gap_s = "0.5"', "task.gap_s: must be a number (got '0.5')"),
+        ("gap_s = 0.5", "gap_s = true", "task.gap_s: must be a number (got true)"),
+        ("gap_s = 0.5", "gap_s = inf", "task.gap_s: must be a finite number (got inf)"),
         ("repeats = 2", "repeats = 2.5", "design.repeats: must be a whole number (got 2.5)"),
-        ("[clips]", "[clip]", "clip: unknown key; did you mean 'clips'?"),
-        ("[clips]", "[clip]", "clips: missing"),
+        ("[stimuli.clips]", "[stimuli.clip]", "stimuli.clip: unknown key; did you mean 'clips'?"),
+        ("[stimuli.clips]", "[stimuli.clip]", "stimuli.clips: missing"),
         ('kind = "builtin"', 'kind = "bultin"',
-         "scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr (got 'bultin');"
+         "stimuli.scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr (got 'bultin');"
          " did you mean 'builtin'?"),
-        ("turns = 1.0", "turn = 1.0", "scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
+        ("turns = 1.0", "turn = 1.0",
+         "stimuli.scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
         ('name = "large"', 'name = "small"',
-         "sizes[1].name: names must differ (got 'small', which sizes[0] has);"
+         "stimuli.sizes[1].name: names must differ (got 'small', which stimuli.sizes[0] has);"
          " rename one of them"),
         ('name = "garden"', 'name = "gar__den"',
-         "scenes[0].name: must be lower-case words and numbers joined by single dashes or"
+         "stimuli.scenes[0].name: must be lower-case words and numbers joined by single dashes or"
          " underscores (got 'gar__den')"),
         ('against = "push-pull"', 'against = "pushpull"',
          "analysis.primary.against: must name one of the methods (reference, push-pull,"
@@ -64,23 +65,23 @@ def mistakes(tmp_path):
          "design.practice.scenes[0]: must name one of the scenes (garden, colonnade)"
          " (got 'gardn'); did you mean 'garden'?"),
         ('pairings = "all"', 'pairings = [["metameric", "metameric"]]',
-         "design.pairings[0]: a pairing must hold two different methods"
+         "task.pairings[0]: a pairing must hold two different methods"
          " (got 'metameric' twice)"),
         ('pairings = "all"',
          'pairings = [["metameric", "push-pull"], ["push-pull", "metameric"]]',
-         "design.pairings[1]: every pairing must be given once (got ['push-pull', 'metameric'],"
-         " which design.pairings[0] has); raise repeats instead"),
+         "task.pairings[1]: every pairing must be given once (got ['push-pull', 'metameric'],"
+         " which task.pairings[0] has); raise repeats instead"),
         ('default_language = "en"', 'default_language = "fr"',
          "text.default_language: must be one of the languages given (en, de, ja) (got 'fr')"),
         ('pause_keys = ["p"]', 'pause_keys = ["f"]',
-         "response.pause_keys: a key must do one thing (got 'f' in left_keys and pause_keys)"),
+         "response.pause_keys: a key must do one thing (got 'f' in keys[0] and pause_keys)"),
         ("hole_share = 0.02", "",
-         "sizes[0]: a size says either hole_share or extent_m (got neither)"),
+         "stimuli.sizes[0]: a size says either hole_share or extent_m (got neither)"),
         ("duration_s = 1.0", "duration_s = 0.35",
-         "clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5); the nearest"
-         " durations are 0.333333 s and 0.366667 s"),
+         "stimuli.clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5);"
+         " the nearest durations are 0.333333 s and 0.366667 s"),
         ("seed = 7", "seed = 7\nrender_width_px = 2048",
-         "clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
+         "stimuli.clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
          " 'lanczos3', or leave render_width_px out"),
         ("Block {done} of {total}", "Block {don} of {total}",
          "text.languages.en.break_page: {...} must be one of left, right, continue, quit, done,"
@@ -90,7 +91,7 @@ def mistakes(tmp_path):
          " answers cannot be compared ([('strategy', 0), ('vision', 3)])"
          " (got [('strategy', 0), ('vision', 2)])"),
         ('pairings = "all"', 'pairings = [["reference", "push-pull"]]',
-         "analysis.primary: must compare two methods that the design pairs (got 'metameric'"
+         "analysis.primary: must compare two methods that the task pairs (got 'metameric'"
          " against 'push-pull'); add the pairing, or choose another comparison"),
         ('against = "push-pull"', 'against = "metameric"',
          "analysis.primary.against: must differ from method ('metameric')"),
@@ -109,21 +110,40 @@ def test_every_mistake_is_told_at_once(mistakes):
         ("gap_s = 0.5", "gap_ms = 500"),
         ("window_deg = 1.5", "window_deg = -1.5"),
         ("repeats = 2", 'repeats = "two"'),
-        ('name = "large"', 'name = "small"'),  # a mistake between entries ...
-        ('against = "push-pull"', 'against = "nobody"'),  # ... and one between sections
+        ('name = "large"', 'name = "small"'),  # a mistake between entries
         ('first = "erstes"', "first = 1"),
     )
 
-    assert len(lines) == 6
+    assert len(lines) == 5
     for place in (
-        "design.repeats:", "trial.gap_ms:", "gaze.window_deg:", "sizes[1].name:",
-        "analysis.primary.against:", "text.languages.de.first:",
+        "design.repeats:", "task.gap_ms:", "gaze.window_deg:", "stimuli.sizes[1].name:",
+        "text.languages.de.answers.first:",
+    ):  # fmt: skip
+        assert sum(line.startswith(place) for line in lines) == 1, place
+
+
+def test_mistakes_between_sections_are_told_beside_those_within_others(mistakes):
+    """Where stimuli, task and design are right by themselves, what is between them is judged."""
+    lines = mistakes(
+        ("window_deg = 1.5", "window_deg = -1.5"),
+        ('first = "erstes"', "first = 1"),
+        ('against = "push-pull"', 'against = "nobody"'),
+        ('better = "reference"', 'better = "refrence"'),
+    )
+
+    assert len(lines) == 4
+    for place in (
+        "gaze.window_deg:", "text.languages.de.answers.first:", "analysis.primary.against:",
+        "task.catch.better:",
     ):  # fmt: skip
         assert sum(line.startswith(place) for line in lines) == 1, place
 
 
 def test_every_single_unknown_key_is_refused(mistakes):
-    for header in ("study", "display", "clips", "design", "trial", "gaze", "response", "privacy"):
+    for header in (
+        "study", "display", "stimuli", "stimuli.clips", "task", "design", "trial", "gaze",
+        "response", "analysis", "analysis.exclusions", "privacy",
+    ):  # fmt: skip
         (line,) = mistakes((f"[{header}]\n", f"[{header}]\nnonsense_zzz = 1\n"))
         assert line.startswith(f"{header}.nonsense_zzz: unknown key; known keys: ")
 
@@ -175,7 +195,7 @@ def test_a_display_file_is_found_beside_the_protocol(tmp_path):
 def test_a_bare_model_refuses_what_the_loader_refuses():
     protocol = load_toml(shipped("studies")["demo"], StudyProtocol)
     plain = protocol.model_dump()
-    plain["sizes"] = (plain["sizes"][0], plain["sizes"][0])
+    plain["stimuli"]["sizes"] = (plain["stimuli"]["sizes"][0], plain["stimuli"]["sizes"][0])
 
     with pytest.raises(ValueError, match="names must differ"):
         StudyProtocol.model_validate(plain)

@@ -30,31 +30,33 @@ from protocols.journal import (
 )
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
+from protocols.phases import ITI, Clip
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor, persistence_s
-from study_app.gaze.geometry import Viewing
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
-from study_app.observer import ArtificialObserver, ObserverModel
+from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
 from study_app.sittings import find_sittings, next_slot
 from study_app.stage import PageResult
-from study_app.trial import Phase, Timeline
+from study_app.trial import Timeline
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 DEMO = load_protocol(Path("demo"))
 FHD = load_display("fhd27-60hz")
 
 
-def changed(protocol: StudyProtocol, **sections: dict[str, object]) -> StudyProtocol:
+def changed(protocol: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
     plain = protocol.model_dump()
+    plain["stimuli"]["clips"] |= clips or {}
     for section, fields in sections.items():
         plain[section] |= fields
     return StudyProtocol.model_validate(plain)
@@ -63,7 +65,8 @@ def changed(protocol: StudyProtocol, **sections: dict[str, object]) -> StudyProt
 SHORT = changed(
     DEMO,
     clips={"duration_s": 0.2},
-    trial={"fixation_s": 0.1, "gap_s": 0.1, "iti_s": 0.1, "fixation_timeout_s": 5.0},
+    trial={"fixation_s": 0.1, "iti_s": 0.1, "fixation_timeout_s": 5.0},
+    task={"gap_s": 0.1},
     gaze={"mode": "enforce"},
 )
 NO_GAZE = changed(SHORT, gaze={"mode": "none"})
@@ -77,7 +80,8 @@ def simulation(protocol=SHORT, **fields) -> Simulation:
 def facts(attempts) -> list[tuple[object, ...]]:
     """What a sitting decided, without its clocks."""
     return [
-        (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.choice, a.chosen, a.key,
+        (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.condition, a.stimulus_names,
+         a.answer, a.key,
          a.dropped, a.rt_s if a.rt_s is None else round(a.rt_s, 4))
         for a in attempts
     ]  # fmt: skip
@@ -97,16 +101,17 @@ def test_an_undisturbed_sitting_shows_the_plan_in_order(tmp_path):
     assert outcome.main_done == outcome.main_planned == 24
     assert [attempt.trial for attempt in journal.attempts] == [trial.id for trial in plan.trials]
     for attempt, trial in zip(journal.attempts, plan.trials, strict=True):
-        for name in ("scene", "size", "first", "second", "first_side", "catch", "repeat", "block"):
+        for name in ("role", "condition", "answers", "repeat", "block"):
             assert getattr(attempt, name) == getattr(trial, name)
-        assert [c.clip_sha256 for c in attempt.clips] == [
-            manifest.clip(name).sha256 for name in trial.clips
+        assert attempt.stimulus_names == trial.stimuli
+        assert [shown.sha256 for shown in attempt.stimuli] == [
+            manifest.clip(name).sha256 for name in trial.stimuli
         ]
-        assert [c.frames_shown for c in attempt.clips] == [6, 6]
+        assert [shown.frames_shown for shown in attempt.stimuli] == [6, 6]
         assert attempt.dropped == 0
         # fixation gate, 0.2 s, 0.1 s, 0.2 s at 60 Hz
-        assert [(p.phase, p.refreshes) for p in attempt.phases[1:4]] == [
-            ("first", 12), ("gap", 6), ("second", 12),
+        assert [(p.phase, p.refreshes, p.stimuli) for p in attempt.phases[1:4]] == [
+            ("first", 12, (0,)), ("gap", 6, ()), ("second", 12, (1,)),
         ]  # fmt: skip
 
 
@@ -158,7 +163,7 @@ def test_pages_name_the_keys_and_count_the_blocks(tmp_path):
             return super().turn_page(page)
 
     clock = VirtualClock()
-    stage = VirtualStage(clock, 60.0, Reader(ObserverModel(), protocol.response, 0, "S001"))
+    stage = VirtualStage(clock, 60.0, Reader(PreferenceModel(), protocol.response, 0, "S001"))
     setting = simulation(protocol).setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "en", stage, None)
     with recorder:
@@ -213,13 +218,14 @@ def test_void_attempts_come_again_later_in_their_block_and_all_are_kept(tmp_path
         if early.outcome == "void" and early.trial == late.trial:
             plan = make_plan(SHORT, virtual_manifest(SHORT, FHD), "S001", 0)
             before = [a for a in journal.attempts if a.position < late.position]
-            assert len(remaining(plan, late.block, before, SHORT.design.max_attempts)) == 1
+            assert len(remaining(SHORT, plan, late.block, before)) == 1
 
 
 def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_sessions):
     """For 60 participants the first trial of block 1 is void once."""
     template = read_journal(sample_sessions / "demo" / "S001" / "journal.jsonl").attempts[0]
     manifest = virtual_manifest(DEMO, FHD)
+    strict = changed(DEMO, design={"max_attempts": 1})
     places = Counter()
     for number in range(60):
         plan = make_plan(DEMO, manifest, f"P{number}", number)
@@ -227,15 +233,15 @@ def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_ses
         void = template.model_copy(
             update={"trial": queue[0].id, "block": 1, "void_reason": "gaze-break", "attempt": 1}
         )
-        after = remaining(plan, 1, [void], 3)
-        assert after == remaining(plan, 1, [void], 3)
+        after = remaining(DEMO, plan, 1, [void])
+        assert after == remaining(DEMO, plan, 1, [void])
         place = after.index(queue[0])
         places[place] += 1
         assert [trial for trial in after if trial is not queue[0]] == queue[1:]
-        assert all(early.pair != late.pair for early, late in pairwise(after))
-        assert remaining(plan, 1, [void], 1) == queue[1:]  # given up
+        assert all(early.shown != late.shown for early, late in pairwise(after))
+        assert remaining(strict, plan, 1, [void]) == queue[1:]  # given up
         quit_ = void.model_copy(update={"void_reason": "quit"})
-        assert queue[0] in remaining(plan, 1, [quit_], 1)  # not the participant's fault
+        assert queue[0] in remaining(strict, plan, 1, [quit_])  # not the participant's fault
 
     assert 0 not in places
     assert len(places) >= 8  # of 12
@@ -245,13 +251,14 @@ def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_ses
 def attempt_with_keys(*presses):
     """Run one attempt of 0.1 + 0.2 + 0.1 + 0.2 s in which these keys go down at these times."""
     plan = make_plan(NO_GAZE, virtual_manifest(NO_GAZE, FHD), "P1", 0)
-    observer = ArtificialObserver(ObserverModel(), NO_GAZE.response, 0, "P1")
+    observer = ArtificialObserver(PreferenceModel(), NO_GAZE.response, 0, "P1")
     stage = VirtualStage(VirtualClock(), 60.0, observer)
     # Not prepared, the stage has nobody who answers but these keys.
-    patient = dataclasses.replace(Timeline.of(NO_GAZE, FHD), respond_timeout=60)
+    hurried = changed(NO_GAZE, response={"timeout_s": 1.0})
+    timeline = Timeline.of(hurried, FHD, plan.trials[0])
     for key, t_s in presses:
         stage.press(key, t_s)
-    return run_attempt(plan.trials[0], patient, NO_GAZE.response, stage, None, lambda *_: None)
+    return run_attempt(plan.trials[0], timeline, NO_GAZE.response, stage, None, lambda *_: None)
 
 
 def test_only_an_answer_key_after_the_question_is_taken():
@@ -262,7 +269,7 @@ def test_only_an_answer_key_after_the_question_is_taken():
         ("space", onset_s + 0.02), ("right", onset_s + 0.1), ("left", onset_s + 0.2),
     )  # fmt: skip
 
-    assert result.trial.choice == "second"
+    assert result.trial.answer == "second"
     assert result.log.answer.key == "right"
     assert result.log.answer.t_s - onset_s == pytest.approx(0.1)
     assert attempt_with_keys(("left", 0.3)).trial.void_reason == "too-late"
@@ -272,7 +279,7 @@ def test_the_first_of_two_answers_in_one_frame_counts():
     result = attempt_with_keys(("j", 0.700), ("f", 0.701))
 
     assert result.log.answer.key == "j"
-    assert result.trial.choice == "second"
+    assert result.trial.answer == "second"
 
 
 def test_quit_wins_over_pause_and_both_are_remembered():
@@ -335,9 +342,10 @@ def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh
         clips={"fps": fps, "duration_s": 18 / fps},
         trial={
             "dropped_frames_max": 100,
-            **{f"{name}_s": 18 / refresh_hz for name in ("fixation", "gap", "iti")},
+            **{f"{name}_s": 18 / refresh_hz for name in ("fixation", "iti")},
             "fixation_timeout_s": 10.0,
         },
+        task={"gap_s": 18 / refresh_hz},
     )
     display = FHD.model_copy(update={"refresh_hz": refresh_hz})
     chance = random.Random(int(refresh_hz + fps))
@@ -352,7 +360,7 @@ def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh
         return made
 
     clock = VirtualClock()
-    observer = ArtificialObserver(ObserverModel(), patient.response, 0, "S001")
+    observer = ArtificialObserver(PreferenceModel(), patient.response, 0, "S001")
     stage = VirtualStage(clock, refresh_hz, observer, on_prepare=faults)
     setting = Simulation(patient, display).setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "en", stage, None)
@@ -393,8 +401,8 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
         "death": rules.silence_s,
     }[kind]
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
-    timeline = Timeline.of(protocol, FHD)
-    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    timeline = Timeline.of(protocol, FHD, plan.trials[0])
+    observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
     for seed in range(5):
         clock = VirtualClock()
         stage = VirtualStage(clock, 60.0, observer)
@@ -407,10 +415,11 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
             lambda *_: None,
         )  # fmt: skip
         assert result.trial.void_reason == reason
+        blank = len(timeline.phases) - 1
         flips = [(phase, flip.t_s) for phase, _, flip in result.log.flips]
-        last_shown = max(t_s for phase, t_s in flips if phase is not Phase.ITI)
+        last_shown = max(t_s for phase, t_s in flips if phase != blank)
         assert at_s <= last_shown <= at_s + rule_s + 1 / 60 + 1 / rate_hz + 1e-6
-        after = min(t_s for phase, t_s in flips if phase is Phase.ITI)
+        after = min(t_s for phase, t_s in flips if phase == blank)
         assert after == pytest.approx(last_shown + 1 / 60)  # gone with the next flip
 
 
@@ -420,7 +429,7 @@ def test_a_real_recording_drives_an_attempt_and_is_kept_as_it_was(shared_data):
     protocol = SHORT
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
     clock = VirtualClock(7.0)
-    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
     stage = VirtualStage(clock, 60.0, observer)
     source = ReplaySource(recording, clock)
     source.open()
@@ -428,7 +437,7 @@ def test_a_real_recording_drives_an_attempt_and_is_kept_as_it_was(shared_data):
     monitor = FixationMonitor(protocol.gaze, Viewing.of(FHD), (0.0, 0.0), recording.rate_hz)
 
     result = run_attempt(
-        plan.trials[0], Timeline.of(protocol, FHD), protocol.response, stage,
+        plan.trials[0], Timeline.of(protocol, FHD, plan.trials[0]), protocol.response, stage,
         Watcher(source, monitor), lambda *_: None,
     )  # fmt: skip
 
@@ -461,16 +470,18 @@ def random_protocol(chance: random.Random) -> tuple[StudyProtocol, float]:
             "side": chance.choice(["by-participant", "by-trial", "fixed"]),
             "scene_order": chance.choice(["random", "balanced"]),
             "scenes": (chance.choice(["garden", "colonnade"]),),
-            "pairings": (("push-pull", "metameric"),),
             "practice": None,
-            "catch": None,
             "seed": chance.randint(0, 2**31),
         },
         trial={
             "fixation_s": whole(1, 6),
             "fixation_timeout_s": whole(10, 20),
-            "gap_s": whole(1, 6),
             "iti_s": whole(1, 4),
+        },
+        task={
+            "pairings": (("push-pull", "metameric"),),
+            "catch": None,
+            "gap_s": whole(1, 6),
         },
         gaze={"mode": "none"},
         response={"timeout_s": None},
@@ -484,30 +495,44 @@ def test_presented_is_planned_over_1000_random_protocols():
         protocol, refresh_hz = random_protocol(chance)
         display = FHD.model_copy(update={"refresh_hz": refresh_hz})
         plan = make_plan(protocol, virtual_manifest(protocol, display), f"P{number}", number)
-        timeline = Timeline.of(protocol, display)
-        observer = ArtificialObserver(ObserverModel(), protocol.response, number, "P")
+        observer = ArtificialObserver(PreferenceModel(), protocol.response, number, "P")
         stage = VirtualStage(VirtualClock(chance.uniform(0, 9)), refresh_hz, observer)
         for trial in plan.trials:
+            timeline = Timeline.of(protocol, display, trial)
             stage.prepare(trial, 1)
             stage.pictures = []
             result = run_attempt(trial, timeline, protocol.response, stage, None, lambda *_: None)
-            per_frame = timeline.refreshes_per_clip_frame
-            clip = [k // per_frame for k in range(protocol.clips.frames * per_frame)]
-            shown = [(p.phase, p.clip, p.frame) for _, p in stage.pictures]
-            asked = [entry for entry in shown if entry[0] is Phase.RESPOND]
+            clips = protocol.warped.clips
+            per_frame = round(refresh_hz / clips.fps)
+            clip = [k // per_frame for k in range(clips.frames * per_frame)]
+            shown = [
+                (
+                    picture.phase.name,
+                    tuple(
+                        (entry.stimulus, picture.phase.clip_frame(entry, picture.refreshes))
+                        for entry in picture.phase.show
+                        if isinstance(entry, Clip)
+                    ),
+                )
+                for _, picture in stage.pictures
+            ]
             assert shown == [
-                *[(Phase.FIXATE, None, None)] * round(protocol.trial.fixation_s * refresh_hz),
-                *[(Phase.FIRST, 0, frame) for frame in clip],
-                *[(Phase.GAP, None, None)] * round(protocol.trial.gap_s * refresh_hz),
-                *[(Phase.SECOND, 1, frame) for frame in clip],
+                (timeline.phases[index].name, frames) for index, frames, _ in result.log.flips
+            ]
+            asked = [entry for entry in shown if entry[0] == "respond"]
+            assert shown == [
+                *[("fixate", ())] * round(protocol.trial.fixation_s * refresh_hz),
+                *[("first", ((0, frame),)) for frame in clip],
+                *[("gap", ())] * round(protocol.task.gap_s * refresh_hz),
+                *[("second", ((1, frame),)) for frame in clip],
                 *asked,
-                *[(Phase.ITI, None, None)] * round(protocol.trial.iti_s * refresh_hz),
+                *[(ITI, ())] * round(protocol.trial.iti_s * refresh_hz),
             ]
             assert result.trial.completed
             assert {flip.kind for _, _, flip in result.log.flips[1:]} == {"on-time"}
-            stamps = [t_s for t_s, picture in stage.pictures if picture.phase is Phase.FIRST]
+            stamps = [t_s for t_s, picture in stage.pictures if picture.phase.name == "first"]
             assert stamps[-1] - stamps[0] == pytest.approx(
-                protocol.clips.duration_s - 1 / refresh_hz, abs=1e-9
+                clips.duration_s - 1 / refresh_hz, abs=1e-9
             )
 
 
@@ -619,7 +644,7 @@ def test_a_sitting_that_was_quit_goes_on_where_it_stopped(tmp_path):
 
     plain = dataclasses.replace(sim, protocol=changed(SHORT, gaze={"mode": "none"}))
     setting = plain.setting(tmp_path, clock)
-    observer = Tired(ObserverModel(), SHORT.response, 0, "S001")
+    observer = Tired(PreferenceModel(), SHORT.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)
     recorder, plan = begin(setting, "S001", "en", stage, None)
     with recorder:
@@ -649,7 +674,7 @@ def test_the_pause_key_voids_rests_and_goes_on(tmp_path):
             self.trials += 1
             return ("p", 0.1) if self.trials == 3 else super().answer(trial, attempt)
 
-    stage = VirtualStage(clock, 60.0, Thirsty(ObserverModel(), SHORT.response, 0, "S001"))
+    stage = VirtualStage(clock, 60.0, Thirsty(PreferenceModel(), SHORT.response, 0, "S001"))
     setting = sim.setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "de", stage, None)
     with recorder:
@@ -668,7 +693,7 @@ def test_refused_consent_ends_the_sitting_and_frees_the_slot(tmp_path):
         def turn_page(self, _page):
             return PageResult("escape", "", 1.0)
 
-    stage = VirtualStage(clock, 60.0, Unwilling(ObserverModel(), SHORT.response, 0, "S001"))
+    stage = VirtualStage(clock, 60.0, Unwilling(PreferenceModel(), SHORT.response, 0, "S001"))
     setting = sim.setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "en", stage, None)
     with recorder:
@@ -710,7 +735,7 @@ def start(
     stage = VirtualStage(
         clock,
         true_hz or display.refresh_hz,
-        ArtificialObserver(ObserverModel(), protocol.response, 0, "S"),
+        ArtificialObserver(PreferenceModel(), protocol.response, 0, "S"),
     )
     recorder, _ = begin(sim.setting(tmp_path, clock), participant, language, stage, None)
     recorder.close()
@@ -793,7 +818,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(StudyError, match=r"language: must be one of en, de, ja \(got 'fr'\)"):
         start(tmp_path, "P1", NO_GAZE, language="fr")
     with pytest.raises(StudyError, match="must be whole frames at 144 Hz"):
-        start(tmp_path, "P1", changed(NO_GAZE, trial={"gap_s": 0.15}),
+        start(tmp_path, "P1", changed(NO_GAZE, task={"gap_s": 0.15}),
               display=load_display("fhd24-144hz"))  # fmt: skip
     other = changed(NO_GAZE, clips={"width_deg": 9.0})
     manifest = virtual_manifest(other, FHD)
@@ -810,7 +835,7 @@ def test_a_resumed_sitting_must_be_what_it_was(tmp_path):
     sim = simulation(NO_GAZE)
     start_clock = VirtualClock()
     start(tmp_path, "P1", NO_GAZE)
-    observer = ArtificialObserver(ObserverModel(), NO_GAZE.response, 0, "P1")
+    observer = ArtificialObserver(PreferenceModel(), NO_GAZE.response, 0, "P1")
     stage = VirtualStage(start_clock, 60.0, observer)
 
     def again(what):
@@ -860,21 +885,20 @@ def test_a_log_is_made_without_touching_the_disk(monkeypatch):
     """Between the flips of an attempt no file is opened, written or synced."""
     protocol = NO_GAZE
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
-    observer = ArtificialObserver(ObserverModel(), protocol.response, 0, "P1")
+    observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
     stage = VirtualStage(VirtualClock(), 60.0, observer)
     stage.prepare(plan.trials[0], 1)
+    timeline = Timeline.of(protocol, FHD, plan.trials[0])
     touched, seen = [], []
     for name in ("open", "write", "fsync"):
         monkeypatch.setattr(os, name, lambda *_a, name=name: touched.append(name))
     monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
 
     def outcome(trial, _log: Log):
-        seen.append((trial.phase, list(touched)))
+        seen.append((timeline.phases[trial.index].name, list(touched)))
 
-    result = run_attempt(
-        plan.trials[0], Timeline.of(protocol, FHD), protocol.response, stage, None, outcome
-    )
+    result = run_attempt(plan.trials[0], timeline, protocol.response, stage, None, outcome)
     monkeypatch.undo()
     assert result.trial.completed
-    assert seen == [(Phase.ITI, [])]
+    assert seen == [(ITI, [])]
     assert not touched

@@ -68,7 +68,7 @@ def test_check_tells_every_mistake_of_the_file_at_once(study):
     message = refused(metamerlab("protocol", "check", path))
 
     assert message.splitlines() == [
-        f"{path}: trial.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?",
+        f"{path}: task.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?",
         f"{path}: gaze.window_deg: must be greater than 0 degrees (got 0)",
     ]
 
@@ -82,16 +82,16 @@ def test_check_tells_unknown_methods_and_parameters_and_what_the_display_cannot_
     lines = refused(metamerlab("protocol", "check", path)).splitlines()
 
     assert len(lines) == 3
-    assert "methods[1].method: must be a known method" in lines[0]
+    assert "stimuli.methods[1].method: must be a known method" in lines[0]
     assert "did you mean 'telea'?" in lines[0]
-    assert "methods[2].parameters.radiuss_px: must be a parameter of telea" in lines[1]
-    assert "trial.gap_s: must be whole frames at 60 Hz" in lines[2]
+    assert "stimuli.methods[2].parameters.radiuss_px: must be a parameter of telea" in lines[1]
+    assert "task.gap_s: must be whole frames at 60 Hz" in lines[2]
 
 
 def test_check_on_another_display_and_with_clips_that_are_not_there(study, tmp_path):
     path = study()
     message = refused(metamerlab("protocol", "check", path, "--display", "fhd24-144hz"))
-    assert "clips.fps: every clip frame must last whole refreshes at 144 Hz" in message
+    assert "stimuli.clips.fps: every clip frame must last whole refreshes at 144 Hz" in message
     message = refused(metamerlab("protocol", "check", path, "--stimuli", tmp_path))
     assert "must hold a finished batch of clips (there is no manifest.json)" in message
 
@@ -102,23 +102,23 @@ def test_registry_names_are_passed_in_and_checked():
 
     assert check_methods(protocol, known) == []
     (problem,) = check_methods(protocol, ["push-pull"])
-    assert problem.place == "methods[2].name"
+    assert problem.place == "stimuli.methods[2].name"
     plain = protocol.model_dump()
-    plain["methods"][2]["method"] = "onnx:net.onnx"
-    plain["methods"][0]["parameters"] = {"noise": 1.0}
+    plain["stimuli"]["methods"][2]["method"] = "onnx:net.onnx"
+    plain["stimuli"]["methods"][0]["parameters"] = {"noise": 1.0}
     odd = StudyProtocol.model_validate(plain)
     (problem,) = check_methods(odd, known, lambda _: [])
     assert str(problem) == (
-        "methods[0].parameters.noise: must be a parameter of reference (it has none)"
+        "stimuli.methods[0].parameters.noise: must be a parameter of reference (it has none)"
     )
     (scene,) = check_scenes(protocol, ["garden", "colonade"])
-    assert scene.place == "scenes[1].builtin"
+    assert scene.place == "stimuli.scenes[1].builtin"
     assert "did you mean 'colonade'?" in scene.message
 
 
 @pytest.mark.parametrize("name", sorted(shipped("studies")))
 def test_a_shipped_study_is_in_order(name):
-    wanted = {method.registry_name for method in load_protocol(Path(name)).methods}
+    wanted = {method.registry_name for method in load_protocol(Path(name)).warped.methods}
     missing = wanted - {"reference", *method_names()}
     if missing:
         pytest.skip(f"not in the registry of methods yet: {', '.join(sorted(missing))}")
@@ -221,7 +221,7 @@ def test_a_study_of_void_attempts_is_no_success(
     assert result.exit_code == 2, result.output
     attempts = [a for code in ("S001", "S002") for a in read_journal(
         root / "demo" / code / "journal.jsonl").attempts]  # fmt: skip
-    counted = [a for a in attempts if not a.practice and not a.catch]
+    counted = [a for a in attempts if a.role == "main"]
     assert len(counted) == 2 * 2 * 24
     assert {attempt.void_reason for attempt in counted} == {reason}
     assert f"recorded: none of 24 by S001, S002; void attempts: 96 {reason})" in result.stderr
@@ -283,9 +283,9 @@ def test_sessions_that_are_not_there_are_told(tmp_path):
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("metamer=1", "METHOD must be one of reference, push-pull, metameric (got 'metamer')"),
-        ("metameric=high", "must be METHOD=LOGIT with a number (got 'metameric=high')"),
-        ("metameric", "must be METHOD=LOGIT (got 'metameric')"),
+        ("metamer=1", "NAME must be one of reference, push-pull, metameric (got 'metamer')"),
+        ("metameric=high", "must be NAME=NUMBER with a number (got 'metameric=high')"),
+        ("metameric", "must be NAME=NUMBER (got 'metameric')"),
     ],
 )
 def test_a_utility_that_is_none_is_refused(tmp_path, option, message):

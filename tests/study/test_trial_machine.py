@@ -11,40 +11,109 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
-from study_app.trial import GazeMode, Observed, Phase, Timeline, Trial, Watch, advance
+from protocols.phases import ITI as BLANK
+from protocols.phases import Clip, Fixation, Image, Phase, Text
+from protocols.plan import make_plan
+from study_app.trial import GazeMode, Observed, Timeline, Trial, Watch, advance
 
-TIMELINE = Timeline(
+
+def a_timeline(
+    shown: tuple[Phase, ...],
+    *,
     fixate=3,
-    fixate_timeout=12,
-    interval=4,
-    gap=2,
+    wait=12,
     iti=2,
-    respond_timeout=6,
-    refreshes_per_clip_frame=2,
+    timeout=6,
+    feedback=0,
+    answers=("first", "second"),
     dropped_max=1,
     gaze=GazeMode.ENFORCE,
-)
-ORDER = list(Phase)
+) -> Timeline:
+    """The task's phases between those that every task has; a feedback of 0 refreshes is none."""
+    return Timeline(
+        (
+            Phase("fixate", fixate, (Fixation(),), gate_frames=wait),
+            *shown,
+            Phase(
+                "respond", None, (Text("answer"),),
+                ends_on=frozenset(answers), timeout_frames=timeout,
+            ),
+            *([Phase("feedback", feedback, (Text("feedback"),))] if feedback else []),
+            Phase(BLANK, iti),
+        ),
+        dropped_max,
+        gaze,
+    )  # fmt: skip
+
+
+def watched(name: str, frames: int, *show: Clip | Image) -> Phase:
+    return Phase(name, frames, (*show, Fixation()), watched=True)
+
+
+def two_intervals(interval=4, gap=2, per_frame=2, **rest) -> Timeline:
+    return a_timeline(
+        (
+            watched("first", interval, Clip(0, per_frame)),
+            watched("gap", gap),
+            watched("second", interval, Clip(1, per_frame)),
+        ),
+        **rest,
+    )
+
+
+def side_by_side(frames=4, per_frame=2, **rest) -> Timeline:
+    both = watched("both", frames, Clip(0, per_frame, -5.0), Clip(1, per_frame, 5.0))
+    return a_timeline((both,), **({"answers": ("left", "right")} | rest))
+
+
+def three_stimuli(frames=4, gap=2, **rest) -> Timeline:
+    """A, B and X, as stills."""
+    return a_timeline(
+        (
+            watched("a", frames, Image(0)),
+            watched("gap-1", gap),
+            watched("b", frames, Image(1)),
+            watched("gap-2", gap),
+            watched("x", frames, Image(2)),
+        ),
+        **({"answers": ("a", "b")} | rest),
+    )
+
+
+TIMELINE = two_intervals()
+FIXATE, FIRST, GAP, SECOND, RESPOND, ITI, DONE = range(7)
+"""Places of the phases of two intervals."""
 OBSERVED = st.builds(
     Observed,
     refreshes=st.integers(0, 5),
     gaze=st.sampled_from(Watch),
-    choice=st.sampled_from([None, None, "first", "second"]),
+    answer=st.sampled_from([None, None, "first", "second", "left", "right", "a", "b"]),
     interrupt=st.sampled_from([None] * 9 + ["paused", "quit", "focus-lost"]),
 )
-TIMELINES = st.builds(
-    Timeline,
-    fixate=st.integers(1, 5),
-    fixate_timeout=st.integers(6, 20),
-    interval=st.integers(1, 8),
-    gap=st.integers(1, 4),
-    iti=st.integers(1, 3),
-    respond_timeout=st.none() | st.integers(1, 9),
-    refreshes_per_clip_frame=st.integers(1, 4),
-    dropped_max=st.integers(0, 4),
-    gaze=st.sampled_from(GazeMode),
+COMMON = {
+    "fixate": st.integers(1, 5),
+    "wait": st.integers(6, 20),
+    "iti": st.integers(1, 3),
+    "timeout": st.none() | st.integers(1, 9),
+    "feedback": st.integers(0, 3),
+    "dropped_max": st.integers(0, 4),
+    "gaze": st.sampled_from(GazeMode),
+}
+LENGTHS, PER_FRAME = st.integers(1, 8), st.integers(1, 4)
+TIMELINES = st.one_of(
+    st.builds(
+        two_intervals, interval=LENGTHS, gap=st.integers(1, 4), per_frame=PER_FRAME, **COMMON
+    ),
+    st.builds(side_by_side, frames=LENGTHS, per_frame=PER_FRAME, **COMMON),
+    st.builds(three_stimuli, frames=LENGTHS, gap=st.integers(1, 4), **COMMON),
 )
+
+
+def question(timeline: Timeline) -> int:
+    """The place of the phase that an answer ends."""
+    return next(i for i, phase in enumerate(timeline.phases) if phase.ends_on)
 
 
 class AnyInputs(RuleBasedStateMachine):
@@ -59,23 +128,24 @@ class AnyInputs(RuleBasedStateMachine):
     @rule(observed=OBSERVED)
     def flip(self, observed):
         before = self.trial
-        if before.phase is Phase.DONE:
+        if before.done(self.timeline):
             with pytest.raises(ValueError, match="done"):
                 advance(before, observed, self.timeline)
             self.trial, self.outcomes = Trial(), 0
             return
         self.trial = after = advance(before, observed, self.timeline)
         self.outcomes += after.over and not before.over
-        # One step forward, or to the end, or the hold again; never back, never skipping.
-        step = ORDER.index(after.phase) - ORDER.index(before.phase)
-        assert step in (0, 1) or after.phase is Phase.ITI
+        # One step forward, or to the blank at the end; never back, never skipping.
+        step = after.index - before.index
+        last = len(self.timeline.phases) - 1
+        assert step in (0, 1) or (after.index == last and after.void_reason)
         if step:
-            assert after.frames == 0 or after.phase is Phase.DONE
+            assert after.frames == 0
         if before.over:  # what was decided stays decided
-            assert (after.completed, after.void_reason, after.choice) == (
+            assert (after.completed, after.void_reason, after.answer) == (
                 before.completed,
                 before.void_reason,
-                before.choice,
+                before.answer,
             )
 
     @invariant()
@@ -83,19 +153,23 @@ class AnyInputs(RuleBasedStateMachine):
         trial = getattr(self, "trial", None)
         if trial is None:
             return
-        assert trial.over == (trial.phase in (Phase.ITI, Phase.DONE))
+        timeline = self.timeline
+        assert trial.over == (trial.index > question(timeline))
         assert not (trial.completed and trial.void_reason)
-        assert (trial.choice is not None) == trial.completed
+        assert (trial.answer is not None) == trial.completed
+        assert trial.answer is None or trial.answer in timeline.phases[question(timeline)].ends_on
         assert self.outcomes == trial.over  # ends exactly once
         assert trial.frames >= 0
-        frame = trial.clip_frame(self.timeline)
-        assert (frame is not None) == (trial.phase in (Phase.FIRST, Phase.SECOND))
-        if frame is not None:
-            assert (
-                0
-                <= frame
-                <= (self.timeline.interval - 1) // (self.timeline.refreshes_per_clip_frame)
-            )
+        if trial.done(timeline):
+            return
+        phase = timeline.phases[trial.index]
+        shown = trial.shown_frames(timeline)
+        assert [stimulus for stimulus, _ in shown] == [
+            entry.stimulus for entry in phase.show if isinstance(entry, Clip | Image)
+        ]
+        for entry, (_, frame) in zip(phase.show, shown, strict=False):
+            last = (phase.frames - 1) // entry.refreshes_per_frame if isinstance(entry, Clip) else 0
+            assert 0 <= frame <= last
 
 
 TestAnyInputs = AnyInputs.TestCase
@@ -118,37 +192,39 @@ def test_every_attempt_can_still_end(timeline, inputs):
     """From any reachable state, patience, a held gaze and an answer lead to the end."""
     trial = Trial()
     for observed in inputs:
-        if trial.phase is not Phase.DONE:
+        if not trial.done(timeline):
             trial = advance(trial, observed, timeline)
+    answer = min(timeline.phases[question(timeline)].ends_on)
     for _ in range(100):
-        if trial.phase is not Phase.DONE:
-            trial = advance(trial, Observed(choice="first"), timeline)
-    assert trial.phase is Phase.DONE
+        if not trial.done(timeline):
+            trial = advance(trial, Observed(answer=answer), timeline)
+    assert trial.done(timeline)
 
 
 def test_an_undisturbed_attempt_shows_every_phase_for_its_planned_frames():
     """By hand: 3 dot + 4 + 2 gap + 4 + 1 answer + 2 rest = 16 flips."""
     shown, trial = [], Trial()
-    while trial.phase is not Phase.DONE:
-        shown.append((trial.phase, trial.clip_frame(TIMELINE)))
-        trial = advance(trial, Observed(choice="second"), TIMELINE)
+    while not trial.done(TIMELINE):
+        shown.append((trial.index, trial.shown_frames(TIMELINE)))
+        trial = advance(trial, Observed(answer="second"), TIMELINE)
 
     first, second = (
-        [(phase, 0), (phase, 0), (phase, 1), (phase, 1)] for phase in (Phase.FIRST, Phase.SECOND)
+        [(phase, ((stimulus, frame),)) for frame in (0, 0, 1, 1)]
+        for stimulus, phase in enumerate((FIRST, SECOND))
     )
     assert shown == [
-        *[(Phase.FIXATE, None)] * 3, *first, *[(Phase.GAP, None)] * 2, *second,
-        (Phase.RESPOND, None), *[(Phase.ITI, None)] * 2,
+        *[(FIXATE, ())] * 3, *first, *[(GAP, ())] * 2, *second,
+        (RESPOND, ()), *[(ITI, ())] * 2,
     ]  # fmt: skip
     assert trial.completed
-    assert trial.choice == "second"
+    assert trial.answer == "second"
 
 
 def test_fixation_hold_starts_over_after_a_glance_away():
     away = Observed(gaze=Watch.AWAY)
 
-    assert run(*undisturbed(2), away, *undisturbed(2)).phase is Phase.FIXATE
-    assert run(*undisturbed(2), away, *undisturbed(3)).phase is Phase.FIRST
+    assert run(*undisturbed(2), away, *undisturbed(2)).index == FIXATE
+    assert run(*undisturbed(2), away, *undisturbed(3)).index == FIRST
 
 
 def test_a_dot_that_is_never_fixated_ends_the_attempt():
@@ -172,20 +248,20 @@ def test_gaze_that_leaves_voids_in_enforce_warns_in_warn_and_only_there(flips, g
 
 
 def test_gaze_away_for_less_than_the_rule_changes_nothing():
-    assert run(*undisturbed(3), *[Observed(gaze=Watch.AWAY)] * 10).phase is Phase.RESPOND
+    assert run(*undisturbed(3), *[Observed(gaze=Watch.AWAY)] * 10).index == RESPOND
 
 
 def test_gaze_is_free_once_the_question_is_asked():
     trial = run(*undisturbed(13), Observed(gaze=Watch.VIOLATION), Observed(gaze=Watch.LOSS))
 
-    assert trial.phase is Phase.RESPOND
+    assert trial.index == RESPOND
 
 
 def test_a_missed_refresh_skips_a_clip_frame_and_keeps_the_duration():
     """Four refreshes, two per clip frame; the second flip comes one late."""
     trial = run(*undisturbed(3), Observed(), Observed(refreshes=2))
-    assert (trial.phase, trial.frames, trial.clip_frame(TIMELINE)) == (Phase.FIRST, 3, 1)
-    assert run(Observed(), start=trial).phase is Phase.GAP
+    assert (trial.index, trial.frames, trial.shown_frames(TIMELINE)) == (FIRST, 3, ((0, 1),))
+    assert run(Observed(), start=trial).index == GAP
     assert trial.dropped == 1
 
 
@@ -194,14 +270,14 @@ def test_a_late_onset_shortens_nothing():
     onset = run(*undisturbed(3))
     trial = run(Observed(refreshes=3), *undisturbed(3), start=onset)
 
-    assert trial.phase is Phase.GAP
+    assert trial.index == GAP
     assert trial.dropped == 0
 
 
 def test_a_doubled_flip_repeats_its_clip_frame():
     trial = run(*undisturbed(3), Observed(), Observed(refreshes=0))
 
-    assert (trial.frames, trial.clip_frame(TIMELINE)) == (1, 0)
+    assert (trial.frames, trial.shown_frames(TIMELINE)) == (1, ((0, 0),))
 
 
 @pytest.mark.parametrize("flips", [4, 7, 10, 13])
@@ -214,18 +290,18 @@ def test_more_dropped_refreshes_than_tolerated_void(flips):
 def test_a_late_answer_voids_and_one_at_the_last_moment_counts():
     waiting = [*undisturbed(13), *undisturbed(5)]
 
-    assert run(*waiting, Observed(choice="first")).choice == "first"
+    assert run(*waiting, Observed(answer="first")).answer == "first"
     assert run(*waiting, Observed()).void_reason == "too-late"
-    assert run(*waiting, Observed(), Observed(choice="first")).choice is None
-    patient = replace(TIMELINE, respond_timeout=None)
-    assert run(*undisturbed(500), timeline=patient).phase is Phase.RESPOND
+    assert run(*waiting, Observed(), Observed(answer="first")).answer is None
+    patient = two_intervals(timeout=None)
+    assert run(*undisturbed(500), timeline=patient).index == RESPOND
 
 
 def test_an_answer_before_the_question_is_not_taken():
-    trial = run(*undisturbed(9), Observed(choice="first"), *undisturbed(3))
+    trial = run(*undisturbed(9), Observed(answer="first"), *undisturbed(3))
 
-    assert trial.phase is Phase.RESPOND
-    assert trial.choice is None
+    assert trial.index == RESPOND
+    assert trial.answer is None
 
 
 @pytest.mark.parametrize("reason", ["paused", "quit", "focus-lost"])
@@ -235,24 +311,41 @@ def test_an_interrupt_voids_at_any_time_before_the_answer(reason, flips):
 
 
 def test_an_interrupt_after_the_answer_does_not_undo_it():
-    trial = run(*undisturbed(13), Observed(choice="first"), Observed(interrupt="quit"))
+    trial = run(*undisturbed(13), Observed(answer="first"), Observed(interrupt="quit"))
 
     assert trial.completed
     assert trial.void_reason is None
 
 
+def timeline_of(study, display: str) -> Timeline:
+    """The phases of the first main trial."""
+    manifest = virtual_manifest(study, load_display(study.display.display))
+    trials = make_plan(study, manifest, "P1", 0).trials
+    return Timeline.of(
+        study, load_display(display), next(trial for trial in trials if trial.role == "main")
+    )
+
+
+def lengths(timeline: Timeline) -> dict[str, int | None]:
+    return {phase.name: phase.frames for phase in timeline.phases}
+
+
 def test_a_timeline_is_the_protocol_s_times_in_refreshes():
     protocol = load_protocol(Path("demo"))
-    timeline = Timeline.of(protocol, load_display("laptop14-90hz"))
+    timeline = timeline_of(protocol, "laptop14-90hz")
 
-    assert (timeline.fixate, timeline.interval, timeline.gap) == (45, 90, 45)
-    assert timeline.refreshes_per_clip_frame == 3
+    assert lengths(timeline) == {
+        "fixate": 45, "first": 90, "gap": 45, "second": 90, "respond": None, "iti": 45,
+    }  # fmt: skip
+    assert [phase.watched for phase in timeline.phases] == [False, True, True, True, False, False]
+    assert timeline.phases[FIRST].show == (Clip(0, 3), Fixation())
+    assert timeline.phases[SECOND].show == (Clip(1, 3), Fixation())
     with pytest.raises(StudyError, match="whole frames at 144 Hz"):
-        Timeline.of(protocol, load_display("fhd24-144hz"))
+        timeline_of(protocol, "fhd24-144hz")
 
 
 def test_a_timeline_carries_every_time_and_rule_of_its_protocol():
-    protocol, display = load_protocol(Path("demo")), load_display("laptop14-90hz")
+    protocol = load_protocol(Path("demo"))
     trial = protocol.trial.model_copy(
         update={"fixation_timeout_s": 2.0, "iti_s": 0.1, "dropped_frames_max": 7}
     )
@@ -260,23 +353,26 @@ def test_a_timeline_carries_every_time_and_rule_of_its_protocol():
     gaze = protocol.gaze.model_copy(update={"mode": "monitor"})
     timed = protocol.model_copy(update={"trial": trial, "response": response, "gaze": gaze})
 
-    timeline = Timeline.of(timed, display)
+    timeline = timeline_of(timed, "laptop14-90hz")
 
-    assert (timeline.fixate_timeout, timeline.iti, timeline.respond_timeout) == (180, 9, 270)
+    assert timeline.phases[FIXATE].gate_frames == 180
+    assert timeline.phases[RESPOND].timeout_frames == 270
+    assert timeline.phases[RESPOND].ends_on == {"first", "second"}
+    assert timeline.phases[ITI].frames == 9
     assert (timeline.dropped_max, timeline.gaze) == (7, GazeMode.MONITOR)
     patient = response.model_copy(update={"timeout_s": None})
-    endless = Timeline.of(timed.model_copy(update={"response": patient}), display)
-    assert endless.respond_timeout is None
+    endless = timeline_of(timed.model_copy(update={"response": patient}), "laptop14-90hz")
+    assert endless.phases[RESPOND].timeout_frames is None
 
 
 def test_a_time_that_is_no_whole_number_of_refreshes_names_the_command_that_says_more():
     with pytest.raises(StudyError, match=r"at 144 Hz; run 'metamerlab protocol check'$"):
-        Timeline.of(load_protocol(Path("demo")), load_display("fhd24-144hz"))
+        timeline_of(load_protocol(Path("demo")), "fhd24-144hz")
 
 
 def test_only_an_enforced_fixation_has_no_planned_length():
     """The gaze decides when it ends; in every other mode its time does."""
-    planned = {mode: replace(TIMELINE, gaze=mode).planned(Phase.FIXATE) for mode in GazeMode}
+    planned = {mode: replace(TIMELINE, gaze=mode).planned(FIXATE) for mode in GazeMode}
 
     assert planned == {
         GazeMode.ENFORCE: None,
@@ -284,3 +380,118 @@ def test_only_an_enforced_fixation_has_no_planned_length():
         GazeMode.MONITOR: 3,
         GazeMode.NONE: 3,
     }
+
+
+# --- phases of other tasks -----------------------------------------------------------------
+
+
+def shown_by(timeline: Timeline, answer: str) -> list[tuple[str, tuple[tuple[int, int], ...]]]:
+    """Every flip of an undisturbed attempt: its phase, and what it shows of the stimuli."""
+    shown, trial = [], Trial()
+    while not trial.done(timeline):
+        shown.append((timeline.phases[trial.index].name, trial.shown_frames(timeline)))
+        trial = advance(trial, Observed(answer=answer), timeline)
+    assert trial.answer == answer
+    return shown
+
+
+def test_two_side_by_side_run_in_step():
+    """By hand: 3 dot + 4 of both, two refreshes per frame + 1 answer + 2 rest."""
+    assert shown_by(side_by_side(), "right") == [
+        *[("fixate", ())] * 3,
+        *[("both", ((0, frame), (1, frame))) for frame in (0, 0, 1, 1)],
+        ("respond", ()), *[("iti", ())] * 2,
+    ]  # fmt: skip
+
+
+def test_a_missed_refresh_skips_the_same_frame_of_both_stimuli():
+    trial = run(*undisturbed(4), Observed(refreshes=2), timeline=side_by_side())
+
+    assert trial.shown_frames(side_by_side()) == ((0, 1), (1, 1))
+
+
+def test_three_stimuli_come_one_by_one_with_blanks_between():
+    assert shown_by(three_stimuli(frames=2, gap=1), "b") == [
+        *[("fixate", ())] * 3,
+        *[("a", ((0, 0),))] * 2, ("gap-1", ()), *[("b", ((1, 0),))] * 2, ("gap-2", ()),
+        *[("x", ((2, 0),))] * 2, ("respond", ()), *[("iti", ())] * 2,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("flips", [3, 7, 9, 13, 15])  # A, gap, B, gap, X
+def test_gaze_is_watched_from_the_first_stimulus_to_the_last_of_any_task(flips):
+    away = Observed(gaze=Watch.VIOLATION)
+
+    assert run(*undisturbed(flips), away, timeline=three_stimuli()).void_reason == "gaze-break"
+    assert run(*undisturbed(19), away, timeline=three_stimuli()).void_reason is None
+
+
+def test_answers_of_another_task_are_not_taken():
+    trial = run(*undisturbed(7), Observed(answer="first"), timeline=side_by_side())
+
+    assert (trial.index, trial.answer) == (2, None)
+    assert run(Observed(answer="left"), timeline=side_by_side(), start=trial).answer == "left"
+
+
+FEEDBACK = ITI  # its place in two intervals; the blank is then the phase after
+
+
+def answered(timeline: Timeline) -> Trial:
+    return run(*undisturbed(13), Observed(answer="first"), timeline=timeline)
+
+
+def test_feedback_follows_the_answer_and_lasts_as_planned():
+    timeline = two_intervals(feedback=3)
+    trial = answered(timeline)
+
+    assert (trial.index, trial.over, trial.done(timeline)) == (FEEDBACK, True, False)
+    assert run(*undisturbed(2), timeline=timeline, start=trial).index == FEEDBACK
+    assert run(*undisturbed(3), timeline=timeline, start=trial).index == FEEDBACK + 1
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        Observed(interrupt="quit"), Observed(interrupt="paused"), Observed(interrupt="focus-lost"),
+        Observed(gaze=Watch.VIOLATION), Observed(gaze=Watch.LOSS), Observed(refreshes=5),
+        Observed(answer="second"),
+    ],
+)  # fmt: skip
+def test_nothing_that_happens_during_feedback_undoes_the_answer(disturbance):
+    timeline = two_intervals(feedback=3)
+    trial = run(disturbance, timeline=timeline, start=answered(timeline))
+
+    assert (trial.index, trial.answer, trial.void_reason) == (FEEDBACK, "first", None)
+
+
+def test_a_void_attempt_has_no_feedback():
+    timeline = two_intervals(feedback=3)
+    trial = run(*undisturbed(7), Observed(interrupt="paused"), timeline=timeline)
+
+    assert trial.index == FEEDBACK + 1
+
+
+def test_what_the_next_trial_needs_may_load_from_the_answer_on():
+    """Not during anything watched, nor during the fixation before it."""
+    timeline = two_intervals(feedback=3)
+
+    assert [timeline.rests(index) for index in range(7)] == [False] * 4 + [True] * 3
+
+
+@pytest.mark.parametrize(
+    ("phases", "message"),
+    [
+        ((watched("first", 2), Phase("respond", None, ends_on=frozenset("ab"))), "last phase"),
+        ((watched("first", 2), Phase(BLANK, None)), "last phase"),
+        ((Phase("respond", None, ends_on=frozenset("ab")), Phase(BLANK, 2)), "watched phases"),
+        (
+            (watched("a", 2), Phase("rest", 2), watched("b", 2),
+             Phase("respond", None, ends_on=frozenset("ab")), Phase(BLANK, 2)),
+            "stand together",
+        ),
+        ((watched("first", 2), Phase(BLANK, 2)), "a phase that an answer ends"),
+    ],
+)  # fmt: skip
+def test_a_list_of_phases_that_the_machine_cannot_run_is_refused(phases, message):
+    with pytest.raises(ValueError, match=message):
+        Timeline(phases, 1, GazeMode.NONE)

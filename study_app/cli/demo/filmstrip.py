@@ -15,6 +15,7 @@ from protocols.display import Display
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.schema import StudyProtocol
+from protocols.tasks.pairs import PreferenceAnalysis
 from stimuli.pictures import save_picture
 from stimuli.whole_file import write_whole
 from study_app.cli.demo.sitting import Flip, clip_place
@@ -61,12 +62,14 @@ class Strip:
 
 def worth(attempt: Attempt, protocol: StudyProtocol) -> int:
     """How much an attempt is worth showing: 0 not at all, 3 the primary comparison, large holes."""
-    if attempt.outcome != "completed" or attempt.practice or attempt.catch:
+    if attempt.outcome != "completed" or attempt.role != "main":
         return 0
-    primary = protocol.analysis.primary
-    wanted = {primary.method, primary.against} if primary is not None else set()
-    is_primary = {attempt.first, attempt.second} == wanted
-    is_large = attempt.size == protocol.sizes[-1].name
+    analysis, row = protocol.analysis, protocol.task.row(attempt)
+    wanted: set[object] = set()
+    if isinstance(analysis, PreferenceAnalysis):
+        wanted = {analysis.primary.method, analysis.primary.against}
+    is_primary = {row["first"], row["second"]} == wanted
+    is_large = row["size"] == protocol.warped.sizes[-1].name
     return 1 + is_primary + (is_primary and is_large)
 
 
@@ -92,6 +95,7 @@ def write_strip(
     source: Source,
     participant: str,
     attempt: Attempt,
+    protocol: StudyProtocol,
     flips: list[Flip],
     pictures: Mapping[int, Image],
 ) -> None:
@@ -107,15 +111,16 @@ def write_strip(
         shots.append(
             Shot(name, flip.phase, round(flip.t_s, 4), flip.number, flip.frame)
         )  # fmt: skip
+    row = protocol.task.row(attempt)
     strip = Strip(
         source=source,
         participant=participant,
         trial=attempt.trial,
-        scene=attempt.scene,
-        size=attempt.size,
-        first=attempt.first,
-        second=attempt.second,
-        chosen=attempt.chosen or "",
+        scene=str(row["scene"]),
+        size=str(row["size"]),
+        first=str(row["first"]),
+        second=str(row["second"]),
+        chosen=str(row["chosen"] or ""),
         rt_s=attempt.rt_s or 0.0,
         missed=attempt.dropped,
         shots=tuple(shots),

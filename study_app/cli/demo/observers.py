@@ -184,7 +184,7 @@ class Observers:
         drawn = filmstrip.redraw(
             flips, self.layout.clips, self.manifest, self.protocol, self.display
         )
-        filmstrip.write_strip(self.layout.trial, "log", code, best, flips, drawn)
+        filmstrip.write_strip(self.layout.trial, "log", code, best, self.protocol, flips, drawn)
 
     def _is_complete(self, code: str) -> bool:
         if not (self.folder / code / JOURNAL_NAME).exists():
@@ -213,7 +213,9 @@ class _KeepBest:
             return  # a busy machine: too little of it was seen
         self._best = value
         folder = self._observers.layout.trial
-        filmstrip.write_strip(folder, "screen", PARTICIPANT, attempt, flips, shown)
+        filmstrip.write_strip(
+            folder, "screen", PARTICIPANT, attempt, self._observers.protocol, flips, shown
+        )
 
 
 def _from_zero(flips: list[Flip]) -> list[Flip]:

@@ -16,6 +16,7 @@ from PIL import Image as PillowImage
 
 from protocols.display import Display
 from protocols.manifest import Clip, Manifest
+from protocols.recipes.warped_clips import ClipName
 from protocols.schema import StudyProtocol
 from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.pictures import of_holes
@@ -83,7 +84,7 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         sittings=rows,
         late=[row for row in rows if row["missed"] > LATE_SHARE * row["shown"]],
         figures=_figures(layout),
-        frames=facts.protocol.clips.frames,
+        frames=facts.protocol.warped.clips.frames,
         out=os.path.relpath(layout.out),
         places=_places(layout),
     )
@@ -91,7 +92,7 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
 
 
 def _labels(protocol: StudyProtocol) -> dict[str, str]:
-    entries = (*protocol.scenes, *protocol.sizes, *protocol.methods)
+    entries = (*protocol.warped.scenes, *protocol.warped.sizes, *protocol.warped.methods)
     return {entry.name: entry.label or entry.name for entry in entries}
 
 
@@ -104,8 +105,8 @@ def _steps(record: Record, facts: Facts) -> list[dict[str, Any]]:
         (
             "clips",
             "Built the study's clips",
-            f"{len(protocol.scenes)} scenes x {len(protocol.sizes)} sizes x"
-            f" {len(protocol.methods)} methods = {len(clips)} clips, {frames} frames",
+            f"{len(protocol.warped.scenes)} scenes x {len(protocol.warped.sizes)} sizes x"
+            f" {len(protocol.warped.methods)} methods = {len(clips)} clips, {frames} frames",
         ),
         ("check", "Checked them", "every frame hashed again and compared with the manifest"),
         (
@@ -158,17 +159,19 @@ def _photographs(layout: Layout, made: pictures.Photographs) -> list[dict[str, A
 
 def _clip_rows(layout: Layout, facts: Facts) -> list[dict[str, Any]]:
     """One row per scene and size: holes, then every method, at the frame with most holes."""
-    methods = [method.name for method in facts.protocol.methods]
+    methods = [method.name for method in facts.protocol.warped.methods]
     order = [name for name in methods if name != "reference"]
     order += [name for name in methods if name == "reference"]
     groups: dict[tuple[str, str], dict[str, Clip]] = {}
     for clip in facts.manifest.clips:
-        groups.setdefault((clip.scene, clip.size), {})[clip.method] = clip
-    last_size = facts.protocol.sizes[-1].name
+        groups.setdefault((clip.column("scene"), clip.column("size")), {})[
+            clip.column("method")
+        ] = clip
+    last_size = facts.protocol.warped.sizes[-1].name
     rows = []
     for (scene, size), clips in groups.items():
         some = next(iter(clips.values()))
-        folder = layout.clips / HOLES_FOLDER / survey_name(some.clip_name)
+        folder = layout.clips / HOLES_FOLDER / survey_name(ClipName.of(some.condition))
         masks = [
             decode(folder / f"{index:06d}.png") > 0 for index in range(len(some.frames_sha256))
         ]
@@ -210,7 +213,7 @@ def _video(layout: Layout, clip: Clip) -> str:
 def _shots(layout: Layout, strip: filmstrip.Strip, facts: Facts) -> list[dict[str, Any]]:
     """Pictures of the strip: the middle of the screen, so that the clip can be seen."""
     width, height = facts.display.centred_size_px(
-        facts.protocol.clips.width_deg, facts.protocol.clips.height_deg
+        facts.protocol.warped.clips.width_deg, facts.protocol.warped.clips.height_deg
     )
     rows = []
     for shot in strip.shots:

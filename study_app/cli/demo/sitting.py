@@ -212,13 +212,15 @@ def _pixels(clips: Path, manifest: Manifest) -> tuple[dict[str, str], dict[str, 
                 with PillowImage.open(clips / clip.frame_path(index)) as image:
                     pixels = np.asarray(image.convert("RGB")).tobytes()
                 pixels_of[sha] = hashlib.sha256(pixels).hexdigest()
-            name_of.setdefault(pixels_of[sha], f"{clip.clip_name}/{index}")
+            name_of.setdefault(pixels_of[sha], f"{clip.name}/{index}")
     return pixels_of, name_of
 
 
 def clip_place(display: Display, protocol: StudyProtocol) -> Place:
     """Return where clips stand: in the middle of the screen."""
-    width, height = display.centred_size_px(protocol.clips.width_deg, protocol.clips.height_deg)
+    width, height = display.centred_size_px(
+        protocol.warped.clips.width_deg, protocol.warped.clips.height_deg
+    )
     return Place((display.width_px - width) // 2, (display.height_px - height) // 2, width, height)
 
 

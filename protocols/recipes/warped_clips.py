@@ -1,13 +1,24 @@
-"""The sections of a study that decide its pixels: scenes, sizes, methods, clips."""
+"""Clips of scenes that were warped to other views and filled: the recipe `warped-clips`.
+
+A clip is one scene at one size of disocclusion, filled by one method.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Literal, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, StringConstraints, model_validator
 
+from protocols.errors import Problem
+from protocols.hashing import Json
+from protocols.prose import Block, Table, labelled
+from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
+    Condition,
     Degrees,
     Hertz,
     Metres,
@@ -16,6 +27,7 @@ from protocols.units import (
     Parameters,
     Pixels,
     RimPixels,
+    Scalar,
     Seconds,
     SecondsOrNone,
     Seed,
@@ -24,6 +36,9 @@ from protocols.units import (
     Text,
     Vector3,
 )
+
+if TYPE_CHECKING:
+    from protocols.display import Display
 
 PHOTOGRAPH_RIM_PX = 1
 """Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
@@ -334,3 +349,165 @@ class Clips(Model):
                 " set rescale to 'box' or 'lanczos3', or leave render_width_px out"
             )
         return self
+
+
+@dataclass(frozen=True, order=True)
+class ClipName:
+    """One clip of a study; `str` gives its folder, ``scene__size__method``."""
+
+    scene: str
+    size: str
+    method: str
+
+    def __str__(self) -> str:
+        return f"{self.scene}__{self.size}__{self.method}"
+
+    @property
+    def condition(self) -> Condition:
+        """The columns of its condition."""
+        return {"scene": self.scene, "size": self.size, "method": self.method}
+
+    @classmethod
+    def of(cls, condition: Condition) -> ClipName:
+        """Return the clip of a condition."""
+        return cls(*(str(condition[column]) for column in ("scene", "size", "method")))
+
+
+FILE_KEYS = ("file", "left", "right", "disparity", "rgb", "depth")
+"""Keys of scenes that name a file."""
+
+
+class WarpedClips(Recipe):
+    """Scenes, warped along camera paths, their holes filled by methods."""
+
+    kind: Literal["warped-clips"]
+    scenes: Annotated[tuple[Scene, ...], Field(min_length=1)]
+    """Where each clip plays."""
+    sizes: Annotated[tuple[Size, ...], Field(min_length=1)]
+    """How much is uncovered."""
+    methods: Annotated[tuple[Method, ...], Field(min_length=2)]
+    """What fills it."""
+    clips: Clips
+    """How every clip is made."""
+
+    section: ClassVar[str] = "stimuli.clips"
+    size_unit: ClassVar[str] = "deg"
+
+    def pool(self) -> tuple[Stimulus, ...]:
+        """Return every clip in the order scene, size, method."""
+        names = (
+            ClipName(scene.name, size.name, method.name)
+            for scene in self.scenes
+            for size in self.sizes
+            for method in self.methods
+            if scene.has_reference or not method.is_reference
+        )
+        return tuple(Stimulus(str(name), name.condition) for name in names)
+
+    def identity(self) -> dict[str, Json]:
+        """Return scenes, sizes, methods and clips."""
+        parts: dict[str, Json] = self.model_dump(mode="json", exclude={"kind"})
+        return parts
+
+    def labels(self) -> Mapping[str, str]:
+        """Return the labels of methods, sizes and scenes."""
+        entries = (*self.methods, *self.sizes, *self.scenes)
+        return {entry.name: entry.label or entry.name for entry in entries}
+
+    def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return clips, scenes, sizes and methods."""
+        width, height = self.size_px(display)
+        clips, labels = self.clips, self.labels()
+        sizes = [
+            f"{labelled(size.name, size.label)}: "
+            + (
+                f"mean hole share {100 * size.hole_share:g} %"
+                if size.hole_share is not None
+                else f"path extent {size.extent_m:g} m"
+            )
+            for size in self.sizes
+        ]
+        methods = tuple(
+            (
+                labelled(method.name, method.label),
+                method.registry_name,
+                ", ".join(f"{k} = {v}" for k, v in method.parameters.items()) or "defaults",
+            )
+            for method in self.methods
+        )
+        return (
+            f"Clips of {clips.duration_s:g} s at {clips.fps:g} frames per second,"
+            f" {clips.width_deg:g} x {clips.height_deg:g} deg ({width} x {height} px, never"
+            f" rescaled) on {display.name}: {display.description or 'no description'}.",
+            "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
+            "Sizes: " + "; ".join(sizes) + ".",
+            Table(("method", "registry name", "parameters"), methods),
+        )
+
+    def size_px(self, display: Display) -> tuple[int, int]:
+        """Return (width, height) of every clip."""
+        return display.centred_size_px(self.clips.width_deg, self.clips.height_deg)
+
+    def values(self, column: str) -> tuple[Scalar, ...]:
+        """Return the names of scenes, sizes or methods as declared."""
+        named: dict[str, tuple[Scene, ...] | tuple[Size, ...] | tuple[Method, ...]] = {
+            "scene": self.scenes,
+            "size": self.sizes,
+            "method": self.methods,
+        }
+        return tuple(entry.name for entry in named.get(column, ()))
+
+    @property
+    def frame_hz(self) -> float:
+        """Clip frames per second."""
+        return self.clips.fps
+
+    @property
+    def frames(self) -> int:
+        """Frames of every clip."""
+        return self.clips.frames
+
+    @property
+    def clip_s(self) -> float:
+        """How long a clip plays: one of a single frame is a clip too."""
+        return self.frames / self.frame_hz
+
+    @property
+    def seed(self) -> int:
+        """Seed of every random texture."""
+        return self.clips.seed
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per channel."""
+        return self.clips.bit_depth
+
+    def scene(self, name: str) -> Scene:
+        """Return the scene called `name`."""
+        return next(scene for scene in self.scenes if scene.name == name)
+
+    def method(self, name: str) -> Method:
+        """Return the method called `name`."""
+        return next(method for method in self.methods if method.name == name)
+
+    def problems(self, folder: Path) -> list[Problem]:
+        """Return a problem for every file of a scene that is not below `folder`.
+
+        Only what is plainly a file is looked for: patterns of sequences (``shot.####.exr``) and
+        names of built-in pairs, which have no suffix, are left to whoever reads them.
+        """
+        found = []
+        for index, scene in enumerate(self.scenes):
+            for key in FILE_KEYS:
+                name = getattr(scene, key, None)
+                if not isinstance(name, str) or "#" in name or not Path(name).suffix:
+                    continue
+                if not (folder / name).exists():
+                    found.append(
+                        Problem(
+                            f"stimuli.scenes[{index}].{key}",
+                            f"the file is not there (looked for {folder / name});"
+                            " 'metamerlab stimuli build' needs it",
+                        )
+                    )
+        return found

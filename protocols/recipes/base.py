@@ -1,0 +1,147 @@
+"""What every stimulus recipe offers: a pool of named stimuli with their conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from protocols.errors import Problem
+from protocols.hashing import Json
+from protocols.prose import Block
+from protocols.units import Condition, Model, Scalar
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+
+SCENE = "scene"
+"""The column of a condition that says what is to be seen: statistics cluster on it."""
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """One clip or still of a study, before it is made."""
+
+    name: str
+    """Its folder among the clips."""
+    condition: Condition
+    """What it shows, column by column."""
+
+    @property
+    def scene(self) -> str:
+        """What is to be seen; empty where the recipe does not say."""
+        return str(self.condition.get(SCENE, ""))
+
+
+class Group(NamedTuple):
+    """Stimuli that differ in one column of their condition alone."""
+
+    scene: str
+    parity: int
+    """Sum of the places of all other values among those declared: for taking turns."""
+    stimuli: dict[Scalar, Stimulus]
+    """By their value in that column."""
+    condition: dict[str, Scalar]
+    """All other columns."""
+
+
+class Recipe(Model):
+    """How the stimuli of a study come into being: the section `[stimuli]`."""
+
+    kind: str
+
+    section: ClassVar[str] = "stimuli"
+    """Where a file says size, rate and duration."""
+    size_unit: ClassVar[str] = "px"
+    """In which unit it says the size."""
+
+    def resolved(self, _folder: Path) -> Recipe:
+        """Return the recipe with what lies in files beside the protocol read in."""
+        return self
+
+    def pool(self) -> tuple[Stimulus, ...]:
+        """Return every stimulus that can be made, in a fixed order."""
+        raise NotImplementedError
+
+    def identity(self) -> dict[str, Json]:
+        """Return everything that decides the pixels, except for the display."""
+        return {"stimuli": self.model_dump(mode="json")}
+
+    def labels(self) -> Mapping[str, str]:
+        """Return what reports print for the values of conditions."""
+        return {}
+
+    def described(self, _display: Display, _scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return what a preregistration says of the stimuli."""
+        raise NotImplementedError
+
+    def size_px(self, display: Display) -> tuple[int, int]:
+        """Return (width, height) of every stimulus in native pixels of `display`."""
+        raise NotImplementedError
+
+    @property
+    def frame_hz(self) -> float:
+        """Frames per second of every stimulus; 1 for stills."""
+        raise NotImplementedError
+
+    @property
+    def frames(self) -> int:
+        """Frames of the longest stimulus; 1 for stills."""
+        raise NotImplementedError
+
+    @property
+    def seed(self) -> int:
+        """Seed of every random texture."""
+        return 0
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per channel of what is shown."""
+        return 8
+
+    @property
+    def clip_s(self) -> float | None:
+        """How long a clip plays; None for stills, which are shown as long as the task says."""
+        return None if self.frames == 1 else self.frames / self.frame_hz
+
+    def values(self, column: str) -> tuple[Scalar, ...]:
+        """Return the values of a column of the conditions, in the order declared."""
+        found = (s.condition[column] for s in self.pool() if column in s.condition)
+        return tuple(dict.fromkeys(found))
+
+    def columns(self) -> tuple[str, ...]:
+        """Return the columns of the conditions, in order."""
+        return tuple(dict.fromkeys(name for s in self.pool() for name in s.condition))
+
+    def groups(self, scenes: Sequence[str], column: str) -> list[Group]:
+        """Group the pool by everything but one column.
+
+        Parameters
+        ----------
+        scenes : sequence of str
+            Those wanted; groups come in this order, then in the pool's.
+        column : str
+            In which the stimuli of a group differ.
+        """
+        columns = [name for name in self.columns() if name != column]
+        ranks = {
+            name: {value: place for place, value in enumerate(self.values(name))}
+            for name in columns
+        }
+        ranks[SCENE] = {scene: place for place, scene in enumerate(scenes)}
+        found: dict[tuple[Scalar, ...], dict[Scalar, Stimulus]] = {}
+        for stimulus in self.pool():
+            if stimulus.scene in ranks[SCENE] and column in stimulus.condition:
+                key = tuple(stimulus.condition[name] for name in columns)
+                found.setdefault(key, {})[stimulus.condition[column]] = stimulus
+        groups = []
+        for key, stimuli in found.items():
+            condition = dict(zip(columns, key, strict=True))
+            parity = sum(ranks[name][value] for name, value in condition.items())
+            groups.append(Group(str(condition.get(SCENE, "")), parity, stimuli, condition))
+        return sorted(groups, key=lambda group: ranks[SCENE][group.scene])
+
+    def problems(self, _folder: Path) -> list[Problem]:
+        """Return a problem for every file that is needed and not below `folder`."""
+        return []

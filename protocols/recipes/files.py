@@ -1,0 +1,225 @@
+"""Pictures and videos made elsewhere, with a table of their conditions: the recipe `files`."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import TypeAdapter, ValidationError, model_validator
+
+from protocols.errors import Problem, StudyError
+from protocols.prose import Block
+from protocols.recipes.base import SCENE, Recipe, Stimulus
+from protocols.suggest import did_you_mean
+from protocols.units import Hertz, Model, Name, Pixels, Scalar, Seconds, Text
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+
+COLUMNS = ("stimulus", "file")
+"""What the table must have; every other column is one of the condition."""
+_TOLD = 3
+"""How many missing files are named one by one."""
+_NAME: TypeAdapter[str] = TypeAdapter(Name)
+
+
+class FileEntry(Model):
+    """One picture, video, or folder of frames."""
+
+    name: Name
+    """Its name in this study: in plans, journals and tables."""
+    file: Text
+    """Relative to the protocol file."""
+    condition: dict[Name, Scalar]
+    """What it shows, column by column."""
+
+
+class Files(Recipe):
+    """Pictures or videos that were made elsewhere. They are shown pixel by pixel."""
+
+    kind: Literal["files"]
+    table: Text | None = None
+    """A CSV file beside the protocol: columns `stimulus` (a name), `file`, and one per column of
+    the condition, such as `scene` and `method`. Left out: `entries` says it."""
+    entries: tuple[FileEntry, ...] = ()
+    """The rows of the table; read from `table` where that is given."""
+    width_px: Pixels
+    """Width of every picture: all have one size, and none is rescaled."""
+    height_px: Pixels
+    """Height of every picture."""
+    fps: Hertz | None = None
+    """Frames per second of every video; left out: stills."""
+    duration_s: Seconds | None = None
+    """Length of every video; left out: stills."""
+
+    @model_validator(mode="after")
+    def _one_way_to_say_it(self) -> Files:
+        if (self.fps is None) != (self.duration_s is None):
+            raise ValueError("fps and duration_s are given together, for videos, or not at all")
+        if self.table is None and not self.entries:
+            raise ValueError("table must name a CSV file, or entries must list the stimuli")
+        for what, values in (
+            ("name", [entry.name for entry in self.entries]),
+            ("file", [entry.file for entry in self.entries]),
+        ):
+            for value, count in Counter(values).items():
+                if count > 1:
+                    raise ValueError(f"every {what} must be given once (got {value!r} {count}x)")
+        columns = [set(entry.condition) for entry in self.entries]
+        if any(names != columns[0] for names in columns):
+            raise ValueError("every entry must have the same columns in its condition")
+        return self
+
+    def resolved(self, folder: Path) -> Files:
+        """Return the recipe with the rows of its table.
+
+        Raises
+        ------
+        StudyError
+            If the table cannot be read, or lacks a column or a value.
+        """
+        if self.table is None or self.entries:
+            return self
+        rows = read_table(folder / self.table)
+        plain = self.model_dump() | {"entries": tuple(rows)}
+        return Files.model_validate(plain)
+
+    def pool(self) -> tuple[Stimulus, ...]:
+        """Return every entry in the order of the table."""
+        return tuple(Stimulus(entry.name, entry.condition) for entry in self.entries)
+
+    def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return what there is, and its conditions."""
+        what = "pictures" if self.frames == 1 else f"videos of {self.duration_s:g} s"
+        values = [
+            f"{column}: " + ", ".join(str(value) for value in self.values(column))
+            for column in self.columns()
+            if column != SCENE
+        ]
+        named = ", ".join(scene for scene in scenes if scene)
+        return (
+            f"{len(self.entries)} {what}, made elsewhere, {self.width_px} x {self.height_px} px,"
+            f" never rescaled, on {display.name}: {display.description or 'no description'}.",
+            *([f"Scenes: {named}."] if named else []),
+            values,
+        )
+
+    def size_px(self, _display: Display) -> tuple[int, int]:
+        """Return (width, height) of every picture."""
+        return self.width_px, self.height_px
+
+    @property
+    def frame_hz(self) -> float:
+        """Frames per second; 1 for stills."""
+        return self.fps or 1.0
+
+    @property
+    def frames(self) -> int:
+        """Frames of every video; 1 for stills."""
+        return 1 if self.duration_s is None else max(1, round(self.duration_s * self.frame_hz))
+
+    def problems(self, folder: Path) -> list[Problem]:
+        """Return a problem for every file that is not below `folder`."""
+        missing = [
+            (index, entry)
+            for index, entry in enumerate(self.entries)
+            if not (folder / entry.file).exists()
+        ]
+        found = [
+            Problem(
+                f"stimuli.entries[{index}].file",
+                f"the file of {entry.name!r} is not there (looked for {folder / entry.file});"
+                " 'metamerlab stimuli build' needs it",
+            )
+            for index, entry in missing[:_TOLD]
+        ]
+        if len(missing) > _TOLD:
+            found.append(Problem("stimuli", f"{len(missing) - _TOLD} more files are not there"))
+        return found
+
+
+def read_table(path: Path) -> list[dict[str, object]]:
+    """Read a table of stimuli.
+
+    A column in which every value is a number holds numbers.
+
+    Returns
+    -------
+    list of dict
+        `name`, `file` and `condition` of each row.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read, lacks a column, or a row lacks a value or has a bad name.
+    """
+    from protocols.load import decode_utf8, read_bytes
+
+    text = decode_utf8(read_bytes(path, "the table of stimuli"), path)
+    reader = csv.DictReader(io.StringIO(text), strict=True)
+    try:
+        header = [name.strip() for name in reader.fieldnames or ()]
+        reader.fieldnames = header
+        rows = list(reader)
+    except csv.Error as error:
+        raise StudyError(f"{path}: line {reader.line_num}: must be valid CSV ({error})") from None
+    for column in COLUMNS:
+        if column not in header:
+            raise StudyError(
+                f"{path}: line 1: must have a column {column!r} (got {', '.join(header) or 'none'})"
+                f"{did_you_mean(column, header)}"
+            )
+    for name, count in Counter(header).items():
+        if count > 1:
+            raise StudyError(f"{path}: line 1: every column must come once (got {name!r} {count}x)")
+    if not rows:
+        raise StudyError(f"{path}: must list at least one stimulus (it has only a header)")
+    columns = [name for name in header if name not in COLUMNS]
+    for number, row in enumerate(rows, start=2):
+        _check_row(path, number, row, header)
+    numbers = {column: _numbers([str(row[column]).strip() for row in rows]) for column in columns}
+    return [
+        {
+            "name": str(row["stimulus"]).strip(),
+            "file": str(row["file"]).strip(),
+            "condition": {
+                column: str(row[column]).strip() if (known := numbers[column]) is None else known[i]
+                for column in columns
+            },
+        }
+        for i, row in enumerate(rows)
+    ]
+
+
+def _check_row(
+    path: Path, number: int, row: dict[str | None, str | list[str] | None], header: list[str]
+) -> None:
+    if None in row:
+        raise StudyError(f"{path}: line {number}: must have {len(header)} values (got more)")
+    for column in header:
+        value = row[column]
+        if not isinstance(value, str) or not value.strip():
+            raise StudyError(f"{path}: line {number}: column {column!r} must not be empty")
+    try:
+        _NAME.validate_python(str(row["stimulus"]).strip())
+    except ValidationError:
+        raise StudyError(
+            f"{path}: line {number}: stimulus must be lower-case words and numbers joined by"
+            f" single dashes or underscores (got {row['stimulus']!r})"
+        ) from None
+
+
+def _numbers(values: list[str]) -> list[Scalar] | None:
+    """Return the values as numbers, or None where one is none."""
+    for read in (int, float):
+        try:
+            found: list[Scalar] = [read(value) for value in values]
+        except ValueError:
+            continue
+        if all(abs(float(value)) < float("inf") for value in found):
+            return found
+    return None

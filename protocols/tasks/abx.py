@@ -1,0 +1,152 @@
+"""Three stimuli A, B, X; was X the first or the second? The task `abx`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from protocols.columns import Column
+from protocols.errors import Problem
+from protocols.phases import Phase
+from protocols.recipes.base import Stimulus
+from protocols.session_schema import Analysis
+from protocols.tasks.base import (
+    Arrangement,
+    Cell,
+    blank_phase,
+    matches,
+    shown_phase,
+)
+from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.single import RightOrWrong
+from protocols.units import Name, Scalar, Seconds
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+    from protocols.schema import StudyProtocol
+
+
+class AbxAnalysis(RatesAnalysis):
+    """Sensitivity by condition, and the level at which it leaves zero."""
+
+    kind: Literal["abx"]
+    rule: Literal["differencing", "independent"] = "differencing"
+    """How the participant is taken to decide, which turns shares of right answers into d'."""
+
+
+class Abx(RightOrWrong):
+    """Fixation, A, gap, B, gap, X, answer."""
+
+    kind: Literal["abx"]
+    standard: dict[Name, Scalar] | None = None
+    """What every other stimulus of its scene is compared with: `{ method = "reference" }`."""
+    matched: tuple[Name, ...] = ("scene",)
+    """The columns in which a stimulus and its standard agree."""
+    compare: Name | None = None
+    """In place of a standard: the one column in which the two differ, such as `seed`."""
+    gap_s: Seconds = 0.5
+    """Blank between two stimuli."""
+
+    analysis: ClassVar[type[Analysis]] = AbxAnalysis
+    sided: ClassVar[bool] = True
+    stimuli_per_trial: ClassVar[int] = 3
+
+    def answers(self) -> tuple[str, ...]:
+        """Return the two that X may be."""
+        return "a", "b"
+
+    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+        """Return every pair that is compared, each in four arrangements."""
+        pairs = self._against_standard if self.standard is not None else self._between
+        return [
+            _cell(scene, condition, named, place)
+            for place, (scene, condition, named) in enumerate(pairs(study, scenes))
+        ]
+
+    def _between(
+        self, study: StudyProtocol, scenes: Sequence[str]
+    ) -> Iterator[tuple[str, Mapping[str, Scalar], dict[str, str]]]:
+        groups = study.stimuli.groups(scenes, self.compare or "")
+        for scene, _, stimuli, condition in groups:
+            for one, other in combinations(stimuli, 2):
+                names = {str(one): stimuli[one].name, str(other): stimuli[other].name}
+                yield scene, condition, names
+
+    def _against_standard(
+        self, study: StudyProtocol, scenes: Sequence[str]
+    ) -> Iterator[tuple[str, Mapping[str, Scalar], dict[str, str]]]:
+        pool = study.stimuli.pool()
+        where = self.standard or {}
+        standards = {self._key(s): s for s in pool if matches(s.condition, where)}
+        rank = {scene: place for place, scene in enumerate(scenes)}
+        shown = [s for s in pool if s.scene in rank and not matches(s.condition, where)]
+        for stimulus in sorted(shown, key=lambda s: rank[s.scene]):
+            standard = standards.get(self._key(stimulus))
+            if standard is not None:
+                names = {"standard": standard.name, "comparison": stimulus.name}
+                yield stimulus.scene, stimulus.condition, names
+
+    def _key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
+        return tuple(stimulus.condition.get(name) for name in self.matched)
+
+    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+        """Return A, gap, B, gap, X."""
+        shown = [
+            shown_phase(study, display, self, name, [(index, 0.0)])
+            for index, name in enumerate("abx")
+        ]
+        gaps = [blank_phase(display, f"gap-{number}", self.gap_s) for number in (1, 2)]
+        return shown[0], gaps[0], shown[1], gaps[1], shown[2]
+
+    def durations(self) -> Mapping[str, float]:
+        """Return the task's times by key."""
+        return {**super().durations(), "gap_s": self.gap_s}
+
+    def shown_s(self, study: StudyProtocol) -> float:
+        """Return the length of the three stimuli and their gaps."""
+        return 3 * self.single_s(study) + 2 * self.gap_s
+
+    def description(self, study: StudyProtocol) -> str:
+        """Return a trial in a sentence."""
+        return (
+            f"A, B and X ({self.single_s(study):g} s each), blanks of {self.gap_s:g} s between,"
+            " answer"
+        )
+
+    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+        """Return the columns of the stimuli, and which came as A, B and X."""
+        return (
+            *(
+                Column(name, "value", "", "Column of the stimuli's conditions")
+                for name in study.stimuli.columns()
+                if name != self.compare
+            ),
+            *(Column(name, "text", "", f"What was shown as {name.upper()}") for name in "abx"),
+        )
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from super().problems(study)
+        if (self.standard is None) == (self.compare is None):
+            yield Problem("task", "must have either standard or compare")
+        elif self.standard is not None:
+            yield from self.check_where(study, "task.standard", self.standard)
+            yield from self.check_columns(study, "task.matched", self.matched)
+        else:
+            yield from self.check_columns(study, "task.compare", (str(self.compare),))
+
+
+def _cell(scene: str, condition: Mapping[str, Scalar], named: dict[str, str], place: int) -> Cell:
+    """Return both orders of A and B, each with X as the one and as the other."""
+    one, other = named
+    arrangements = []
+    for a, b, x in ((one, other, one), (other, one, one), (one, other, other), (other, one, other)):
+        arrangements.append(
+            Arrangement(
+                {**condition, "a": a, "b": b, "x": x},
+                (named[a], named[b], named[x]),
+                "a" if x == a else "b",
+            )
+        )
+    return Cell(scene, tuple(arrangements), place)

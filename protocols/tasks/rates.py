@@ -1,0 +1,80 @@
+"""What the analyses share of tasks whose answers are right or wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Literal
+
+from protocols.errors import Problem
+from protocols.session_schema import Analysis
+from protocols.suggest import did_you_mean
+from protocols.units import Name, Scalar
+
+if TYPE_CHECKING:
+    from protocols.schema import StudyProtocol
+
+
+class RatesAnalysis(Analysis):
+    """Right answers by condition and level: rates, psychometric functions, models, learning."""
+
+    by: Name = "method"
+    """The column whose values are compared."""
+    baseline: Scalar | None = None
+    """The value of `by` that the others are compared with; left out: the first declared."""
+    level: Name | None = None
+    """A column of numbers along which answers get better or worse; left out: none."""
+    falling: bool = False
+    """Answers get worse as `level` rises, as with eccentricity."""
+    test: Literal["participant-scene", "participant"] = "participant-scene"
+    """Whose variation the inference respects."""
+    correction: Literal["holm", "none"] = "holm"
+    """Over all comparisons with the baseline."""
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield columns and values that the stimuli do not have."""
+        task = study.task
+        yield from task.check_columns(study, "analysis.by", (self.by,))
+        known = study.stimuli.values(self.by)
+        if self.baseline is not None and known and self.baseline not in known:
+            listed = ", ".join(map(str, known))
+            yield Problem(
+                "analysis.baseline",
+                f"must be a value of {self.by!r} ({listed}) (got {self.baseline!r})"
+                f"{did_you_mean(str(self.baseline), map(str, known))}",
+            )
+        if self.level is None:
+            return
+        yield from task.check_columns(study, "analysis.level", (self.level,))
+        wrong = [
+            value for value in study.stimuli.values(self.level) if isinstance(value, (bool, str))
+        ]
+        if wrong:
+            yield Problem(
+                "analysis.level", f"must be a column of numbers (got {wrong[0]!r} in {self.level})"
+            )
+
+    def compared(self, study: StudyProtocol) -> tuple[str, ...]:
+        """Return the values of `by`, the baseline first."""
+        values = list(dict.fromkeys(map(str, study.stimuli.values(self.by))))
+        if self.baseline is not None:
+            values.sort(key=lambda value: value != str(self.baseline))
+        return tuple(values)
+
+    def plain_sentences(self, study: StudyProtocol) -> list[str]:
+        """Return the analysis in sentences."""
+        baseline, *others = self.compared(study)
+        respected = {
+            "participant-scene": "participants and of scenes",
+            "participant": "participants",
+        }[self.test]
+        found = [
+            f"Answers are compared between values of {self.by}: {', '.join(others) or 'none'}, each"
+            f" against {baseline}, two-sided, alpha {self.alpha:g}, respecting variation of"
+            f" {respected}; correction {self.correction}."
+        ]
+        if self.level is not None:
+            found.append(
+                f"A logistic model of right answers has the terms {self.level} and {self.by};"
+                f" psychometric functions over {self.level} are fitted for each {self.by}."
+            )
+        return found

@@ -1,0 +1,122 @@
+"""What tasks share that show one stimulus with a right answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from protocols.adaptive.section import Adaptive, QuestPlusLevels, UpDownLevels
+from protocols.columns import Column
+from protocols.errors import Problem
+from protocols.phases import Phase
+from protocols.recipes.base import Stimulus
+from protocols.tasks.base import Arrangement, CatchTrials, Cell, Task, matches, shown_phase
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+    from protocols.journal import Attempt
+    from protocols.schema import StudyProtocol
+
+Levels = Annotated[QuestPlusLevels | UpDownLevels, Field(discriminator="rule")]
+
+
+class RightOrWrong(Task):
+    """A task with a right answer for every trial."""
+
+    adaptive: Levels | None = None
+    """Left out: constant stimuli, every level equally often."""
+    catch: CatchTrials | None = None
+    """Left out: no catch trials."""
+
+    @property
+    def adaptation(self) -> Adaptive | None:
+        """The rule that chooses levels from the answers."""
+        return self.adaptive
+
+    def catch_cells(self, study: StudyProtocol) -> list[Cell]:
+        """Return the conditions in which the answer is plain."""
+        if self.catch is None:
+            return []
+        where = self.catch.where
+        cells = self.cells(study, study.main_scenes())
+        return [cell for cell in cells if matches(cell.arrangements[0].condition, where)]
+
+    @property
+    def catch_trials(self) -> int:
+        """How many catch trials there are."""
+        return 0 if self.catch is None else self.catch.trials
+
+    def catch_sentence(self) -> str:
+        """Return what the catch trials show."""
+        assert self.catch is not None
+        return ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
+
+    def answer_columns(self) -> tuple[Column, ...]:
+        """Return what was answered, and whether it was right."""
+        return (
+            Column("expected", "text", "", "The right answer"),
+            Column("answer", "text", "", "The answer given"),
+            Column("correct", "0/1", "", "1: the answer was right"),
+            Column(
+                "key_place", "integer", "", "Which answer key was pressed, from the left, from 0"
+            ),
+            Column("track", "text", "", "Adaptive track; empty: levels were constant"),
+        )
+
+    def row(self, attempt: Attempt) -> dict[str, object]:
+        """Return an attempt in these columns."""
+        answered = attempt.answer is not None
+        return {
+            **attempt.condition,
+            "expected": attempt.expected,
+            "answer": attempt.answer,
+            "correct": None if attempt.correct is None else int(attempt.correct),
+            "key_place": attempt.answers.index(str(attempt.answer)) if answered else None,
+            "track": attempt.track,
+        }
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from super().problems(study)
+        if self.catch is not None:
+            yield from self.check_where(study, "task.catch.where", self.catch.where)
+        if self.adaptive is not None:
+            yield from self.adaptive.problems(study)
+
+
+class SingleStimulus(RightOrWrong):
+    """Fixation, one stimulus, answer."""
+
+    def expected(self, stimulus: Stimulus) -> str | None:
+        """Return the right answer to a stimulus; None where it belongs to no answer."""
+        raise NotImplementedError
+
+    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+        """Return every stimulus in these scenes that has a right answer."""
+        rank = {scene: place for place, scene in enumerate(scenes)}
+        shown = [s for s in study.stimuli.pool() if s.scene in rank and self.expected(s)]
+        return [
+            Cell(s.scene, (Arrangement(s.condition, (s.name,), self.expected(s)),))
+            for s in sorted(shown, key=lambda s: rank[s.scene])
+        ]
+
+    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+        """Return the one phase that shows the stimulus."""
+        return (shown_phase(study, display, self, "stimulus", [(0, 0.0)]),)
+
+    def shown_s(self, study: StudyProtocol) -> float:
+        """Return how long the stimulus is shown."""
+        return self.single_s(study)
+
+    def description(self, study: StudyProtocol) -> str:
+        """Return a trial in a sentence."""
+        return f"one stimulus ({self.single_s(study):g} s), answer"
+
+    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+        """Return the columns of the stimuli."""
+        return tuple(
+            Column(name, "value", "", "Column of the stimuli's conditions")
+            for name in study.stimuli.columns()
+        )

@@ -1,0 +1,45 @@
+"""Two stimuli side by side; which is preferred? The task `two-alternative`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from protocols.phases import Phase
+from protocols.tasks.base import shown_phase
+from protocols.tasks.pairs import PairTask
+from protocols.units import Degrees
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+    from protocols.schema import StudyProtocol
+
+
+class TwoAlternative(PairTask):
+    """Fixation, both stimuli side by side, answer."""
+
+    kind: Literal["two-alternative"]
+    separation_deg: Degrees
+    """Between the middles of the two; half of it lies on each side of the screen's centre."""
+
+    sided: ClassVar[bool] = True
+
+    def answers(self) -> tuple[str, ...]:
+        """Return the two sides."""
+        return "left", "right"
+
+    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+        """Return the one phase that shows both."""
+        half_deg = self.separation_deg / 2
+        return (shown_phase(study, display, self, "both", [(0, -half_deg), (1, half_deg)]),)
+
+    def shown_s(self, study: StudyProtocol) -> float:
+        """Return how long both are shown."""
+        return self.single_s(study)
+
+    def description(self, study: StudyProtocol) -> str:
+        """Return a trial in a sentence."""
+        what = "stills" if study.stimuli.clip_s is None else "clips"
+        return (
+            f"two {what} side by side, {self.separation_deg:g} deg apart, for"
+            f" {self.single_s(study):g} s, answer"
+        )

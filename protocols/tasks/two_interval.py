@@ -1,0 +1,51 @@
+"""Two stimuli one after the other; which is preferred? The task `two-interval`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
+
+from protocols.phases import Phase
+from protocols.tasks.base import blank_phase, shown_phase
+from protocols.tasks.pairs import PairTask
+from protocols.units import Seconds
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+    from protocols.schema import StudyProtocol
+
+
+class TwoInterval(PairTask):
+    """Fixation, interval 1, gap, interval 2, answer."""
+
+    kind: Literal["two-interval"]
+    gap_s: Seconds = 0.5
+    """Blank between the intervals."""
+
+    def answers(self) -> tuple[str, ...]:
+        """Return the two intervals."""
+        return "first", "second"
+
+    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+        """Return interval 1, gap, interval 2."""
+        return (
+            shown_phase(study, display, self, "first", [(0, 0.0)]),
+            blank_phase(display, "gap", self.gap_s),
+            shown_phase(study, display, self, "second", [(1, 0.0)]),
+        )
+
+    def durations(self) -> Mapping[str, float]:
+        """Return the task's times by key."""
+        return {**super().durations(), "gap_s": self.gap_s}
+
+    def shown_s(self, study: StudyProtocol) -> float:
+        """Return the length of both intervals and the gap."""
+        return 2 * self.single_s(study) + self.gap_s
+
+    def description(self, study: StudyProtocol) -> str:
+        """Return a trial in a sentence."""
+        what = "still" if study.stimuli.clip_s is None else "clip"
+        return (
+            f"first {what} ({self.single_s(study):g} s), blank {self.gap_s:g} s, second {what},"
+            " answer"
+        )

@@ -1,0 +1,60 @@
+"""One stimulus; is the signal there? The task `yes-no`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from protocols.errors import Problem
+from protocols.recipes.base import Stimulus
+from protocols.session_schema import Analysis
+from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.single import SingleStimulus
+from protocols.units import Name, Scalar
+
+if TYPE_CHECKING:
+    from protocols.schema import StudyProtocol
+
+
+class DetectionAnalysis(RatesAnalysis):
+    """Rates of yes, sensitivity and criterion by condition."""
+
+    kind: Literal["detection"]
+
+
+class YesNo(SingleStimulus):
+    """Fixation, one stimulus, yes or no."""
+
+    kind: Literal["yes-no"]
+    signal: Annotated[dict[Name, tuple[Scalar, ...]], Field(min_length=1)]
+    """Which stimuli hold the signal, by columns and their values:
+    `{ cut = ["inconsistent"] }`. For all others the right answer is no."""
+
+    analysis: ClassVar[type[Analysis]] = DetectionAnalysis
+
+    def answers(self) -> tuple[str, ...]:
+        """Return yes and no."""
+        return "yes", "no"
+
+    def expected(self, stimulus: Stimulus) -> str:
+        """Return `yes` where the stimulus holds the signal."""
+        held = all(stimulus.condition.get(key) in values for key, values in self.signal.items())
+        return "yes" if held else "no"
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from super().problems(study)
+        for column, values in self.signal.items():
+            for index, value in enumerate(values):
+                for problem in self.check_where(study, "task.signal", {column: value}):
+                    place = f"{problem.place}[{index}]" if problem.place.count(".") > 1 else None
+                    yield Problem(place or problem.place, problem.message)
+        answers = {self.expected(stimulus) for stimulus in study.stimuli.pool()}
+        if len(answers) == 1:
+            yield Problem(
+                "task.signal",
+                "must hold for some stimuli and not for others (every right answer is"
+                f" {answers.pop()!r})",
+            )

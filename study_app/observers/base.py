@@ -1,0 +1,86 @@
+"""Artificial observers: a model with stated parameters decides, and presses the key for it.
+
+Every answer is a function of (seed, participant, trial, attempt): the same after a crash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from protocols.hashing import Json, canonical_json
+from protocols.plan import PlannedTrial
+from protocols.session_schema import Response
+from study_app.stage import Page, PageResult
+
+
+class Decision(NamedTuple):
+    """What a model answers."""
+
+    answer: str
+    hardness: float
+    """0: plain; 1: a guess. Hard decisions take longer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserverModel:
+    """A population of observers: what the models of all tasks have."""
+
+    lapse: float = 0.02
+    """Share of answers given blindly."""
+    rt_median_s: float = 0.7
+    """Median reaction time for an easy decision."""
+    rt_sigma: float = 0.35
+    """Standard deviation of its logarithm."""
+    rt_hard_s: float = 0.5
+    """How much longer a guess takes."""
+
+    def decide(
+        self, trial: PlannedTrial, seed: int, participant: str, rng: np.random.Generator
+    ) -> Decision:
+        """Return the answer of a participant; `rng` belongs to this attempt alone."""
+        raise NotImplementedError
+
+
+class ArtificialObserver:
+    """One observer before a stage."""
+
+    def __init__(
+        self, model: ObserverModel, response: Response, seed: int, participant: str
+    ) -> None:
+        self._model, self._response = model, response
+        self._seed, self._participant = seed, participant
+
+    def answer(self, trial: PlannedTrial, attempt: int) -> tuple[str, float]:
+        """Return the key and the reaction time."""
+        model = self._model
+        rng = rng_of(self._seed, "answer", self._participant, trial.id, attempt)
+        decision = model.decide(trial, self._seed, self._participant, rng)
+        keys = self._response.keys[trial.answers.index(decision.answer)]
+        median_s = model.rt_median_s + model.rt_hard_s * decision.hardness
+        return keys[0], median_s * math.exp(float(rng.normal()) * model.rt_sigma)
+
+    def turn_page(self, page: Page) -> PageResult:
+        """Read for a while, agree, go on; but nobody can calibrate an artificial eye again."""
+        keys = self._response.continue_keys
+        if page.name == "calibration":
+            keys = self._response.quit_keys
+        answer = ""
+        if page.name == "question":
+            answer = page.choices[0] if page.choices else "simulated"
+        return PageResult(keys[0], answer, max(2.0, page.least_s))
+
+
+def rng_of(*parts: Json) -> np.random.Generator:
+    """Return a generator fixed by its parts."""
+    digest = hashlib.sha256(canonical_json(list(parts))).digest()
+    return np.random.default_rng(int.from_bytes(digest[:16], "big"))
+
+
+def deviation(seed: int, what: str, *name: Json) -> float:
+    """Return a standard normal number that belongs to a participant, a scene, ..."""
+    return float(rng_of(seed, what, *name).normal())

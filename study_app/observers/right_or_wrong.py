@@ -1,0 +1,125 @@
+"""Observers of tasks with a right answer: a psychometric function, or a signal in noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from statistics import NormalDist
+
+import numpy as np
+
+from protocols.plan import PlannedTrial
+from protocols.schema import StudyProtocol
+from protocols.tasks.rates import RatesAnalysis
+from study_app.observers.base import Decision, ObserverModel, deviation
+
+
+@dataclass(frozen=True)
+class SensitivityModel(ObserverModel):
+    """A population whose sensitivity depends on method and level.
+
+    Sensitivity (d', or logits above guessing) is ``strength[by] + slope (level - middle)``, plus a
+    participant's and a scene's deviation.
+    """
+
+    strength: Mapping[str, float] = field(default_factory=dict)
+    """Sensitivity at the middle level, by value of `by`; one that is not named has 1.5."""
+    slope: float = 0.0
+    """Change of the sensitivity over the range of levels."""
+    participant_sd: float = 0.3
+    """Standard deviation of the sensitivity between participants."""
+    scene_sd: float = 0.2
+    """The same between scenes."""
+    criterion: float = 0.0
+    """Tendency to say no (yes-no), in units of the noise."""
+    by: str = "method"
+    """The column of the condition that names what is compared."""
+    level: str | None = None
+    """The column of levels."""
+    levels: tuple[float, float] = (0.0, 1.0)
+    """Lowest and highest level."""
+    alternatives: tuple[str, ...] = ("yes", "no")
+    """The task's answers."""
+
+    @classmethod
+    def of(cls, study: StudyProtocol) -> SensitivityModel:
+        """Return the default population for a study: harder towards the hard end of the levels."""
+        analysis = study.analysis
+        assert isinstance(analysis, RatesAnalysis)
+        numbers = [
+            float(value)
+            for value in study.stimuli.values(analysis.level or "")
+            if not isinstance(value, str)
+        ] or [0.0, 1.0]
+        slope = 0.0 if analysis.level is None else -2.0 if analysis.falling else 2.0
+        return cls(
+            strength={
+                name: 1.0 + 0.6 * (place % 3) for place, name in enumerate(analysis.compared(study))
+            },
+            slope=slope,
+            by=analysis.by,
+            level=analysis.level,
+            levels=(min(numbers), max(numbers)),
+            alternatives=study.task.answers(),
+        )
+
+    def sensitivity(self, trial: PlannedTrial, seed: int, participant: str) -> float:
+        """Return the sensitivity of a participant to a trial."""
+        condition = trial.condition
+        scene = str(condition.get("scene", ""))
+        found = self.strength.get(str(condition.get(self.by, "")), 1.5)
+        if self.level is not None and self.level in condition:
+            low, high = self.levels
+            share = (float(condition[self.level]) - low) / ((high - low) or 1.0)
+            found += self.slope * (share - 0.5)
+        found += self.participant_sd * deviation(seed, "participant", participant)
+        return found + self.scene_sd * deviation(seed, "scene", scene)
+
+    def right_probability(self, sensitivity: float) -> float:
+        """Return the probability of a right answer without lapses: guessing, then a logistic."""
+        guess = 1 / len(self.alternatives)
+        return guess + (1 - guess) / (1 + math.exp(-2 * (sensitivity - 1)))
+
+    def decide(
+        self, trial: PlannedTrial, seed: int, participant: str, rng: np.random.Generator
+    ) -> Decision:
+        """Return the right answer as often as the sensitivity says, else another."""
+        right = self.right_probability(self.sensitivity(trial, seed, participant))
+        draw, blind = rng.uniform(), rng.uniform() < self.lapse
+        others = [answer for answer in trial.answers if answer != trial.correct]
+        answer = str(trial.correct) if draw < right else others[int(rng.integers(len(others)))]
+        if blind:
+            answer = trial.answers[int(rng.integers(len(trial.answers)))]
+        guess = 1 / len(self.alternatives)
+        return Decision(answer, 1 - abs(right - guess) / (1 - guess))
+
+
+@dataclass(frozen=True)
+class DetectionModel(SensitivityModel):
+    """Yes or no by a criterion: equal-variance signal detection."""
+
+    def decide(
+        self, trial: PlannedTrial, seed: int, participant: str, rng: np.random.Generator
+    ) -> Decision:
+        """Say yes where signal and noise together exceed the criterion."""
+        d_prime = self.sensitivity(trial, seed, participant)
+        mean = d_prime / 2 if trial.correct == "yes" else -d_prime / 2
+        evidence = mean + float(rng.normal()) - self.criterion
+        answer = "yes" if evidence > 0 else "no"
+        if rng.uniform() < self.lapse:
+            answer = trial.answers[int(rng.integers(2))]
+        return Decision(answer, math.exp(-abs(evidence)))
+
+
+@dataclass(frozen=True)
+class AbxModel(SensitivityModel):
+    """X is the one that looks more alike: the differencing rule (Macmillan and Creelman 2005)."""
+
+    def right_probability(self, sensitivity: float) -> float:
+        """Return ``F(d / sqrt 2) F(d / sqrt 6) + F(-d / sqrt 2) F(-d / sqrt 6)``."""
+        normal, d_prime = NormalDist().cdf, max(0.0, sensitivity)
+        return sum(
+            normal(sign * d_prime / math.sqrt(2)) * normal(sign * d_prime / math.sqrt(6))
+            for sign in (1, -1)
+        )
