@@ -39,6 +39,7 @@ class _Outputs:
     animate: Path | None
     flip: Path | None
     size_px: int | None
+    score: Path | None
 
     def check(self) -> None:
         """Refuse before the work what could not be written after it."""
@@ -48,8 +49,13 @@ class _Outputs:
         for path in (self.animate, self.flip):
             if path is not None:
                 check_file(path, (".webp", ".png", ".apng"))
-        if self.steps is not None:
-            check_folder(self.steps)
+        for folder in (self.steps, self.score):
+            if folder is not None:
+                check_folder(folder)
+        if self.score is not None:
+            from stimuli.score.write import check_out
+
+            check_out(self.score)
         files = [p.absolute() for p in (self.out, self.compare, self.animate, self.flip) if p]
         if len(set(files)) < len(files):
             raise StudyError("OUT, --compare, --animate and --flip must be different files")
@@ -199,6 +205,14 @@ def foveate(
             rich_help_panel=_LOOK,
         ),
     ] = None,
+    score: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for scores: statistics, bands by eccentricity, FovVideoVDP and"
+            " ColorVideoVDP (where installed), each beside what it is blind to; one page.",
+            rich_help_panel=_LOOK,
+        ),
+    ] = None,
     animate: Annotated[
         Path | None,
         typer.Option(
@@ -239,6 +253,8 @@ def foveate(
 
         metamerlab foveate photo.jpg --compare sheet.png --animate gaze.webp
 
+        metamerlab foveate photo.jpg --score scores/
+
         metamerlab foveate around.exr out.png --panorama --clip
     """
     from pipeline.foveation.noise_plane import check_seed
@@ -247,8 +263,8 @@ def foveate(
     from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 
     with user_errors():
-        choices = _choices(methods, settings, compare is not None)
-        outputs = _Outputs(out, compare, steps, animate, flip, size_px)
+        choices = _choices(methods, settings, compare is not None or score is not None)
+        outputs = _Outputs(out, compare, steps, animate, flip, size_px, score)
         outputs.check()
         check_choices(choices)
         check_seed(seed)
@@ -256,6 +272,8 @@ def foveate(
         height, width = opened.colour.shape[:2]
         looking = look_at((height, width), display=display, fov_deg=fov, panorama=panorama)
         gaze_px = read_gaze(gaze, looking.geometry)
+        if score is not None:
+            _check_scorable(looking, gaze_px)
         console = Console(highlight=False, soft_wrap=True, markup=False)
         console.print(f"{width} x {height} px")
         for line in (looking.words, gaze_words(gaze_px, looking.geometry)):
@@ -300,6 +318,9 @@ def _run(
     if outputs.steps is not None:
         written = write_steps(outputs.steps, shown, gaze_px, viewing, seen[:1], seed=seed)
         console.print(f"wrote {len(written)} pictures to {outputs.steps}; begin with {written[-1]}")
+    if outputs.score is not None:
+        page = _score(opened, looking, gaze_px, seen, outputs)
+        console.print(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
     for path, kind in ((outputs.animate, "animate"), (outputs.flip, "flip")):
         if path is None:
             continue
@@ -320,6 +341,50 @@ def _run(
                     report=report, longest_px=outputs.size_px or 2 * moving.LONGEST_PX,
                 )  # fmt: skip
         console.print(f"wrote {path} ({size / 1000:.0f} kB)")
+
+
+def _check_scorable(looking: Looking, gaze_px: tuple[float, float]) -> None:
+    """Refuse before the work what the metrics cannot measure."""
+    geometry = looking.geometry
+    if geometry.wraps:
+        raise StudyError("--score is for flat pictures: no metric here knows panoramas")
+    if not (0 <= gaze_px[0] <= geometry.width_px and 0 <= gaze_px[1] <= geometry.height_px):
+        raise StudyError("--score needs a gaze on the picture: FovVideoVDP knows no other")
+    if min(geometry.width_px, geometry.height_px) < 32:
+        raise StudyError("--score needs pictures of at least 32 px an edge")
+
+
+def _score(
+    opened: AnyPicture,
+    looking: Looking,
+    gaze_px: tuple[float, float],
+    seen: list[Seen],
+    outputs: _Outputs,
+) -> Path:
+    from pipeline.foveation.geometry import FlatGeometry
+    from stimuli.exr import save_colour
+    from stimuli.foveated.looking import width_deg
+    from stimuli.score.foveated import score_conditions, seen_wide, subjects_of_conditions
+
+    if outputs.score is None or not isinstance(looking.geometry, FlatGeometry):
+        raise AssertionError("checked before")
+    folder = outputs.score / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    height, width = opened.colour.shape[:2]
+    truth = folder / "picture.png"
+    save_colour(truth, opened.colour, bits=opened.bits)
+    tests = {}
+    for one in seen:
+        path = folder / f"{one.choice.file_name}.png"
+        save_colour(path, one.colour, bits=opened.bits)
+        tests[one.choice.label] = path
+    subjects = subjects_of_conditions(outputs.out.stem, truth, tests, (height, width))
+    viewing = seen_wide(width, height, width_deg(looking.geometry))
+    with one_line() as say:
+        return score_conditions(
+            subjects, viewing, gaze_px, outputs.score,
+            report=lambda done, total, what: say(what, done, total),
+        )  # fmt: skip
 
 
 @contextmanager
@@ -374,7 +439,8 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
         check_condition_name(name)
     if len(methods) > 1 and not compare:
         raise StudyError(
-            f"one --method makes one OUT (got {len(methods)}); add --compare FILE to see them all"
+            f"one --method makes one OUT (got {len(methods)}); add --compare FILE or --score FOLDER"
+            " to see them all"
         )
     parameters = read_parameters(settings or [], methods)
     return [Choice(name, parameters) for name in methods]
