@@ -31,8 +31,9 @@ _FILE = "The file"
 
 @dataclass(frozen=True)
 class _Outputs:
-    """What is to be written."""
+    """What is to be written, and from what."""
 
+    picture: Path
     out: Path
     compare: Path | None
     steps: Path | None
@@ -264,7 +265,7 @@ def foveate(
 
     with user_errors():
         choices = _choices(methods, settings, compare is not None or score is not None)
-        outputs = _Outputs(out, compare, steps, animate, flip, size_px, score)
+        outputs = _Outputs(picture, out, compare, steps, animate, flip, size_px, score)
         outputs.check()
         check_choices(choices)
         check_seed(seed)
@@ -375,10 +376,12 @@ def _score(
     save_colour(truth, opened.colour, bits=opened.bits)
     tests = {}
     for one in seen:
+        if one.choice.name == "reference" and len(seen) > 1:
+            continue  # it is what the others are compared with
         path = folder / f"{one.choice.file_name}.png"
         save_colour(path, one.colour, bits=opened.bits)
         tests[one.choice.label] = path
-    subjects = subjects_of_conditions(outputs.out.stem, truth, tests, (height, width))
+    subjects = subjects_of_conditions(outputs.picture.stem, truth, tests, (height, width))
     viewing = seen_wide(width, height, width_deg(looking.geometry))
     with one_line() as say:
         return score_conditions(
