@@ -71,6 +71,18 @@ def read_pixels(path: Path) -> Pixels:
     return Pixels(data, tuple(spec.channelnames), attributes)
 
 
+def count_pictures(path: Path) -> int:
+    """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
+    source, count = oiio.ImageInput.open(str(path)), 0
+    while source is not None and source.seek_subimage(count, 0):
+        count += 1
+    oiio.geterror()
+    if source is not None:
+        source.geterror()
+        source.close()
+    return count
+
+
 def three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
     """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
 

@@ -21,6 +21,11 @@ from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
+_OLD = (
+    "this file has format 1, and places are named as in format 2 (such as stimuli.scenes for"
+    " [[scenes]], task.gap_s for trial.gap_s); once it is in order, 'metamerlab protocol upgrade"
+    " FILE --out NEW' writes it so"
+)
 _RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
@@ -50,7 +55,8 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     StudyError
         With one line per mistake, placed as in format 2.
     """
-    if raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw:
+    old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
+    if old:
         raw = upgraded_protocol(raw)
     problems: list[Problem] = []
     try:
@@ -60,7 +66,8 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
         for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
-        raise _study_error(path, problems) from None
+        told = _study_error(path, problems)
+        raise StudyError(f"{told}\n{path}: {_OLD}") if old else told from None
     return study
 
 

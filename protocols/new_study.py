@@ -1,9 +1,11 @@
 """The files of a new study: templates, with every key explained from the schema itself.
 
-A template is a valid TOML file with ``@WORD@`` for what differs between studies. Above the first
-use of each key come its meaning, type and default, taken from the models that read the file, so
-that comments and program cannot drift apart. A line ``#? key = value`` is a key that may be left
-out: it stays behind a ``#``.
+A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
+``#@ NAME`` stands for a section of a part, which begins with the same line there. A template is
+valid TOML with ``@WORD@`` for what differs between studies. Above the first use of each key come
+its meaning, type and default, taken from the models that read the file, so that comments and
+program cannot drift apart. A line ``#? key = value`` is a key that may be left out, and
+``#? [header]`` a section of such keys: they stay behind a ``#``.
 """
 
 from __future__ import annotations
@@ -19,19 +21,42 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 
 from protocols.display import Display
+from protocols.errors import StudyError
 from protocols.publish import schema_text
 from protocols.schema import StudyProtocol
+from protocols.suggest import did_you_mean
 from protocols.units import NAME_PATTERN
 
-FOLDERS = ("scenes", "clips", "sessions", "report")
+FOLDERS = ("clips", "sessions", "report")
+PARTS: dict[str, tuple[str, str]] = {
+    "two-interval": ("warped-clips", "scenes"),
+    "two-alternative": ("warped-clips", "scenes"),
+    "yes-no": ("files", "pictures"),
+    "identification": ("files", "pictures"),
+    "abx": ("files", "pictures"),
+}
+"""Tasks that a new study may have: the recipe that each starts from, and its folder of inputs."""
+PICTURES = {
+    "yes-no": "Here: a grating, or none, in fine or coarse noise.",
+    "identification": "Here: thick and thin rings with a gap on one of four sides.",
+    "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
+}
 WANTED_FPS = 30.0
 _WIDTH = 96
 _NO_BOUND = 2**62
-_HEADER = re.compile(r"\[\[?([\w.]+)\]\]?$")
+_TAGS = ("kind", "rule")
+_INPUTS = {
+    "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
+    "files": "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
+    "| `pictures/` | the files: some to start from, to be replaced by yours |",
+}
+_HEADER = re.compile(r"(#\? )?\[\[?([\w.]+)\]\]?$")
 _KEY = re.compile(r"(#\? )?(\w+) = ")
 
 
-def study_files(name: str, title: str, display: Display) -> dict[str, str]:
+def study_files(
+    name: str, title: str, display: Display, task: str = "two-interval", picture_px: int = 128
+) -> dict[str, str]:
     """Return the files of a new study by name.
 
     Parameters
@@ -42,7 +67,21 @@ def study_files(name: str, title: str, display: Display) -> dict[str, str]:
         What people read.
     display : Display
         The display to start from.
+    task : str
+        One of `PARTS`.
+    picture_px : int
+        Edge of the pictures that a study of `files` starts from.
+
+    Raises
+    ------
+    StudyError
+        If there is no such task, with the nearest name.
     """
+    if task not in PARTS:
+        raise StudyError(
+            f"--task: must be one of {', '.join(PARTS)} (got {task!r}){did_you_mean(task, PARTS)}"
+        )
+    recipe, _ = PARTS[task]
     words = {
         "NAME": name,
         "TITLE": title,
@@ -55,10 +94,15 @@ def study_files(name: str, title: str, display: Display) -> dict[str, str]:
         "REFRESH_HZ": display.refresh_hz,
         "CLIP_MEMORY_MIB": display.clip_memory_mib,
         "FPS": clip_fps(display.refresh_hz),
+        "PICTURE_PX": picture_px,
+        "PICTURES": PICTURES.get(task, ""),
+        "TASK": task,
+        "INPUTS": _INPUTS[recipe],
+        "POWER": " --rate 0.65" if recipe == "warped-clips" else "",
     }
 
     def made(file: str, model: type[BaseModel] | None = None) -> str:
-        text = _template(file)
+        text = composed(task, recipe) if file == "study.toml" else _template(file)
         for word, value in words.items():
             text = text.replace(f"@{word}@", str(value))
         return text if model is None else explained(text, model)
@@ -70,6 +114,24 @@ def study_files(name: str, title: str, display: Display) -> dict[str, str]:
         "schemas/study.schema.json": schema_text("study"),
         "schemas/display.schema.json": schema_text("display"),
     }
+
+
+def composed(task: str, recipe: str) -> str:
+    """Return the template of a study with a task's and a recipe's part."""
+    sections = _sections(f"parts/{task}.toml") | _sections(f"parts/{recipe}.toml")
+    lines = [
+        sections[line.removeprefix("#@ ")] if line.startswith("#@ ") else line
+        for line in _template("study.toml").splitlines()
+    ]
+    text = "\n".join(lines) + "\n"
+    _check(text)
+    return text
+
+
+def _sections(name: str) -> dict[str, str]:
+    """Return the sections of a part by name."""
+    parts = re.split(r"^#@ (\w+)\n", _template(name), flags=re.M)[1:]
+    return {key: text.strip("\n") for key, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
 def clip_fps(refresh_hz: float) -> float:
@@ -97,10 +159,14 @@ def explained(text: str, model: type[BaseModel]) -> str:
 
 def _explain(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
     current, told = model, set[tuple[str, str]]()
+    kinds: dict[str, str] = {}
     quoted = False  # inside a text of several lines
     for number, line in enumerate(lines):
         if header := _HEADER.match(line):
-            current = _section(model, header[1].split("."), _kind(lines[number + 1 :]))
+            kinds[header[2]] = _kind(lines[number + 1 :])
+            current = _section(model, header[2].split("."), kinds)
+            yield "# " + line.removeprefix("#? ") if header[1] else line
+            continue
         key = None if quoted else _KEY.match(line)
         quoted ^= line.count('"""') % 2 == 1
         if not key:
@@ -168,10 +234,11 @@ def _toml(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
-def _section(model: type[BaseModel], names: list[str], kind: str) -> type[BaseModel]:
-    """Return the model of a section; where several may stand there, the one of that kind."""
-    for name in names:
+def _section(model: type[BaseModel], names: list[str], kinds: dict[str, str]) -> type[BaseModel]:
+    """Return the model of a section; where several may stand there, the one of its kind."""
+    for count, name in enumerate(names, start=1):
         if name in model.model_fields:
+            kind = kinds.get(".".join(names[:count]), "")
             model = _model_in(model.model_fields[name].annotation, kind)
         # else: a key of a table, such as the language in text.languages.en
     return model
@@ -180,7 +247,8 @@ def _section(model: type[BaseModel], names: list[str], kind: str) -> type[BaseMo
 def _model_in(annotation: object, kind: str) -> type[BaseModel]:
     found = list(_models(annotation))
     for entry in found:
-        if kind and kind in get_args(getattr(entry.model_fields.get("kind"), "annotation", None)):
+        tags = [getattr(entry.model_fields.get(key), "annotation", None) for key in _TAGS]
+        if kind and any(kind in get_args(tag) for tag in tags):
             return entry
     return found[0]
 
@@ -208,13 +276,18 @@ def _kind(lines: list[str]) -> str:
         if _HEADER.match(line):
             break
         section.append(line)
-    found = re.search(r'^kind = "(.+)"$', "\n".join(section), flags=re.M)
-    return found[1] if found else ""
+    found = re.search(r'^(#\? )?(kind|rule) = "(.+)"$', "\n".join(section), flags=re.M)
+    return found[3] if found else ""
 
 
 def _template(name: str) -> str:
     path = Path(str(files("protocols"))) / "templates" / name
     text = path.read_text(encoding="utf-8")
-    if name.endswith(".toml"):
-        tomllib.loads(re.sub(r"@\w+@", "0", text))  # a mistake of ours shows here, not at a user's
+    if name == "display.toml":
+        _check(text)
     return text
+
+
+def _check(text: str) -> None:
+    """Let a mistake of ours show here, not at a user's."""
+    tomllib.loads(re.sub(r"@\w+@", "0", text))

@@ -150,6 +150,14 @@ def _stimuli(protocol: StudyProtocol, display: Display) -> Section:
     return Section("Stimuli", protocol.stimuli.described(display, protocol.main_scenes()))
 
 
+def _question(protocol: StudyProtocol) -> str:
+    texts = protocol.text.languages[protocol.text.default_language]
+    answers = " / ".join(texts.answers[name] for name in protocol.task.answers())
+    said = f'The question: "{texts.question}" Answers: {answers}.'
+    right = protocol.task.right_answer()
+    return f"{said} {right}" if right else said
+
+
 def _procedure(protocol: StudyProtocol, display: Display) -> Section:
     design, timing = protocol.design, protocol.trial
     plan = make_plan(protocol, virtual_manifest(protocol, display), "P000", 0)
@@ -165,6 +173,7 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         )
         + f", blank {timing.iti_s:g} s."
         + (" Feedback in practice alone." if feedback else " No feedback."),
+        _question(protocol),
         f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks} block(s), breaks"
         f" of at least {design.break_s:g} s. Seed {design.seed}.",
         f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts.",

@@ -272,6 +272,7 @@ class Analysis(Model):
     """What will be tested, fixed before the data: what every kind of analysis has."""
 
     kind: str
+    """Which analysis: the one that goes with the task."""
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """Level of the tests."""
     exclusions: Exclusions = Exclusions()

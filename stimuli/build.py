@@ -6,24 +6,27 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.folder_hold import only_build
-from protocols.manifest import MANIFEST_NAME, Clip, Manifest, write_manifest
+from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import (
     BUILD_FOLDER,
     HOLES_FOLDER,
+    Outcome,
+    Report,
     check_folder,
+    claim,
+    is_clip_folder,
     move_over,
     remove_strangers,
+    remove_surveys,
     survey_name,
     sync,
 )
@@ -41,18 +44,6 @@ WORDS = {"survey": "path of {1}", "clip": "{0}", "preview": "preview of {0}"}
 KINDS = tuple(WORDS)  # of jobs, in the order of their turn
 POLL_S = 0.25
 
-Report = Callable[[int, int, str], None]
-"""Called with frames done, frames in all, and what is going on."""
-
-
-@dataclass
-class Outcome:
-    """What a build did."""
-
-    manifest: Manifest
-    built: list[ClipName] = field(default_factory=list)
-    kept: list[ClipName] = field(default_factory=list)
-
 
 def build(
     orders: Orders,
@@ -61,7 +52,7 @@ def build(
     *,
     parallel: int = 1,
     report: Report | None = None,
-) -> Outcome:
+) -> Outcome[ClipName]:
     """Build what is missing of a study's clips in `out`, then write the manifest.
 
     Parameters
@@ -95,9 +86,10 @@ class _Batch:
         self.active: dict[ClipName, Path] = {}
         self.surveys: dict[str, Survey] = {}
 
-    def run(self) -> Outcome:
+    def run(self) -> Outcome[ClipName]:
         orders = self.orders
-        check_folder(self.out)
+        names = [str(name) for name in orders.clip_names]
+        check_folder(self.out, is_clip_folder)
         try:
             self.renderer = self.executor.submit(describe_renderer).result()
         except BrokenProcessPool:
@@ -106,28 +98,38 @@ class _Batch:
         old = self.book.old()
         missing = []
         for name in orders.clip_names:
-            if self.book.is_done(name, old.get(name)):
-                self.records[name] = old[name]
+            if self.book.is_done(name, old.get(str(name))):
+                self.records[name] = old[str(name)]
             else:
                 missing.append(name)
         kept = list(self.records)
         manifest_path = self.out / MANIFEST_NAME
-        if missing or self.book.is_stale(self.records):
+        if missing or self.book.is_stale(self._in_order()):
+            claim(self.out, names)
             for record in self.records.values():
                 self.book.store(record)  # what an old manifest says, before it goes
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
             sync(self.out)
         self._make(missing)
-        remove_strangers(self.out, orders.clip_names)
+        remove_strangers(self.out, names, is_clip_folder)
+        remove_surveys(self.out, [survey_name(name) for name in orders.clip_names])
         derive(
-            orders, self.out, self.records, lambda now: self.report(self._total, self._total, now)
+            orders.protocol,
+            self.out,
+            self._in_order(),
+            lambda now: self.report(self._total, self._total, now),
+            previews=orders.protocol.warped.clips.preview,
         )
-        manifest = self.book.manifest(self.records)
+        manifest = self.book.manifest(self._in_order())
         if not manifest_path.exists():
             write_manifest(self.out, manifest)
             sync(self.out)
         shutil.rmtree(self.work, ignore_errors=True)
         return Outcome(manifest, missing, kept)
+
+    def _in_order(self) -> list[Clip]:
+        """Return the clips that are there, in the order of the study."""
+        return [self.records[name] for name in self.orders.clip_names if name in self.records]
 
     def _make(self, missing: list[ClipName]) -> None:
         """Survey, make clips, then previews, a few jobs ahead of the workers, scenes together.

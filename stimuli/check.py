@@ -55,6 +55,8 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
                 present.add(clip.frame_path(index).removesuffix("png") + "exr")
         if clip.parameters.get("preview"):
             present.add(str(preview_path(out, clip).relative_to(out)))
+        if "hole_masks_sha256" not in clip.parameters:
+            continue  # nothing was warped
         name = survey_name(ClipName.of(clip.condition))
         masks[name] = str(clip.parameters.get("hole_masks_sha256"))
         frames = len(clip.frames_sha256)

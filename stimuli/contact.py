@@ -12,6 +12,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from protocols.manifest import Clip
+from protocols.recipes.base import SCENE
+from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
 from stimuli.png import decode
 from stimuli.whole_file import write_whole
@@ -19,6 +21,7 @@ from stimuli.whole_file import write_whole
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12
 TILE_PX = 320
+COLUMNS = 8
 
 
 def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip]) -> Path:
@@ -28,25 +31,12 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
     shown = sorted({int(k) for k in np.linspace(0, count - 1, min(SHOWN_FRAMES, count))})
     scale = min(1.0, TILE_PX / first.width_px)
     tile = (max(1, round(scale * first.width_px)), max(1, round(scale * first.height_px)))
-    labels = _labels(protocol)
-    groups: dict[tuple[str, str], dict[str, Any]] = {}
+    groups: dict[str, dict[str, Any]] = {}
     entries = []
     for index, clip in enumerate(clips):
-        scene, size = labels["scene", clip.column("scene")], labels["size", clip.column("size")]
-        method = labels["method", clip.column("method")]
-        entries.append({"label": f"{scene}, {size}: {method}", "method": method})
-        group = groups.setdefault(
-            (clip.column("scene"), clip.column("size")),
-            {
-                "title": f"{scene}, {size}",
-                "holes": f"{100 * (clip.hole_share or 0):.2f} %",
-                "range": f"{100 * float(str(clip.parameters['hole_share_least'])):.2f} to"
-                f" {100 * float(str(clip.parameters['hole_share_most'])):.2f} %",
-                "path": clip.parameters["path"],
-                "extent": f"{float(str(clip.parameters['extent_m'])):.4g} m",
-                "members": [],
-            },
-        )
+        title, caption, facts = _described(protocol, clip)
+        entries.append({"label": f"{title}: {caption}" if title else caption, "method": caption})
+        group = groups.setdefault(title, {"title": title, "facts": facts, "members": []})
         group["members"].append(index)
     environment = Environment(
         loader=PackageLoader("stimuli", "."), autoescape=True, undefined=StrictUndefined
@@ -55,7 +45,7 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
         title=protocol.study.title,
         clips=entries,
         groups=list(groups.values()),
-        columns=max(len(group["members"]) for group in groups.values()),
+        columns=min(COLUMNS, max(len(group["members"]) for group in groups.values())),
         frames=count,
         width=first.width_px,
         height=first.height_px,
@@ -83,10 +73,26 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
     return "data:image/webp;base64," + base64.b64encode(bytes(data)).decode()
 
 
-def _labels(protocol: StudyProtocol) -> dict[tuple[str, str], str]:
-    labels = {("scene", entry.name): entry.label or entry.name for entry in protocol.warped.scenes}
-    labels |= {("size", entry.name): entry.label or entry.name for entry in protocol.warped.sizes}
-    labels |= {
-        ("method", entry.name): entry.label or entry.name for entry in protocol.warped.methods
-    }
-    return labels
+def _described(protocol: StudyProtocol, clip: Clip) -> tuple[str, str, str]:
+    """Return the group that a clip stands in, its caption there, and what holds for the group."""
+    recipe = protocol.stimuli
+    if not isinstance(recipe, WarpedClips):
+        rest = [f"{name} {value}" for name, value in clip.condition.items() if name != SCENE]
+        return clip.column(SCENE), ", ".join(rest) or clip.name, ""
+    scene, size, method = (
+        next(e.label or e.name for e in entries if e.name == clip.column(column))
+        for column, entries in (
+            ("scene", recipe.scenes),
+            ("size", recipe.sizes),
+            ("method", recipe.methods),
+        )
+    )
+    least, most = (
+        100 * float(str(clip.parameters[f"hole_share_{end}"])) for end in ("least", "most")
+    )
+    facts = (
+        f"holes {100 * (clip.hole_share or 0):.2f} % of the frame on average ({least:.2f} to"
+        f" {most:.2f} %); path {clip.parameters['path']}, extent"
+        f" {float(str(clip.parameters['extent_m'])):.4g} m"
+    )
+    return f"{scene}, {size}", method, facts

@@ -31,6 +31,11 @@ def encode_frame(colour: NDArray[np.float32], bit_depth: int) -> bytes:
     return _encode(cv2.cvtColor(whole.astype(dtype), cv2.COLOR_RGB2BGR), _OPTIONS)
 
 
+def encode_bytes(colour: NDArray[np.uint8]) -> bytes:
+    """Return a PNG of stored red, green, blue, shape (H, W, 3), unchanged."""
+    return _encode(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), _OPTIONS)
+
+
 def encode_mask(mask: NDArray[np.bool_]) -> bytes:
     """Return a PNG of one bit per pixel, white where true."""
     return _encode(mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])

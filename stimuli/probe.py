@@ -33,7 +33,8 @@ class Finding:
     flicker_ratio : float or None
         `flicker` over that of the reference in the same holes; None without a reference.
     repeated : list of int
-        Frames that equal the one before in every pixel, although holes moved between them.
+        Frames that equal the one before in every pixel, although holes moved between them, or
+        nothing was warped.
     black : list of int
         Frames that are black.
     """
@@ -83,21 +84,22 @@ def probe_batch(
 
 
 def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
-    masks = out / HOLES_FOLDER / survey_name(ClipName.of(clip.condition))
+    warped = "hole_masks_sha256" in clip.parameters
+    masks = out / HOLES_FOLDER / survey_name(ClipName.of(clip.condition)) if warped else None
     changes, true_changes, repeated, black = [], [], [], []
     last: tuple[NDArray[np.float32], NDArray[np.bool_] | None] | None = None
     last_true: NDArray[np.float32] | None = None
     for index in range(len(clip.frames_sha256)):
         frame = _frame(out, clip, index)
-        mask = read_mask(masks, index)
-        usable = mask if mask.shape == frame.shape[:2] else None  # rescaled clips differ in size
+        mask = None if masks is None else read_mask(masks, index)
+        # Rescaled clips differ in size.
+        usable = mask if mask is not None and mask.shape == frame.shape[:2] else None
         if float(frame.mean()) < BLACK:
             black.append(index)
         # The pixels, not the manifest's hashes: those say what was built.
-        if last is not None and np.array_equal(frame, last[0]):
-            before = read_mask(masks, index - 1)
-            if (before != mask).any():
-                repeated.append(index)
+        same = last is not None and np.array_equal(frame, last[0])
+        if same and (masks is None or (read_mask(masks, index - 1) != mask).any()):
+            repeated.append(index)
         true = None
         if truth is not None and truth is not clip and usable is not None:
             true = _frame(out, truth, index)

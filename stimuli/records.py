@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.manifest import Clip, Manifest, read_manifest
 from protocols.manifest import Renderer as RendererEntry
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, MeshScene
 from protocols.revision import code_revision, package_version
+from protocols.schema import StudyProtocol
 from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
@@ -30,21 +32,24 @@ VERSIONED = (
 )  # fmt: skip
 
 
-class Records:
+class Book:
     """The manifest's entries in the making, for one renderer: bytes repeat on one only."""
 
-    def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
-        self._orders, self._out, self._renderer = orders, out, renderer
+    def __init__(
+        self, protocol: StudyProtocol, display: Display, out: Path, renderer: RendererInfo
+    ) -> None:
+        self._protocol, self._display = protocol, display
+        self._out, self._renderer = out, renderer
         self._folder = out / BUILD_FOLDER / "records"
 
-    def old(self) -> dict[ClipName, Clip]:
-        """Return what an earlier build of this renderer said of its clips."""
-        records: dict[ClipName, Clip] = {}
+    def old(self) -> dict[str, Clip]:
+        """Return what an earlier build of this renderer said of its clips, by name."""
+        records: dict[str, Clip] = {}
         try:
             manifest = read_manifest(self._out)
             old = manifest.renderer
             if RendererInfo(old.vendor, old.renderer, old.version) == self._renderer:
-                records = {ClipName.of(clip.condition): clip for clip in manifest.clips}
+                records = {clip.name: clip for clip in manifest.clips}
         except StudyError:
             pass
         for path in self._folder.glob("*.json"):
@@ -54,32 +59,11 @@ class Records:
             except (ValueError, KeyError, ValidationError):
                 continue
             if raw["renderer"] == asdict(self._renderer):
-                records[ClipName.of(clip.condition)] = clip
+                records[clip.name] = clip
         return records
 
-    def is_done(self, name: ClipName, record: Clip | None) -> bool:
-        """Whether `name` is there whole, made from what is wanted now."""
-        if record is None or record.cache_key != self._orders.clip_key(name):
-            return False
-        masks = self._out / HOLES_FOLDER / survey_name(name)
-        if read_survey(masks, self._orders.survey_key(name)) is None:
-            return False
-        folder = self._out / str(name)
-        endings = (".png", ".exr") if self._orders.protocol.warped.clips.exr else (".png",)
-        frames = range(len(record.frames_sha256))
-        wanted = {f"{index:06d}{ending}" for index in frames for ending in endings}
-        try:
-            if {entry.name for entry in folder.iterdir()} != wanted:
-                return False
-            return all(
-                sha256_file(folder / f"{index:06d}.png") == sha
-                for index, sha in enumerate(record.frames_sha256)
-            )
-        except OSError:
-            return False
-
-    def is_stale(self, records: Mapping[ClipName, Clip]) -> bool:
-        """Whether the folder has no manifest, or one that says other things than `records`."""
+    def is_stale(self, clips: Iterable[Clip]) -> bool:
+        """Whether the folder has no manifest, or one that says other things than `clips`."""
         # Not for revision or format: they say who made the clips, and sittings cite the
         # manifest's hash.
         made_by = {"revision": "", "versions": {}, "format": 2}
@@ -87,7 +71,7 @@ class Records:
             old = read_manifest(self._out).model_copy(update=made_by)
         except StudyError:
             return True
-        return old != self.manifest(records).model_copy(update=made_by)
+        return old != self.manifest(clips).model_copy(update=made_by)
 
     def store(self, record: Clip) -> None:
         """Keep a clip's entry until the manifest is written."""
@@ -96,6 +80,52 @@ class Records:
         write_whole(
             self._folder / f"{record.name}.json", json.dumps(content, sort_keys=True).encode()
         )
+
+    def manifest(self, clips: Iterable[Clip]) -> Manifest:
+        """Return the manifest of `clips`, which come in the order of the study."""
+        return Manifest(
+            format=2,
+            study=self._protocol.study.name,
+            stimuli_sha256=self._protocol.stimuli_sha256,
+            display=self._display.name,
+            revision=f"{package_version()}, revision {code_revision()}",
+            renderer=RendererEntry(**asdict(self._renderer)),
+            versions=versions(),
+            clips=tuple(clips),
+        )
+
+
+def is_whole(folder: Path, record: Clip, endings: Sequence[str] = (".png",)) -> bool:
+    """Whether `folder` holds the frames of `record`, unchanged, and nothing else."""
+    frames = range(len(record.frames_sha256))
+    wanted = {f"{index:06d}{ending}" for index in frames for ending in endings}
+    try:
+        if {entry.name for entry in folder.iterdir()} != wanted:
+            return False
+        return all(
+            sha256_file(folder / f"{index:06d}.png") == sha
+            for index, sha in enumerate(record.frames_sha256)
+        )
+    except OSError:
+        return False
+
+
+class Records(Book):
+    """The book of warped clips."""
+
+    def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
+        super().__init__(orders.protocol, orders.display, out, renderer)
+        self._orders = orders
+
+    def is_done(self, name: ClipName, record: Clip | None) -> bool:
+        """Whether `name` is there whole, made from what is wanted now."""
+        if record is None or record.cache_key != self._orders.clip_key(name):
+            return False
+        masks = self._out / HOLES_FOLDER / survey_name(name)
+        if read_survey(masks, self._orders.survey_key(name)) is None:
+            return False
+        exr = self._orders.protocol.warped.clips.exr
+        return is_whole(self._out / str(name), record, (".png", ".exr") if exr else (".png",))
 
     def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
         """Return the manifest's entry of a clip with these frames."""
@@ -134,20 +164,6 @@ class Records:
             hole_share=survey.hole_share,
             cache_key=orders.clip_key(name),
             frames_sha256=tuple(hashes),
-        )
-
-    def manifest(self, records: Mapping[ClipName, Clip]) -> Manifest:
-        """Return the manifest of `records`."""
-        orders = self._orders
-        return Manifest(
-            format=2,
-            study=orders.protocol.study.name,
-            stimuli_sha256=orders.protocol.stimuli_sha256,
-            display=orders.display.name,
-            revision=f"{package_version()}, revision {code_revision()}",
-            renderer=RendererEntry(**asdict(self._renderer)),
-            versions=versions(),
-            clips=tuple(records[name] for name in orders.clip_names if name in records),
         )
 
 

@@ -39,6 +39,7 @@ class Adaptive(Model):
     """What every rule has."""
 
     rule: str
+    """How the next level or pair follows from the answers: quest-plus or up-down; active-pairs."""
     trials: Positive
     """How many trials each track has."""
 
@@ -89,13 +90,11 @@ class AdaptiveLevels(Adaptive):
     """Columns whose every combination of values has a track of its own, such as `method`."""
 
     def levels(self, study: StudyProtocol) -> tuple[float, ...]:
-        """Return the levels that the stimuli have, rising."""
-        values = {
-            float(value)
-            for value in study.stimuli.values(self.column)
-            if not isinstance(value, (str, bool))
-        }
-        return tuple(sorted(values))
+        """Return the levels that the task's conditions have, rising."""
+        values = (cell.arrangements[0].condition.get(self.column) for cell in self._cells(study))
+        return tuple(
+            sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
+        )
 
     def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
         """Return the level after these answers."""
@@ -300,7 +299,9 @@ class ActivePairs(Adaptive):
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
             wins[methods.index(won), methods.index(lost)] += 1
-        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch))
+        drawn = Chance(study.design.seed, "pairs", batch)
+        # Shuffled: a batch may have one method in many of its pairs.
+        pairs = drawn.shuffled(next_batch(wins, drawn))
         i, j = pairs[len(past) % len(pairs)]
         cell = task.cell(study, trial.condition, (methods[i], methods[j]))
         if cell is None:

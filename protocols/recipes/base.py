@@ -50,6 +50,7 @@ class Recipe(Model):
     """How the stimuli of a study come into being: the section `[stimuli]`."""
 
     kind: str
+    """Where the stimuli come from: scenes that are rendered, or files that were made elsewhere."""
 
     section: ClassVar[str] = "stimuli"
     """Where a file says size, rate and duration."""

@@ -114,6 +114,17 @@ class Abx(RightOrWrong):
             " answer"
         )
 
+    def right_answer(self) -> str:
+        """Return what the three are, and which answer is right."""
+        differ = f"A and B differ in {self.compare} alone"
+        if self.standard is not None:
+            where = ", ".join(f"{column} {value}" for column, value in self.standard.items())
+            differ = (
+                f"One of A and B is the standard ({where}), the other has the same"
+                f" {' and '.join(self.matched)}"
+            )
+        return f"{differ}; X is one of the two again, and right is which."
+
     def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and which came as A, B and X."""
         return (

@@ -63,6 +63,7 @@ class Task(Model):
     """What a participant does in a trial, and which conditions there are."""
 
     kind: str
+    """What a participant does; 'metamerlab new-study --help' names the tasks."""
     stimulus_s: Seconds | None = None
     """How long a still is shown. Clips are shown once, whole."""
 
@@ -129,6 +130,10 @@ class Task(Model):
             return rule.sentence(study)
         cells = len(self.cells(study, study.main_scenes()))
         return f"{cells} conditions, each {study.design.repeats} times"
+
+    def right_answer(self) -> str:
+        """Return which answer is right, in a sentence; empty where none is."""
+        return ""
 
     def catch_sentence(self) -> str:
         """Return what the catch trials show."""

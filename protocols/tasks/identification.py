@@ -44,6 +44,10 @@ class Identification(SingleStimulus):
         value = stimulus.condition.get(self.named_by)
         return None if value is None else str(value)
 
+    def right_answer(self) -> str:
+        """Return what names the right answer."""
+        return f"The right answer is the {self.named_by} of the stimulus."
+
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
         yield from super().problems(study)

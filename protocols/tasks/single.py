@@ -59,21 +59,16 @@ class RightOrWrong(Task):
             Column("expected", "text", "", "The right answer"),
             Column("answer", "text", "", "The answer given"),
             Column("correct", "0/1", "", "1: the answer was right"),
-            Column(
-                "key_place", "integer", "", "Which answer key was pressed, from the left, from 0"
-            ),
             Column("track", "text", "", "Adaptive track; empty: levels were constant"),
         )
 
     def row(self, attempt: Attempt) -> dict[str, object]:
         """Return an attempt in these columns."""
-        answered = attempt.answer is not None
         return {
             **attempt.condition,
             "expected": attempt.expected,
             "answer": attempt.answer,
             "correct": None if attempt.correct is None else int(attempt.correct),
-            "key_place": attempt.answers.index(str(attempt.answer)) if answered else None,
             "track": attempt.track,
         }
 

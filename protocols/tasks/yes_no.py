@@ -43,6 +43,13 @@ class YesNo(SingleStimulus):
         held = all(stimulus.condition.get(key) in values for key, values in self.signal.items())
         return "yes" if held else "no"
 
+    def right_answer(self) -> str:
+        """Return where yes is right."""
+        where = " and ".join(
+            f"{column} is {' or '.join(map(str, values))}" for column, values in self.signal.items()
+        )
+        return f"Yes is right where {where}, else no."
+
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
         yield from super().problems(study)

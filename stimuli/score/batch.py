@@ -62,6 +62,11 @@ def subjects_of_batch(folder: Path) -> Subjects:
     manifest = read_manifest(folder)
     if manifest.simulated:
         raise StudyError(f"{folder}: must hold clips with pixels (this manifest is simulated)")
+    if all(clip.hole_share is None for clip in manifest.clips):
+        raise StudyError(
+            f"{folder}: a batch is scored in the holes of warped clips (these were made from"
+            " files); give two clips or pictures: metamerlab stimuli score TEST REFERENCE"
+        )
     references = {
         (clip.column("scene"), clip.column("size")): clip
         for clip in manifest.clips

@@ -29,6 +29,7 @@ from analysis.study import SEED
 from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.load import load_protocol
+from protocols.tasks.pairs import PairTask
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register
 from study_app.cli.options import (
@@ -135,6 +136,9 @@ def tidy(
         with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = read_sessions(sessions, study, progress=progress)
             write_tables(tables, study, work)
+            if isinstance(study.task, PairTask):
+                table = pwcmp_table(tables.analysed)
+                table.to_csv(work / "pwcmp.csv", index=False, lineterminator="\n")
     for warning in tables.warnings:
         print(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,7 @@ from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_bar
 
 if TYPE_CHECKING:
-    from stimuli.orders import Orders
+    from stimuli.recipes.base import Builder
 
 GIB = 2**30
 
@@ -38,10 +37,11 @@ def build(
         bool, typer.Option("--dry-run", help="Say clips, frames, disk and time; build nothing.")
     ] = False,
 ) -> None:  # fmt: skip
-    """Build every clip of a study: scene x size x method, hashed, manifest last.
+    """Build every clip or still of a study, hashed, manifest last.
 
-    Killed at any point, the same command goes on where it was. A changed method
-    or scene makes only its own clips again.
+    Clips are rendered from scenes, or taken from your pictures and videos, as the study's
+    'stimuli.kind' says. Killed at any point, the same command goes on where it was. A changed
+    method, scene or file makes only its own clips again.
 
     Examples:
 
@@ -52,34 +52,33 @@ def build(
         metamerlab stimuli build my-study.toml --out /shared/clips --scheduler tcp://host:8786
     """
     with user_errors():
-        orders = _orders(protocol, display)
+        builder = _builder(protocol, display)
         if scheduler is not None and workers is not None:
             raise StudyError(
                 "--workers and --scheduler exclude each other: the cluster has its own"
             )
         if dry_run:
-            _print_estimate(orders, out, workers)
+            _print_estimate(builder, out, workers)
             return
-        _build(orders, out, workers, scheduler)
+        _build(builder, out, workers, scheduler)
 
 
-def _orders(protocol: Path, display: str | None) -> Orders:
+def _builder(protocol: Path, display: str | None) -> Builder:
     from protocols.load import load_study
-    from stimuli.orders import Orders
+    from stimuli.recipes import builder_of
     from study_app.cli.checked_study import require_buildable
 
     study, screen = load_study(protocol, display)
     require_buildable(protocol, study, screen)
-    return Orders(study, screen, protocol.absolute().parent)
+    return builder_of(study, screen, protocol.absolute().parent)
 
 
-def _print_estimate(orders: Orders, out: Path, workers: int | None) -> None:
-    from stimuli.estimate import estimate
+def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
     from stimuli.executors import cores
 
     count = workers or cores()
-    with Console(stderr=True).status("making one frame by every method ..."):
-        found = estimate(orders, out, count)
+    with Console(stderr=True).status("trying the first ..."):
+        found = builder.estimate(out, count)
     table = Table(show_header=False, box=None)
     for name, value in (
         ("clips", str(found.clips)),
@@ -97,52 +96,31 @@ def _print_estimate(orders: Orders, out: Path, workers: int | None) -> None:
         )
 
 
-def _build(orders: Orders, out: Path, workers: int | None, scheduler: str | None) -> None:
-    from stimuli.build import build as build_batch
-    from stimuli.executors import cores, dask_cluster, local_processes
+def _build(builder: Builder, out: Path, workers: int | None, scheduler: str | None) -> None:
+    from stimuli.recipes.base import Where
 
     console = Console(highlight=False, soft_wrap=True, markup=False)
-    with ExitStack() as stack:
-        if scheduler is not None:
-            executor, parallel = stack.enter_context(dask_cluster(scheduler))
-        else:
-            parallel = workers or min(cores(), len(orders.clip_names))
-            executor = stack.enter_context(local_processes(parallel))
-        progress = stack.enter_context(progress_bar())
+    with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
 
         def report(done: int, total: int, what: str) -> None:
             progress.update(task, completed=done, total=total, description=what)
 
         try:
-            outcome = build_batch(
-                orders, out.absolute(), executor, parallel=parallel, report=report
-            )
+            outcome = builder.build(out.absolute(), Where(workers, scheduler), report)
         except BaseException:
             progress.remove_task(task)  # a bar over what went wrong says nothing
             raise
-    table = Table("scene, size", box=None)
-    for column in ("extent", "holes", "least", "most", "margin"):
-        table.add_column(column, justify="right")
-    shown = set()
-    for clip in outcome.manifest.clips:
-        if (clip.column("scene"), clip.column("size")) in shown:
-            continue
-        shown.add((clip.column("scene"), clip.column("size")))
-        least, most = (
-            float(str(clip.parameters[f"hole_share_{end}"])) for end in ("least", "most")
-        )
-        table.add_row(
-            f"{clip.column('scene')}, {clip.column('size')}",
-            f"{float(str(clip.parameters['extent_m'])):.4g} m",
-            f"{100 * (clip.hole_share or 0):.2f} %",
-            f"{100 * least:.2f} %",
-            f"{100 * most:.2f} %",
-            f"{clip.parameters['margin_px']} px",
-        )
+    (first, *others), rows = builder.summary(outcome)
+    table = Table(first, box=None)
+    for column in others:
+        table.add_column(column, justify="right" if len(others) > 1 else "left")
+    for row in rows:
+        table.add_row(*row)
     console.print(table)
+    what = "clips" if builder.protocol.stimuli.clip_s is not None else "stills"
     console.print(
-        f"{out}: {len(outcome.built)} clips built, {len(outcome.kept)} kept; manifest"
+        f"{out}: {len(outcome.built)} {what} built, {len(outcome.kept)} kept; manifest"
         f" {outcome.manifest.sha256[:12]}. Look at {out / 'contact-sheet.html'}"
     )
 

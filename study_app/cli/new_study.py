@@ -11,7 +11,7 @@ import typer
 from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
 from protocols.load import load_display
-from protocols.new_study import FOLDERS, study_files
+from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
 
@@ -28,16 +28,22 @@ def new_study(
     display: Annotated[
         str, typer.Option(help="Display to start from: a shipped name or a .toml file.")
     ] = "fhd27-60hz",
+    task: Annotated[
+        str,
+        typer.Option(metavar="NAME", help=f"What participants do: {', '.join(PARTS)}."),
+    ] = "two-interval",
 ) -> None:
     """Make a folder to start a study from: protocol, display file, and where things belong.
 
     Every key is explained in the files; they pass 'metamerlab protocol check' as they are,
     and clips are small, so that the first build is short. The folder's README.md says what to
-    do next.
+    do next. Tasks with a right answer start from a few small pictures and their table.
 
-    Example:
+    Examples:
 
         metamerlab new-study my-study
+
+        metamerlab new-study my-thresholds --task yes-no
     """
     with user_errors():
         named = name or slug(folder.absolute().name)
@@ -51,13 +57,16 @@ def new_study(
             raise StudyError(
                 f"--title: must hold no quotes, backslashes and line ends (got {shown!r})"
             )
-        made = study_files(named, shown, load_display(display))
+        texts = study_files(named, shown, load_display(display), task)
+        from stimuli.example_pictures import example_files
+
+        made = {file: text.encode() for file, text in texts.items()} | example_files(task)
         with whole_folder(folder, _NEVER_REPLACED) as work:
-            for file, text in made.items():
+            for file, data in made.items():
                 (work / file).parent.mkdir(exist_ok=True)
-                (work / file).write_text(text, encoding="utf-8")
-            for below in FOLDERS:
-                (work / below).mkdir()
+                (work / file).write_bytes(data)
+            for below in (*FOLDERS, PARTS[task][1]):
+                (work / below).mkdir(exist_ok=True)
     print(f"{folder}: the study {named!r}, ready to be made yours. Next:")
     print(f"  cd {folder}")
     print("  metamerlab protocol check study.toml")

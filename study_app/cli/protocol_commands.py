@@ -20,7 +20,7 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.load import load_display, load_study, shipped
+from protocols.load import load_display, load_protocol, load_study, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.preregister import preregistration, to_html, to_markdown
@@ -172,6 +172,48 @@ def preregister(
         print(out)
 
 
+@app.command()
+def upgrade(
+    protocol: Annotated[Path, typer.Argument(help="A protocol file of format 1.", metavar="FILE")],
+    out: Annotated[Path, typer.Option(help="A new .toml file, in the folder of the old one.")],
+) -> None:
+    """Rewrite a protocol of format 1 in format 2; order and comments stay.
+
+    It says the same, but is another file with another hash: sittings that were begun with
+    the old file are resumed and analysed with that one, which works as it is.
+
+    Example: metamerlab protocol upgrade my-study.toml --out my-study-2.toml
+    """
+    from protocols.upgrade import upgraded_text
+
+    with user_errors():
+        if out.suffix != ".toml":
+            raise StudyError(f"--out: must end in .toml (got {out})")
+        text = upgraded_text(protocol)
+        if out.absolute().parent.resolve() != protocol.absolute().parent.resolve():
+            raise StudyError(
+                f"--out: must lie in the folder of {protocol}, from where its display and its files"
+                f" are found (got {out}); move it with them afterwards"
+            )
+        try:
+            with out.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            raise StudyError(f"{out}: is never written over; choose a new name") from None
+        except OSError as error:
+            raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+        before, after = load_protocol(protocol), load_protocol(out)
+        print(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
+        print(f"  metamerlab protocol check {out}")
+        print(
+            f"Keep {protocol} (protocol {before.sha256[:12]}): sittings that were begun with it are"
+            " resumed and\nreported with it. Take the new file for new participants, with a folder"
+            " of sessions of its own."
+        )
+        if before.stimuli_sha256 == after.stimuli_sha256:
+            print("Built clips belong to both.")
+
+
 def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:
     return make_plan(study, manifest or virtual_manifest(study, screen), f"P{slot}", slot)
 
@@ -197,7 +239,7 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
         ("blocks", str(study.design.blocks)),
         ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
         ("stimuli", f"{len(study.shown())}{frames}, {width} x {height} px"),
-        ("memory", f"{memory:.0f} MiB for two trials"),
+        ("memory", f"{max(1, memory):.0f} MiB for two trials"),
         ("gaze", study.gaze.mode),
         ("languages", ", ".join(study.text.languages)),
     ):
@@ -221,13 +263,18 @@ def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
 
 
 def _trial_table(plan: Plan) -> Table:
-    table = Table(title=f"Trials of slot {plan.slot}", title_justify="left")
     columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
-    for column in ("block", "trial", *columns, "right", "keys"):
+    orders = {trial.answers for trial in plan.trials}
+    title = f"Trials of slot {plan.slot}"
+    if len(orders) == 1:
+        title += f"; keys from the left: {', '.join(plan.trials[0].answers)}"
+    table = Table(title=title, title_justify="left")
+    answered = ["correct"] if any(trial.correct for trial in plan.trials) else []
+    for column in ("block", "trial", *columns, *answered, *(["keys"] if len(orders) > 1 else [])):
         table.add_column(column, overflow="fold", no_wrap=column == "trial")
     for trial in plan.trials:
         shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
-        table.add_row(
-            str(trial.block), trial.id, *shown, trial.correct or "", " ".join(trial.answers)
-        )
+        right = [trial.correct or ""] if answered else []
+        keys = [" ".join(trial.answers)] if len(orders) > 1 else []
+        table.add_row(str(trial.block), trial.id, *shown, *right, *keys)
     return table

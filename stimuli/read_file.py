@@ -1,0 +1,173 @@
+"""Frames of a picture, a folder of pictures or a video, as stored: 8-bit red, green, blue."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.image_file import count_pictures, read_pixels, three_channels
+
+RATE_TOLERANCE_SHARE = 1e-3
+"""Video files say 29.97 Hz in several ways."""
+_UPRIGHT = 1  # of Exif's orientations
+
+Frame = NDArray[np.uint8]
+
+
+def read_frames(
+    path: Path, size_px: tuple[int, int], frames: int, fps: float | None
+) -> Iterator[Frame]:
+    """Yield the frames of a stimulus, each of shape (H, W, 3).
+
+    Parameters
+    ----------
+    path : Path
+        A picture of any format that OpenImageIO reads; with `fps` a folder of such pictures, in
+        the order of their names, or a video that OpenCV reads.
+    size_px : (int, int)
+        Width and height that each frame must have: nothing is rescaled.
+    frames : int
+        How many there must be.
+    fps : float, optional
+        Frames per second that a video must state; None for a still.
+
+    Raises
+    ------
+    InputError
+        If the file is not there or damaged, or anything of it differs from what is said here.
+        Frames may have been yielded before that.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: must be there (there is no such file)")
+    if fps is None:
+        found: Iterator[Frame] = iter([read_picture(path)])
+    elif path.is_dir():
+        found = _frames_of_folder(path, frames)
+    else:
+        found = _frames_of_video(path, frames, fps)
+    width, height = size_px
+    count = 0
+    for frame in found:
+        if frame.shape[:2] != (height, width):
+            raise InputError(
+                f"{path}: must be {width} x {height} px, as the study says (got"
+                f" {frame.shape[1]} x {frame.shape[0]} px); no picture is rescaled: make it again"
+                " at that size, or change width_px and height_px"
+            )
+        count += 1
+        if count <= frames:
+            yield frame
+    if count != frames:
+        raise _wrong_number(path, frames, count)
+
+
+def read_picture(path: Path) -> Frame:
+    """Return a picture with 8 bits per channel; grey becomes three equal channels.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole picture, is transparent, has more than 8 bits, is stored turned, or
+        holds several pictures.
+    """
+    if path.is_dir():
+        raise InputError(
+            f"{path}: must be a picture (this is a folder); a folder of frames is a video: give"
+            " stimuli.fps and stimuli.duration_s"
+        )
+    pixels = read_pixels(path)
+    if pixels.data.dtype != np.uint8:
+        bits = "16 bits" if pixels.data.dtype == np.uint16 else "numbers of more than 8 bits"
+        raise InputError(
+            f"{path}: must have 8 bits per channel (has {bits}); save it with 8 bits, so that what"
+            " is shown is your choice"
+        )
+    if count_pictures(path) > 1:
+        raise InputError(
+            f"{path}: must hold one picture (it holds several); save the one that is meant"
+        )
+    if int(pixels.attributes.get("Orientation", _UPRIGHT)) != _UPRIGHT:
+        raise InputError(
+            f"{path}: must be stored upright (its Exif orientation is"
+            f" {pixels.attributes['Orientation']}); turn it and save it again"
+        )
+    return np.ascontiguousarray(three_channels(path, pixels))
+
+
+def file_sha256(path: Path) -> str:
+    """Return the hash of a file, or of the names and files of a folder.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    digest = hashlib.sha256()
+    for part in frame_files(path) if path.is_dir() else [path]:
+        if path.is_dir():
+            digest.update(part.name.encode() + b"\0")
+        with part.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
+def frame_files(folder: Path) -> list[Path]:
+    """Return the files of a folder of frames by name; hidden ones do not count."""
+    return sorted(
+        entry for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith(".")
+    )
+
+
+def _frames_of_folder(folder: Path, frames: int) -> Iterator[Frame]:
+    files = frame_files(folder)
+    if len(files) != frames:
+        raise _wrong_number(folder, frames, len(files))
+    yield from map(read_picture, files)
+
+
+def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
+    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        if not video.isOpened():
+            raise InputError(
+                f"{path}: must be a video that OpenCV reads, or a folder of frames (it is neither,"
+                " or damaged)"
+            )
+        stated = float(video.get(cv2.CAP_PROP_FPS))
+        if stated > 0 and abs(stated - fps) > RATE_TOLERANCE_SHARE * fps:
+            raise InputError(
+                f"{path}: must have {fps:g} frames per second, as the study says (it says"
+                f" {stated:g}); make it again at that rate, or change fps"
+            )
+        count = 0
+        while count <= frames:  # one more than wanted is enough to know
+            done, frame = video.read()
+            if not done:
+                break
+            count += 1
+            yield _rgb(path, frame)
+        if count > frames:
+            raise _wrong_number(path, frames, max(count, int(video.get(cv2.CAP_PROP_FRAME_COUNT))))
+    finally:
+        video.release()
+
+
+def _rgb(path: Path, frame: NDArray[Any]) -> Frame:
+    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+        raise InputError(f"{path}: must be a colour video with 8 bits (got {frame.dtype} frames)")
+    return np.ascontiguousarray(frame[..., ::-1])
+
+
+def _wrong_number(path: Path, wanted: int, got: int) -> InputError:
+    return InputError(
+        f"{path}: must have {wanted} frames, duration_s x fps (got {got}); cut it, or change"
+        " duration_s"
+    )

@@ -1,0 +1,72 @@
+"""What the builder of a stimulus recipe offers to `metamerlab stimuli build`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from protocols.display import Display
+from protocols.errors import Problem
+from protocols.schema import StudyProtocol
+from stimuli.batch_folder import Outcome, Report
+from stimuli.estimate import Estimate
+
+__all__ = ["Builder", "Estimate", "Outcome", "Report", "Where"]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Which machine does the work."""
+
+    workers: int | None = None
+    """Processes or threads here; None: one per core."""
+    scheduler: str | None = None
+    """Address of a Dask cluster in their place."""
+
+
+class Builder:
+    """Makes the stimuli of one recipe.
+
+    Parameters
+    ----------
+    protocol : StudyProtocol
+        A study whose `stimuli.kind` is the builder's.
+    display : Display
+        The study's, or the one that the clips are wanted for.
+    folder : Path
+        What file names in the protocol are relative to.
+    """
+
+    def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
+        self.protocol, self.display, self.folder = protocol, display, folder
+
+    def problems(self) -> list[Problem]:
+        """Return what the recipe asks for and this installation does not have."""
+        return []
+
+    def estimate(self, out: Path, workers: int) -> Estimate:
+        """Say what a build would cost.
+
+        Raises
+        ------
+        StudyError, InputError, OSError
+            As a build raises them.
+        """
+        raise NotImplementedError
+
+    def build(self, out: Path, where: Where, report: Report) -> Outcome[Any]:
+        """Build what is missing in `out`; write the manifest last.
+
+        Raises
+        ------
+        StudyError, InputError, OSError
+            With one line for each mistake. What was finished stays for the next run, and there is
+            no manifest.
+        """
+        raise NotImplementedError
+
+    def summary(self, outcome: Outcome[Any]) -> tuple[Sequence[str], list[Sequence[str]]]:
+        """Return a table of what was made: its header, its rows; empty where there is nothing."""
+        raise NotImplementedError

@@ -1,0 +1,71 @@
+"""Builds scenes, warped along camera paths and filled: the recipe `warped-clips`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cached_property
+from pathlib import Path
+
+from pipeline.methods.registry import method_names, method_parameters
+from protocols.errors import Problem
+from protocols.recipes.warped_clips import ClipName
+from protocols.registries import check_methods, check_scenes
+from stimuli.orders import Orders
+from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
+from stimuli.scenes.registry import scene_names
+
+
+class WarpedClipBuilder(Builder):
+    """Renders, warps and fills in processes of its own, or on a cluster."""
+
+    @cached_property
+    def orders(self) -> Orders:
+        """What is to be made."""
+        return Orders(self.protocol, self.display, self.folder)
+
+    def problems(self) -> list[Problem]:
+        """Return methods, parameters and scenes that are not known."""
+        return [
+            *check_methods(self.protocol, method_names(), method_parameters),
+            *check_scenes(self.protocol, scene_names()),
+        ]
+
+    def estimate(self, out: Path, workers: int) -> Estimate:
+        """Make one frame of the first scene by every method, and multiply."""
+        from stimuli.estimate import estimate
+
+        return estimate(self.orders, out, workers)
+
+    def build(self, out: Path, where: Where, report: Report) -> Outcome[ClipName]:
+        """Build what is missing of the clips."""
+        from stimuli.build import build
+        from stimuli.executors import cores, dask_cluster, local_processes
+
+        with ExitStack() as stack:
+            if where.scheduler is not None:
+                executor, parallel = stack.enter_context(dask_cluster(where.scheduler))
+            else:
+                parallel = where.workers or min(cores(), len(self.orders.clip_names))
+                executor = stack.enter_context(local_processes(parallel))
+            return build(self.orders, out, executor, parallel=parallel, report=report)
+
+    def summary(self, outcome: Outcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
+        """Return extent and holes of every scene and size."""
+        rows: dict[str, Sequence[str]] = {}
+        for clip in outcome.manifest.clips:
+            least, most = (
+                float(str(clip.parameters[f"hole_share_{end}"])) for end in ("least", "most")
+            )
+            rows.setdefault(
+                f"{clip.column('scene')}, {clip.column('size')}",
+                (
+                    f"{float(str(clip.parameters['extent_m'])):.4g} m",
+                    f"{100 * (clip.hole_share or 0):.2f} %",
+                    f"{100 * least:.2f} %",
+                    f"{100 * most:.2f} %",
+                    f"{clip.parameters['margin_px']} px",
+                ),
+            )
+        header = ("scene, size", "extent", "holes", "least", "most", "margin")
+        return header, [(name, *row) for name, row in rows.items()]
