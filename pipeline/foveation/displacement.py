@@ -28,7 +28,7 @@ from pipeline.foveation.reference import finished
 Floats = NDArray[np.float64]
 
 LEAST_SMOOTHNESS_PX = 0.5  # deviation of the field's own pools at least
-REACH = 2.0  # deviations of a displacement from the frame's border within which it fades out
+REACH = 3.0  # deviations of a displacement from the frame's border within which it fades out
 LEAST_MATCH, MOST_MATCH = 0.5, 2.0
 CUBIC = -0.5
 """Keys' parameter: Catmull and Rom's spline."""
