@@ -265,7 +265,9 @@ def test_pools_are_drawn_as_wide_as_they_are():
     px = 200 + geometry.distance_px * np.tan(np.radians([10 - 1.24, 10 + 1.24]))
     for edge in px:
         assert np.abs(row + 0.5 - edge).min() < 1.5
-    assert ring_eccentricities(Flat(width_deg=1).of(8, 8), (4, 4)) == pytest.approx((0.31,), abs=0.1)
+    assert ring_eccentricities(Flat(width_deg=1).of(8, 8), (4, 4)) == pytest.approx(
+        (0.31,), abs=0.1
+    )
 
 
 # --- any picture -------------------------------------------------------------------------

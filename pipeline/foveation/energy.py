@@ -83,7 +83,9 @@ class EnergyMetamer:
         steps: int = 60,
         levels: int = 5,
     ) -> None:
-        self.pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
+        self.pooling = make_pooling(
+            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
+        )
         if start not in STARTS:
             raise InputError(f"start must be one of {', '.join(STARTS)} (got {start!r})")
         if not 1 <= steps <= 100_000:
@@ -192,9 +194,7 @@ class EnergyMetamer:
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
             settings = MetamerSettings(self.pooling)
-            return metamer(
-                picture, pools, settings, look.seed, noise_shift_px=look.noise_shift_px
-            )
+            return metamer(picture, pools, settings, look.seed, noise_shift_px=look.noise_shift_px)
         # Not the key of another kind of noise with this seed.
         noise = np.random.Generator(np.random.Philox(key=[look.seed, 3])).standard_normal(
             picture.shape[:2], dtype=np.float32

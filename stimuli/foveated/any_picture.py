@@ -186,9 +186,7 @@ def _shown(
     return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
 
 
-def _upright(
-    colour: NDArray[np.float32], pixels: Pixels, notes: list[str]
-) -> NDArray[np.float32]:
+def _upright(colour: NDArray[np.float32], pixels: Pixels, notes: list[str]) -> NDArray[np.float32]:
     """Turn a photograph as its camera was held: the eight orientations of Exif."""
     orientation = int(pixels.attributes.get("Orientation", 1))
     if orientation in range(2, 9):

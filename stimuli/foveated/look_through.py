@@ -94,9 +94,7 @@ def look_through(
     size = (colour.shape[0], colour.shape[1])
     for choice in choices:
         say(choice.label)
-        foveator = Foveator(
-            size, viewing=viewing, method=choice.name, ctx=ctx, **choice.parameters
-        )
+        foveator = Foveator(size, viewing=viewing, method=choice.name, ctx=ctx, **choice.parameters)
         try:
             on_gpu = foveator.passes is not None
             if isinstance(foveator.condition, EnergyMetamer):
@@ -129,9 +127,7 @@ def sheet_of(
     """Lay the picture with its pools, and every condition, out on one labelled sheet."""
     law = pooling or Pooling()
     geometry = viewing.of(colour.shape[1], colour.shape[0])
-    pooled, eccentricities = draw_pools(
-        pictures.of_colour(colour), geometry, gaze_px, law
-    )
+    pooled, eccentricities = draw_pools(pictures.of_colour(colour), geometry, gaze_px, law)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)
     pooled = draw_gaze(pooled, gaze_px, radius_px)
     rings = ", ".join(f"{value:.3g}" for value in eccentricities)

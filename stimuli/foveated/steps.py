@@ -98,9 +98,7 @@ def write_steps(
 def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
     yield "picture", "picture", pictures.of_colour(colour)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)
-    rings, _ = draw_pools(
-        pictures.of_colour(colour), pools.geometry, pools.gaze_px, pools.pooling
-    )
+    rings, _ = draw_pools(pictures.of_colour(colour), pools.geometry, pools.gaze_px, pools.pooling)
     yield (
         "pools",
         f"pools, their width at half maximum ({pools.pooling})",

@@ -9,6 +9,7 @@ bands, places and frames before they are divided, so that no single place decide
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +77,7 @@ class RingEnergies:
 
     def curves(self) -> dict[str, Curve]:
         """A curve per level: middles of the rings in degrees, ratios there."""
-        middles = [math.sqrt(max(low, 0.5) * high) for low, high in zip(
-            EDGES_DEG[:-1], EDGES_DEG[1:], strict=True)]  # fmt: skip
+        middles = [math.sqrt(max(low, 0.5) * high) for low, high in pairwise(EDGES_DEG)]
         found = {}
         for level, row in enumerate(self.ratios()):
             there = [(x, float(y)) for x, y in zip(middles, row, strict=True) if not np.isnan(y)]

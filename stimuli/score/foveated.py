@@ -87,13 +87,16 @@ def score_foveated(
             for what, frames in (("test", test), ("truth", truth))
         ]  # fmt: skip
         height, width = test.shape[1:3]
-        pair = Pair(
-            "test", files[0], files[1], (), width, height, 0.0 if len(test) == 1 else fps
+        pair = Pair("test", files[0], files[1], (), width, height, 0.0 if len(test) == 1 else fps)
+        settings = Settings(
+            choose_metrics(metrics), viewing or standard_fhd(), Gaze(tuple(gaze_px))
         )
-        settings = Settings(choose_metrics(metrics), viewing or standard_fhd(), Gaze(tuple(gaze_px)))
         results = score(Subjects((Subject("truth", "", "test", pair),), {}, ()), settings)
     return FoveatedScores(
-        {metric.name: results.values.get(("test", metric.name, FRAME)) for metric in results.metrics},
+        {
+            metric.name: results.values.get(("test", metric.name, FRAME))
+            for metric in results.metrics
+        },
         {metric.name: metric.blind for metric in results.metrics},
         results.curves.get("test", {}),
         results.missing,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-
 Curve = tuple[tuple[float, float], ...]
 """Points (x, y) of a line."""
 

@@ -101,9 +101,7 @@ FAMILIES = {
     for family in (
         Family("pixels", "stimuli.score.pixels"),
         Family("statistics", "stimuli.score.statistics", uses_gaze=True),
-        Family(
-            "band-ratios", "stimuli.score.band_ratios", uses_gaze=True, uses_display=True
-        ),
+        Family("band-ratios", "stimuli.score.band_ratios", uses_gaze=True, uses_display=True),
         Family(
             "flip",
             "stimuli.score.flip",
@@ -199,8 +197,8 @@ BLIND = {
     "flicker": "Single frames: it sees change over time alone.",
     "statistics": "Where things lie within a pool, edges that turn into texture, and dependences"
     " between bands: a noise metamer and a true texture can be equal to it.",
-    "band-ratio": "Structure, phase and colour: noise of the right spectrum scores 1. Too much in one"
-    " ring and too little in another cancel in the mean, not in the plot.",
+    "band-ratio": "Structure, phase and colour: noise of the right spectrum scores 1. Too much in"
+    " one ring and too little in another cancel in the mean, not in the plot.",
     "flip": "Where the eye looks: every pixel is seen as in the fovea.",
     "fvvdp": "Pooling: it knows acuity and masking by eccentricity, but compares pixels where pools"
     " would do. It prefers a blur to a metamer wherever pools are small. Colour.",

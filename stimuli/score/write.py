@@ -21,7 +21,17 @@ CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
 JSON_NAME, HTML_NAME = "scores.json", "scores.html"
 BANDS_NAME = "bands.csv"
-_OURS = {CACHE_FOLDER, BANDS_NAME, CSV_NAME, FRAMES_NAME, TABLES_NAME, JSON_NAME, HTML_NAME, "figures", "pictures"}
+_OURS = {
+    CACHE_FOLDER,
+    BANDS_NAME,
+    CSV_NAME,
+    FRAMES_NAME,
+    TABLES_NAME,
+    JSON_NAME,
+    HTML_NAME,
+    "figures",
+    "pictures",
+}
 
 
 def check_out(out: Path) -> None:

@@ -93,7 +93,9 @@ def _print_methods(asked: bool) -> None:
 def foveate(
     picture: Annotated[
         Path,
-        typer.Argument(help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...", show_default=False),
+        typer.Argument(
+            help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...", show_default=False
+        ),
     ],
     out: Annotated[
         Path, typer.Argument(help="The picture to write, .png or .exr; replaced if there.")
@@ -102,8 +104,8 @@ def foveate(
         str | None,
         typer.Option(
             metavar="X,Y",
-            help="Where the eye looks: pixels from the upper left corner (512,384), or degrees right"
-            r" of and below the middle (5deg,-3deg). \[default: the middle]",
+            help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
+            r" right of and below the middle (5deg,-3deg). \[default: the middle]",
             show_default=False,
         ),
     ] = None,
@@ -402,7 +404,9 @@ def _renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context |
     try:
         ctx = create_context()
     except GLUnavailableError:
-        console.print("note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead")
+        console.print(
+            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
+        )
         yield None
         return
     try:

@@ -114,9 +114,7 @@ def test_descent_brings_the_energies_near(picture, look, start):
 @pytest.mark.usefixtures("torch")
 def test_the_fovea_is_copied_and_seeds_differ(picture, look):
     a, again, b = (
-        foveate(
-            picture, look.gaze_px, method="energy-metamer", seed=seed, steps=2, fovea_deg=6.0
-        )
+        foveate(picture, look.gaze_px, method="energy-metamer", seed=seed, steps=2, fovea_deg=6.0)
         for seed in (1, 1, 2)
     )
 
@@ -133,7 +131,7 @@ def test_an_interrupted_descent_goes_on_to_the_same_picture(picture, look, tmp_p
     condition = EnergyMetamer(start="noise", steps=12)
     whole = condition.descend(picture, look)
 
-    def stop(done, total, _loss):
+    def stop(done, _total, _loss):
         if done == 7:
             raise KeyboardInterrupt
 

@@ -1,6 +1,7 @@
 """Scores around a gaze: ratios of bands by eccentricity, and each metric beside its blindness."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_blur_loses_bands_outward_and_a_metamer_gives_them_back(texture):
     falling = [finest[x] for x in sorted(finest)]
     assert ratio["reference"] == pytest.approx(1, abs=1e-4)
     assert ratio["blur"] < 0.5 < 0.8 < ratio["metamer"] < 1.2
-    assert all(a >= b - 0.02 for a, b in zip(falling, falling[1:], strict=False))
+    assert all(a >= b - 0.02 for a, b in pairwise(falling))
     assert falling[-1] < 0.2
     distance = {method: found.values["statistics"] for method, found in scores.items()}
     assert distance["reference"] < 1e-3 < distance["metamer"] < 0.5 * distance["blur"]
@@ -164,7 +165,9 @@ def test_what_is_not_installed_is_named(scored):
     from importlib.util import find_spec
 
     page = (scored / "scores.html").read_text("utf-8")
-    assert ("not computed" in page) == (find_spec("pyfvvdp") is None or find_spec("pycvvdp") is None)
+    assert ("not computed" in page) == (
+        find_spec("pyfvvdp") is None or find_spec("pycvvdp") is None
+    )
 
 
 @pytest.mark.parametrize(
