@@ -276,7 +276,7 @@ class Foveator:
                 f" (got {image.shape[1]} x {image.shape[0]})"
             )
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
-        if self.passes is not None:
+        if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             return self.passes.apply(image, look)
         return self.condition.apply(image, look)
 

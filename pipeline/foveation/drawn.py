@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import FlatGeometry, Geometry
+from pipeline.foveation.geometry import FlatGeometry, Geometry, pixel_centres
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def draw_ring(
     x = (columns.astype(np.float64)[:, None] + fine).reshape(1, -1)
     y = (rows.astype(np.float64)[:, None] + fine).reshape(-1, 1)
     if geometry.wraps:
-        x = x % geometry.width_px
+        x = np.mod(x, float(geometry.width_px))
     across, up = _place_deg(geometry.directions(x, y), centre)
     radius = np.hypot(across, up)
     inked = (radius <= height_deg / 2) & (radius >= (0.5 - GAP_SHARE) * height_deg)
@@ -112,9 +112,8 @@ def cut_shares(
     right, down = _axes(gaze)
     turn = math.radians(angle_deg + 90)
     normal = math.cos(turn) * right - math.sin(turn) * down
-    x = (np.arange(geometry.width_px) + 0.5)[None, :]
-    y = (np.arange(geometry.height_px) + 0.5)[:, None]
-    beyond = np.degrees(np.arcsin(np.clip(geometry.directions(x, y) @ normal, -1, 1)))
+    rays = geometry.directions(*pixel_centres(geometry))
+    beyond = np.degrees(np.arcsin(np.clip(rays @ normal, -1, 1)))
     return np.asarray(np.clip(0.5 + beyond / ramp_deg, 0, 1))
 
 

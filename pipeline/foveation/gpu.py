@@ -7,7 +7,7 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import moderngl
 import numpy as np
@@ -98,7 +98,14 @@ class FoveationPass:
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
     noise). A call binds and dispatches `dispatches` times, and reads nothing back.
+
+    Attributes
+    ----------
+    carries_noise : bool
+        Whether a call takes `noise_shift_px`.
     """
+
+    carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry) -> None:
         self.ctx = ctx
