@@ -14,6 +14,7 @@ from scipy import stats
 from analysis.formula import design_warnings, group_codes, matrices
 from analysis.glmm import fit_crossed
 from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
+from analysis.response import LOGIT, PROBIT, Response
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
@@ -202,6 +203,7 @@ def glmm_logit(
     trials: pd.DataFrame,
     *,
     groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
 ) -> ModelFit:
@@ -211,6 +213,8 @@ def glmm_logit(
     ----------
     groups : sequence of columns
         For example ``("participant", "scene")``: one random intercept each, crossed.
+    slopes : sequence of (column of numbers, group)
+        Random slopes, each independent of all else: ``("signal", "participant")``.
 
     Notes
     -----
@@ -221,15 +225,10 @@ def glmm_logit(
     found = list(design_warnings(design, terms))
     if separated(design, y, np.ones_like(y)):
         return _firth(formula, design, y, terms, level, found, asked=False)
-    codes = [group_codes(trials, column) for column in groups]
-    for column, code in zip(groups, codes, strict=True):
-        if int(code.max()) + 1 < 5:
-            found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
-    solution = fit_crossed(design, y, codes)
-    for column, deviation in zip(groups, solution.sd, strict=True):
-        if deviation < 1e-3:
-            found.append(f"no variance between levels of {column} was found (sd 0)")
-    if not solution.converged:
+    fit, converged = _mixed(
+        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
+    )
+    if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity.
         several = [column for column in groups if trials[column].nunique() > 1][:2]
         robust = glm_logit(formula, trials, cluster=several, reference=reference, level=level)
@@ -238,16 +237,119 @@ def glmm_logit(
             " a model with clustered standard errors stands in its place"
         )
         return replace(robust, warnings=(note, *robust.warnings))
-    return ModelFit(
+    return fit
+
+
+def glmm_probit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]] = (),
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit a probit model with crossed random effects: detection theory as a regression.
+
+    With ``signal`` coded -.5 and .5, ``said ~ 1 + signal`` gives the criterion (minus the
+    intercept) and d' (the slope) of the typical participant and scene; ``slopes`` let d' vary
+    too (DeCarlo 1998; Rouder and Lu 2005). This d' is larger than the one of the whole table
+    (`detection.yes_no`), whose rates mix people with different criteria.
+
+    Notes
+    -----
+    As `glmm_logit`; a model without finite maximum is flagged and must not be used.
+    """
+    design, y, terms = matrices(formula, trials, reference)
+    found = list(design_warnings(design, terms))
+    fit, converged = _mixed(
+        formula, trials, groups, slopes, PROBIT, "probit GLMM", (design, y, terms), level, found
+    )
+    if converged:
+        return fit
+    note = "the mixed model has no finite maximum; do not use it"
+    return replace(fit, warnings=(note, *fit.warnings))
+
+
+@dataclass(frozen=True)
+class ModelsBeside:
+    """One formula, three ways to judge it.
+
+    `independent` is what papers print and takes trials as independent; `clustered` has the same
+    estimates with robust standard errors; `mixed` has random intercepts, and so the effect on
+    the typical participant, which is larger than that on the average answer.
+    """
+
+    independent: ModelFit
+    clustered: ModelFit
+    mixed: ModelFit
+
+
+def models_beside(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    groups: Sequence[str] = ("participant", "scene"),
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelsBeside:
+    """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
+
+    Columns of `groups` that are missing or constant are left out; one must remain.
+    """
+    several = [c for c in groups if c in trials.columns and trials[c].nunique() > 1]
+    if not several:
+        raise ValueError(f"one of the columns {list(groups)} must have two values at least")
+    return ModelsBeside(
+        independent=glm_logit(formula, trials, reference=reference, level=level),
+        clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),
+        mixed=glmm_logit(formula, trials, groups=several, reference=reference, level=level),
+    )
+
+
+def _mixed(
+    formula: str,
+    trials: pd.DataFrame,
+    groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]],
+    response: Response,
+    name: str,
+    model: tuple[Floats, Floats, Sequence[str]],
+    level: float,
+    found: list[str],
+) -> tuple[ModelFit, bool]:
+    design, y, terms = model
+    codes = [group_codes(trials, column) for column in groups]
+    for column, code in zip(groups, codes, strict=True):
+        if int(code.max()) + 1 < 5:
+            found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
+    times: list[Floats | None] = [None] * len(codes)
+    names = list(groups)
+    for column, group in slopes:
+        codes.append(group_codes(trials, group))
+        value = pd.to_numeric(trials[column], errors="coerce").to_numpy(dtype=np.float64)
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"column {column!r} of a random slope must hold numbers")
+        times.append(value)
+        names.append(f"{column} | {group}")
+    solution = fit_crossed(design, y, codes, response=response, slopes=times)
+    for column, deviation in zip(names, solution.sd, strict=True):
+        if deviation < 1e-3:
+            found.append(f"no variance between levels of {column} was found (sd 0)")
+    effects = f"crossed random intercepts ({', '.join(groups)})"
+    if slopes:
+        effects += f", random slopes ({', '.join(names[len(groups) :])})"
+    fit = ModelFit(
         formula=formula,
-        method="GLMM, crossed random intercepts (" + ", ".join(groups) + "), Laplace",
+        method=f"{name}, {effects}, Laplace",
         coefficients=_table(terms, solution.beta, solution.beta_se, None, level),
-        random_sd=dict(zip(groups, map(float, solution.sd), strict=True)),
+        random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
         level=level,
         warnings=tuple(found),
     )
+    return fit, solution.converged
 
 
 def _firth(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from functools import reduce
 from operator import or_
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from protocols.columns import COMMON_COLUMNS
 from protocols.cross_check import cross_check
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
@@ -129,6 +131,23 @@ def problems_between(sections: Mapping[str, object]) -> list[Problem]:
         return problems
     study = StudyProtocol.model_construct(**sections)  # type: ignore[arg-type]
     problems += study.task.problems(study)
+    problems += _taken_columns(study)
     if "analysis" in sections:
         problems += study.analysis.problems(study)
     return problems
+
+
+def _taken_columns(study: StudyProtocol) -> list[Problem]:
+    """Return a problem for every column of the stimuli that tables have already."""
+    task = study.task
+    columns = (*task.condition_columns(study), *task.answer_columns())
+    counts = Counter([*COMMON_COLUMNS, *(column.name for column in columns)])
+    return [
+        Problem(
+            "stimuli",
+            f"a column of the stimuli must not be called {name!r}, as one of the tables that"
+            " attempts become is; rename it",
+        )
+        for name in study.stimuli.columns()
+        if counts[name] > 1
+    ]

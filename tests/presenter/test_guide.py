@@ -66,8 +66,8 @@ def make_smaller(folder: Path) -> None:
             assert count == 1, key
         if name == "study.toml":
             # One size, one built-in scene, neither practice nor catch trials.
-            text = re.sub(r'\[\[scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)
-            text = re.sub(r'\[\[sizes\]\]\nname = "large".*?\n\n', "", text, flags=re.S)
+            text = re.sub(r'\[\[stimuli\.scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)
+            text = re.sub(r'\[\[stimuli\.sizes\]\]\nname = "large".*?\n\n', "", text, flags=re.S)
             text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
         (folder / name).write_text(text, encoding="utf-8")
 
@@ -199,9 +199,9 @@ def test_every_command_of_the_guide_runs_in_its_order(screen, tmp_path):
     journal = read_journal(study / "sessions/my-study/P01/journal.jsonl")
     assert any(isinstance(event, SessionResume) for event in journal.events)
     decided = {
-        event.scene
+        event.condition["scene"]
         for event in journal.events
-        if isinstance(event, Attempt) and event.outcome == "completed" and not event.practice
+        if isinstance(event, Attempt) and event.outcome == "completed" and event.role != "practice"
     }
     assert decided == {"garden", "place", "pair"}
     stone = (study / "pilot/own/my-study/me/journal.jsonl").read_text()

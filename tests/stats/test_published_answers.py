@@ -20,8 +20,9 @@ from analysis.bayes import binomial_bayes_factor
 from analysis.bootstrap import bootstrap_scores
 from analysis.clustered import equivalence_p, holm, sign_flip_floor
 from analysis.consistency import agreement, circular_triads, transitivity
-from analysis.detection import forced_choice_d_prime, sensitivity
+from analysis.detection import sensitivity
 from analysis.glmm import fit_crossed
+from analysis.ideal_observer import forced_choice_d_prime
 from analysis.logit import fit_logit, information
 from analysis.models import gee_logit, glm_logit, glmm_logit
 from analysis.observers import check_observers
@@ -346,7 +347,7 @@ def test_faces(expected: Answers, stats_data: Reader):
     ]
     # The published table counts (no, yes) answers per stimulus.
     assert [row[::-1] for row in table] == [answer["table"]["A"], answer["table"]["P"]]
-    pooled = sensitivity(table[1][0], table[1][1], table[0][0], table[0][1])
+    pooled = sensitivity(table[1][0], table[1][1], table[0][0], table[0][1], "none")
     assert pooled.d_prime == pytest.approx(answer["dprime_probit"], **CLOSE)
     assert stats.norm.ppf(pooled.false_alarm_rate) == pytest.approx(
         answer["probit_intercept"], **CLOSE
@@ -548,14 +549,16 @@ def test_seeing_quanta(expected: Answers, stats_data: Reader):
 
 def test_discrimination(expected: Answers):
     answer = expected["sensR"]
-    yes_no = sensitivity(10, 10, 3, 17)
+    yes_no = sensitivity(10, 10, 3, 17, "none")
     assert yes_no.d_prime == pytest.approx(answer["AnotA(10,20,3,20)"]["d"], **CLOSE)
     assert yes_no.standard_error == pytest.approx(answer["AnotA(10,20,3,20)"]["se"], **CLOSE)
-    assert sensitivity(8, 17, 1, 24).d_prime == pytest.approx(answer["SDT 8/25,1/25 d"], **CLOSE)
-    d, error = forced_choice_d_prime(10, 15)
+    rated = sensitivity(8, 17, 1, 24, "none")
+    assert rated.d_prime == pytest.approx(answer["SDT 8/25,1/25 d"], **CLOSE)
+    d, above = forced_choice_d_prime(np.array([10 / 15, 10 / 15 + 1e-6]), 2)
+    error = np.sqrt(10 * 5 / 15**3) * (above - d) / 1e-6
     assert d == pytest.approx(answer["discrim 2AFC 10/15"]["d"], **CLOSE)
     assert error == pytest.approx(answer["discrim 2AFC 10/15"]["se"], **CLOSE)
-    assert forced_choice_d_prime(8, 10)[0] == pytest.approx(answer["psyinv(.8,2AFC)"], **CLOSE)
+    assert forced_choice_d_prime(0.8, 2) == pytest.approx(answer["psyinv(.8,2AFC)"], **CLOSE)
     tied = scale_with_ties(np.array([[0, 6.0], [2, 0]]), np.array([[0, 2.0], [2, 0]]), "ab")
     unit = np.sqrt(2.0) / JOD_SIGMA
     two = answer["twoAC(2,2,6)"]
@@ -597,7 +600,7 @@ def test_odour_ratings_at_every_criterion(expected: Answers):
     blank = np.array([112, 112, 72, 53, 22, 4])
     found = [
         sensitivity(
-            odour[cut:].sum(), odour[:cut].sum(), blank[cut:].sum(), blank[:cut].sum()
+            odour[cut:].sum(), odour[:cut].sum(), blank[cut:].sum(), blank[:cut].sum(), "none"
         ).d_prime
         for cut in range(1, 6)
     ]

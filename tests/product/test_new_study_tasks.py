@@ -1,0 +1,237 @@
+"""`new-study --task NAME`: a study of every task that works at once and explains every key."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from protocols.feasibility import check_feasible
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol, shipped
+from protocols.new_study import PARTS, study_files
+from protocols.schema import StudyProtocol
+from protocols.tasks import TASKS
+
+RIGHT_OR_WRONG = [task for task, (recipe, _) in PARTS.items() if recipe == "files"]
+
+
+@pytest.fixture
+def made(metamerlab, tmp_path):
+    """Return a function that makes a new study of a task."""
+
+    def make(task: str) -> Path:
+        folder = tmp_path / task
+        done = metamerlab("new-study", folder, "--task", task)
+        assert done.exit_code == 0, done.output
+        return folder / "study.toml"
+
+    return make
+
+
+def uncommented(text: str, first: str, last: str) -> str:
+    """Return a study with the keys of a commented section, from one line to another, set."""
+    before, found, rest = text.partition(first)
+    assert found, first
+    block, found, after = (found + rest).partition(last)
+    assert found, last
+    lines = [
+        line.removeprefix("# ") if re.match(r"# (\[|\w+ = )", line) else line
+        for line in (block + found).splitlines()
+    ]
+    return before + "\n".join(lines) + after
+
+
+def test_there_is_a_new_study_of_every_task_that_ships():
+    assert set(PARTS) == set(TASKS)
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_it_is_in_order_at_once(metamerlab, made, task):
+    path = made(task)
+    done = metamerlab("protocol", "check", path)
+
+    assert done.exit_code == 0, done.output
+    assert "in order" in done.stdout
+    assert "note:" not in done.stdout
+    assert load_protocol(path).task.kind == task
+    assert load_protocol(path).format == 2
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_it_is_feasible_on_every_shipped_display(made, task):
+    folder = made(task).parent
+    for name in shipped("displays"):
+        display = load_display(name).model_copy(update={"name": "my-display"})
+        text = study_files(task, "Title", display, task)["study.toml"]
+        (folder / "study.toml").write_text(text, encoding="utf-8")
+        assert check_feasible(load_protocol(folder / "study.toml"), display) == [], name
+
+
+def models_of(study: StudyProtocol) -> dict[str, type[BaseModel]]:
+    """Return the sections that a study of a task must have, with the class of each."""
+    sections: dict[str, type[BaseModel]] = {
+        name: type(getattr(study, name)) for name in StudyProtocol.model_fields if name != "format"
+    }
+    sections["design.practice"] = type(study.design.practice)
+    sections["task.catch"] = type(study.task.catch)
+    sections["analysis.exclusions"] = type(study.analysis.exclusions)
+    if hasattr(study.analysis, "primary"):
+        sections["analysis.primary"] = type(study.analysis.primary)
+    (texts,) = study.text.languages.values()
+    sections["text.languages.en"] = type(texts)
+    sections["text.languages.en.questions"] = type(texts.questions[0])
+    return sections
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_every_key_is_there_and_explained(made, task):
+    path = made(task)
+    text = path.read_text(encoding="utf-8")
+    study = load_protocol(path)
+    heads = re.findall(r"^(?:# )?\[\[?([\w.]+)\]\]?$", text, flags=re.M)
+    parts = re.split(r"^(?:# )?\[\[?[\w.]+\]\]?$", text, flags=re.M)[1:]
+    sections: dict[str, str] = {}
+    for head, part in zip(heads, parts, strict=True):
+        sections[head] = sections.get(head, "") + part
+
+    for name, model in models_of(study).items():
+        lines = sections[name].splitlines()
+        for key in model.model_fields:
+            if f"{name}.{key}" in sections or (name, key) == ("text", "languages"):
+                continue  # a section of its own
+            at = [i for i, line in enumerate(lines) if re.match(rf"(# )?{key} = ", line)]
+            assert at, f"[{name}] {key} is missing"
+            assert lines[at[0] - 1].startswith("# "), f"[{name}] {key} is not explained"
+
+
+@pytest.mark.parametrize("task", RIGHT_OR_WRONG)
+@pytest.mark.parametrize(
+    ("rule", "first", "last"),
+    [
+        ("quest-plus", "# [task.adaptive]\n", "# falling = false"),
+        ("up-down", '# [task.adaptive]\n# rule = "up-down"', "# falling = false"),
+    ],
+)
+def test_the_examples_of_adaptive_levels_are_valid_and_run(
+    metamerlab, made, tmp_path, task, rule, first, last
+):
+    path = made(task)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(uncommented(text, first, last), encoding="utf-8")
+
+    assert load_protocol(path).task.adaptation.rule == rule
+    done = metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
+    assert done.exit_code == 0, done.output
+    attempts = read_journal(tmp_path / "s" / task / "S001" / "journal.jsonl").attempts
+    decided = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
+    study = load_protocol(path)
+    assert len(decided) == study.task.adaptation.trials_of(study)
+    assert all(attempt.track for attempt in decided)
+
+
+@pytest.mark.parametrize("task", ["two-interval", "two-alternative"])
+def test_the_example_of_active_pairs_is_valid_and_runs(metamerlab, made, tmp_path, task):
+    path = made(task)
+    text = uncommented(path.read_text(encoding="utf-8"), "# [task.sampling]", "# trials = 60")
+    text = text.replace('pairings = "all"\n', "").replace("repeats = 2", "repeats = 1")
+    path.write_text(text, encoding="utf-8")
+
+    done = metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
+    assert done.exit_code == 0, done.output
+    attempts = read_journal(tmp_path / "s" / task / "S001" / "journal.jsonl").attempts
+    decided = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
+    assert len(decided) == 60
+
+
+OPTIONAL = {
+    "source", "stimulus_s", "scenes", "timeout_s", "choices", "rt_max_s", "retention_months",
+    "criterion_share", "right", "wrong", "compare", "fps", "duration_s", "size",
+}  # fmt: skip
+TOGETHER = {
+    "stimulus_s": "clips",  # only for stills
+    "compare": "standard",
+    "fps": "videos",
+    "duration_s": "videos",
+}
+"""Keys that need another one changed as well."""
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_examples_of_optional_keys_are_valid_themselves(made, task):
+    path = made(task)
+    text = path.read_text(encoding="utf-8")
+    columns = load_protocol(path).stimuli.columns()
+    before, _, rest = text.partition("# A 3D file of yours")  # other kinds of scenes: whole entries
+    text = before + (rest.partition("# How much is uncovered")[2] if rest else "")
+    examples = re.findall(r"^# (\w+) = .+$", text, flags=re.M)
+    tried = 0
+    for key in dict.fromkeys(examples):
+        needs_scene = key == "scenes" and "scene" not in columns
+        if key not in OPTIONAL or key in TOGETHER or needs_scene:
+            continue
+        path.write_text(re.sub(rf"^# ({key} = .+)$", r"\1", text, count=1, flags=re.M))
+        load_protocol(path)
+        tried += 1
+    assert tried >= 5
+
+
+@pytest.mark.parametrize("task", RIGHT_OR_WRONG)
+def test_its_pictures_are_built_simulated_and_listed(metamerlab, made, tmp_path, task):
+    path = made(task)
+    clips, sessions = tmp_path / "clips", tmp_path / "sessions"
+
+    built = metamerlab("stimuli", "build", path, "--out", clips)
+    assert built.exit_code == 0, built.output
+    assert metamerlab("stimuli", "check", clips).exit_code == 0
+    checked = metamerlab("protocol", "check", path, "--stimuli", clips)
+    assert checked.exit_code == 0, checked.output
+    done = metamerlab(
+        "session", "simulate", path, "--stimuli", clips, "--out", sessions, "--participants", 2
+    )
+    assert done.exit_code == 0, done.output
+    right = [
+        attempt.correct
+        for code in ("S001", "S002")
+        for attempt in read_journal(sessions / task / code / "journal.jsonl").attempts
+        if attempt.role == "main" and attempt.outcome == "completed"
+    ]
+    assert 0.5 < sum(right) / len(right) < 1  # levels from hard to plain
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_show_and_preregister_say_the_task_the_question_and_the_right_answer(
+    metamerlab, made, task
+):
+    path = made(task)
+    shown = metamerlab("protocol", "show", path, "--slot", 1)
+    assert shown.exit_code == 0, shown.output
+    assert f"{task}: " in shown.stdout
+    written = metamerlab("protocol", "preregister", path)
+    assert written.exit_code == 0, written.output
+    study = load_protocol(path)
+    assert f'"{study.text.languages["en"].question}"' in written.stdout
+    assert study.task.right_answer() in written.stdout
+
+
+def test_an_unknown_task_gets_the_nearest_name_and_leaves_nothing(metamerlab, tmp_path):
+    done = metamerlab("new-study", tmp_path / "x", "--task", "yesno")
+
+    assert done.exit_code == 2
+    said = " ".join(done.stderr.split())
+    assert "--task: must be one of two-interval, two-alternative, yes-no" in said
+    assert "did you mean 'yes-no'?" in said
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("task", RIGHT_OR_WRONG)
+def test_the_readme_names_what_lies_there(made, task):
+    path = made(task)
+    text = (path.parent / "README.md").read_text(encoding="utf-8")
+    here = {entry.name + ("/" if entry.is_dir() else "") for entry in path.parent.iterdir()}
+    assert here - {"README.md"} <= set(re.findall(r"^\| `(.+?)` \|", text, flags=re.M))
+    assert not re.search(r"@[A-Z_]+@", text + path.read_text(encoding="utf-8"))
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["stimuli"]["table"] == "stimuli.csv"
