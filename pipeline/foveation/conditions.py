@@ -61,6 +61,11 @@ CONDITIONS = tuple(
         ("contrast-enhanced", "a blur, contrast restored (Patney et al. 2016)", "ContrastEnhanced"),
         ("eidolon", "displaced at random (Koenderink et al. 2017)", "Eidolon"),
         ("warped-metamer", "displaced, with each pool's moments", "WarpedMetamer"),
+        (
+            "energy-metamer",
+            "pooled energies matched by descent (torch, minutes)",
+            "pipeline.foveation.energy:EnergyMetamer",
+        ),
         ("files:", "pictures made elsewhere", "FilesOnDisk"),
     )
 )
