@@ -332,21 +332,6 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
     return [Choice(name, parameters) for name in methods]
 
 
-def _parameters(methods: list[str], settings: list[str]) -> dict[str, Any]:
-    if settings and len(methods) > 1:
-        raise StudyError("--set needs exactly one --method: whose parameter it is is not clear")
-    parameters: dict[str, Any] = {}
-    for setting in settings:
-        name, equals, value = setting.partition("=")
-        if not equals or not name:
-            raise StudyError(f"--set must be name=value (got {setting!r})")
-        try:
-            parameters[name] = json.loads(value)  # numbers and true or false
-        except json.JSONDecodeError:
-            parameters[name] = value
-    return parameters
-
-
 def _nearer(text: str) -> Nearer:
     from stimuli.one_picture import NEARER
 
