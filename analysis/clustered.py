@@ -49,6 +49,42 @@ class ClusteredShare:
         return equivalence_p(self.share - null, self.standard_error, self.df, margin)
 
 
+@dataclass(frozen=True)
+class ClusteredEstimate:
+    """An estimate with a standard error that respects participants and scenes.
+
+    Attributes
+    ----------
+    value, standard_error, df : ndarray (...)
+    persons : ndarray (...)
+        Participants it rests on: no p falls below `sign_flip_floor` of them.
+    """
+
+    value: Floats
+    standard_error: Floats
+    df: Floats
+    persons: Floats
+
+    def p_value(self, null: float = 0.0) -> Floats:
+        """Return the two-sided p of t, at least the sign-flip floor of the participants."""
+        gap = np.abs(self.value - null)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(gap > 1e-12, gap / self.standard_error, 0.0)
+        p = 2.0 * stats.t.sf(ratio, np.maximum(self.df, 1e-9))
+        return np.asarray(np.maximum(p, np.where(gap > 1e-12, self._floor(), 0.0)))
+
+    def limits(self, level: float = 0.95, null: float = 0.0) -> tuple[Floats, Floats]:
+        """Return t limits; they hold `null` exactly where its p is above 1 - level."""
+        reach = stats.t.ppf(0.5 + 0.5 * level, self.df) * self.standard_error
+        lower, upper = self.value - reach, self.value + reach
+        few = self._floor() > 1.0 - level
+        lower = np.where(few, np.minimum(lower, null), lower)
+        return np.asarray(lower), np.asarray(np.where(few, np.maximum(upper, null), upper))
+
+    def _floor(self) -> Floats:
+        return np.minimum(1.0, 2.0 * 0.5**self.persons)
+
+
 def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     """Estimate a share clustered by participant and by scene.
 
@@ -70,7 +106,52 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     shown = np.broadcast_to(shown, chosen.shape)
     total = shown.sum(axis=(-2, -1))
     share = chosen.sum(axis=(-2, -1)) / total
-    residual = chosen - shown * share[..., None, None]
+    var_person, var_scene, var_cell, persons, scenes = _variances(
+        chosen - shown * share[..., None, None], shown, total**2
+    )
+    return combine(share, total, var_person, var_scene, var_cell, persons, scenes)
+
+
+def two_way_influence(
+    estimate: Floats, influence: Floats, shown: Floats, least: Floats | float = 0.0
+) -> ClusteredEstimate:
+    """Give any smooth statistic of the trials an error that respects participants and scenes.
+
+    Parameters
+    ----------
+    estimate : ndarray (...)
+    influence : ndarray (..., participants, scenes)
+        Sum of the trials' influence on the estimate in each cell (first-order: its derivative
+        in a share times the trial's deviation from that share, over the number of trials).
+    shown : ndarray (..., participants, scenes)
+        Trials in each cell.
+    least : ndarray (...) or float
+        Variance to assume at least, such as the one of independent trials: where all answers
+        agree the influence is 0 and says nothing.
+
+    Notes
+    -----
+    The rule of `two_way`, which it equals for a share.
+    """
+    influence = np.array(influence, dtype=np.float64)
+    shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
+    variances = _variances(influence, shown, np.asarray(1.0))
+    variance, df = _two_way_variance(*variances)
+    return ClusteredEstimate(
+        value=np.asarray(estimate, dtype=np.float64),
+        standard_error=np.sqrt(np.maximum(variance, least)),
+        df=np.asarray(df),
+        persons=variances[3],
+    )
+
+
+def _variances(
+    residual: Floats, shown: Floats, squared: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return variances between persons, scenes and within cells, and how many of each there are.
+
+    `residual` (..., participants, scenes) is used up; `squared` divides its squares.
+    """
     by_person, by_scene = residual.sum(axis=-1), residual.sum(axis=-2)
     shown_person, shown_scene = shown.sum(axis=-1), shown.sum(axis=-2)
     persons = (shown_person > 0).sum(axis=-1).astype(np.float64)
@@ -79,7 +160,6 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     person_shift = by_person / np.maximum(shown_person, 1.0)
     scene_shift = by_scene / np.maximum(shown_scene, 1.0)
     residual -= shown * (person_shift[..., :, None] + scene_shift[..., None, :])
-    squared = total**2
     with np.errstate(divide="ignore", invalid="ignore"):
         var_person = np.einsum("...p,...p->...", by_person, by_person) / squared
         var_person *= persons / (persons - 1.0)
@@ -87,7 +167,7 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
         var_scene = np.where(scenes > 1, var_scene * scenes / (scenes - 1.0), 0.0)
         var_cell = np.einsum("...ps,...ps->...", residual, residual) / squared
         var_cell *= cells / np.maximum(cells - persons - scenes + 1.0, 1.0)
-    return combine(share, total, var_person, var_scene, var_cell, persons, scenes)
+    return var_person, var_scene, var_cell, persons, scenes
 
 
 def combine(
@@ -100,6 +180,21 @@ def combine(
     scenes: Floats,
 ) -> ClusteredShare:
     """Put the three variances of `two_way` together (also used by the power simulation)."""
+    variance, df = _two_way_variance(var_person, var_scene, var_cell, persons, scenes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        effective = np.where(variance > 0, share * (1.0 - share) / variance, persons)
+    return ClusteredShare(
+        share=np.asarray(share),
+        standard_error=np.sqrt(variance),
+        df=np.asarray(df),
+        effective_n=np.minimum(effective, total),
+    )
+
+
+def _two_way_variance(
+    var_person: Floats, var_scene: Floats, var_cell: Floats, persons: Floats, scenes: Floats
+) -> tuple[Floats, Floats]:
+    """Return the two-way variance and its degrees of freedom."""
     var_cell = np.where(scenes > 1, var_cell, 0.0)
     few = (scenes > 1) & (scenes < FEW_SCENES)
     # Two or three scenes that happen to agree say little: assume some variance between them.
@@ -113,13 +208,7 @@ def combine(
         spread = weight_p**2 / (persons - 1.0)
         spread = spread + np.where(scenes > 1, weight_s**2 / (scenes - 1.0), 0.0)
         df = np.where(variance > 0, (weight_p**2 + weight_s**2) / spread, persons - 1.0)
-        effective = np.where(variance > 0, share * (1.0 - share) / variance, persons)
-    return ClusteredShare(
-        share=np.asarray(share),
-        standard_error=np.sqrt(variance),
-        df=np.asarray(df),
-        effective_n=np.minimum(effective, total),
-    )
+    return np.asarray(variance), np.asarray(df)
 
 
 def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:

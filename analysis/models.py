@@ -1,19 +1,17 @@
-"""Models of trials by formula: logit GLM, robust and penalised, GEE, and the crossed GLMM."""
+"""Models of trials by formula: logit GLM, robust and penalised, and the crossed GLMM."""
 
-import warnings as python_warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
 from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.formula import design_warnings, group_codes, matrices
 from analysis.glmm import fit_crossed
 from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
+from analysis.response import LOGIT, PROBIT, Response
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
@@ -50,8 +48,7 @@ class ModelFit:
     random_sd : mapping
         Standard deviation of each random intercept (GLMM only).
     trials : int
-    log_likelihood : float or None
-        None for estimating equations.
+    log_likelihood : float
     level : float
         Coverage of the limits.
     warnings : tuple of str
@@ -63,7 +60,7 @@ class ModelFit:
     coefficients: tuple[Coefficient, ...]
     random_sd: Mapping[str, float]
     trials: int
-    log_likelihood: float | None
+    log_likelihood: float
     level: float
     warnings: tuple[str, ...]
 
@@ -107,7 +104,7 @@ def glm_logit(
     ones = np.ones_like(y)
     found = list(design_warnings(design, terms))
     if separated(design, y, ones):
-        return _firth(formula, design, y, terms, level, found, asked=False)
+        return _firth(formula, design, y, terms, level, found)
     solution = fit_logit(design, y, ones)
     if not solution.converged:
         found.append("the fit did not converge; do not use it")
@@ -138,70 +135,12 @@ def glm_logit(
     )
 
 
-def firth_logit(
-    formula: str,
-    trials: pd.DataFrame,
-    *,
-    reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
-) -> ModelFit:
-    """Fit a logit model with Firth's penalty: finite and less biased in small samples."""
-    design, y, terms = matrices(formula, trials, reference)
-    found = list(design_warnings(design, terms))
-    return _firth(formula, design, y, terms, level, found, asked=True)
-
-
-def gee_logit(
-    formula: str,
-    trials: pd.DataFrame,
-    *,
-    cluster: str,
-    structure: Literal["independence", "exchangeable"] = "exchangeable",
-    reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
-) -> ModelFit:
-    """Fit a logit model by generalised estimating equations (Liang and Zeger 1986).
-
-    statsmodels' estimates and robust standard errors, judged by t(G - 1) instead of its z,
-    which is too liberal for a dozen participants.
-    """
-    design, y, terms = matrices(formula, trials, reference)
-    codes = group_codes(trials, cluster)
-    groups = int(codes.max()) + 1
-    if groups < 2:
-        raise ValueError(f"{cluster} must have at least two groups (got {groups})")
-    correlation = (
-        sm.cov_struct.Exchangeable()
-        if structure == "exchangeable"
-        else sm.cov_struct.Independence()
-    )
-    with python_warnings.catch_warnings():
-        python_warnings.simplefilter("ignore")  # statsmodels repeats itself while iterating
-        result = sm.GEE(
-            y, design, groups=codes, family=sm.families.Binomial(), cov_struct=correlation
-        ).fit()
-    found = list(design_warnings(design, terms))
-    if groups < FEW_CLUSTERS:
-        found.append(f"only {groups} clusters: robust standard errors tend to be small")
-    return ModelFit(
-        formula=formula,
-        method=f"GEE, {structure} within {cluster}",
-        coefficients=_table(
-            terms, np.asarray(result.params), np.asarray(result.bse), float(groups - 1), level
-        ),
-        random_sd={},
-        trials=int(y.size),
-        log_likelihood=None,
-        level=level,
-        warnings=tuple(found),
-    )
-
-
 def glmm_logit(
     formula: str,
     trials: pd.DataFrame,
     *,
     groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
 ) -> ModelFit:
@@ -211,6 +150,8 @@ def glmm_logit(
     ----------
     groups : sequence of columns
         For example ``("participant", "scene")``: one random intercept each, crossed.
+    slopes : sequence of (column of numbers, group)
+        Random slopes, each independent of all else: ``("signal", "participant")``.
 
     Notes
     -----
@@ -220,16 +161,11 @@ def glmm_logit(
     design, y, terms = matrices(formula, trials, reference)
     found = list(design_warnings(design, terms))
     if separated(design, y, np.ones_like(y)):
-        return _firth(formula, design, y, terms, level, found, asked=False)
-    codes = [group_codes(trials, column) for column in groups]
-    for column, code in zip(groups, codes, strict=True):
-        if int(code.max()) + 1 < 5:
-            found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
-    solution = fit_crossed(design, y, codes)
-    for column, deviation in zip(groups, solution.sd, strict=True):
-        if deviation < 1e-3:
-            found.append(f"no variance between levels of {column} was found (sd 0)")
-    if not solution.converged:
+        return _firth(formula, design, y, terms, level, found)
+    fit, converged = _mixed(
+        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
+    )
+    if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity.
         several = [column for column in groups if trials[column].nunique() > 1][:2]
         robust = glm_logit(formula, trials, cluster=several, reference=reference, level=level)
@@ -238,16 +174,119 @@ def glmm_logit(
             " a model with clustered standard errors stands in its place"
         )
         return replace(robust, warnings=(note, *robust.warnings))
-    return ModelFit(
+    return fit
+
+
+def glmm_probit(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]] = (),
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelFit:
+    """Fit a probit model with crossed random effects: detection theory as a regression.
+
+    With ``signal`` coded -.5 and .5, ``said ~ 1 + signal`` gives the criterion (minus the
+    intercept) and d' (the slope) of the typical participant and scene; ``slopes`` let d' vary
+    too (DeCarlo 1998; Rouder and Lu 2005). This d' is larger than the one of the whole table
+    (`detection.yes_no`), whose rates mix people with different criteria.
+
+    Notes
+    -----
+    As `glmm_logit`; a model without finite maximum is flagged and must not be used.
+    """
+    design, y, terms = matrices(formula, trials, reference)
+    found = list(design_warnings(design, terms))
+    fit, converged = _mixed(
+        formula, trials, groups, slopes, PROBIT, "probit GLMM", (design, y, terms), level, found
+    )
+    if converged:
+        return fit
+    note = "the mixed model has no finite maximum; do not use it"
+    return replace(fit, warnings=(note, *fit.warnings))
+
+
+@dataclass(frozen=True)
+class ModelsBeside:
+    """One formula, three ways to judge it.
+
+    `independent` is what papers print and takes trials as independent; `clustered` has the same
+    estimates with robust standard errors; `mixed` has random intercepts, and so the effect on
+    the typical participant, which is larger than that on the average answer.
+    """
+
+    independent: ModelFit
+    clustered: ModelFit
+    mixed: ModelFit
+
+
+def models_beside(
+    formula: str,
+    trials: pd.DataFrame,
+    *,
+    groups: Sequence[str] = ("participant", "scene"),
+    reference: Mapping[str, str] | None = None,
+    level: float = 0.95,
+) -> ModelsBeside:
+    """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
+
+    Columns of `groups` that are missing or constant are left out; one must remain.
+    """
+    several = [c for c in groups if c in trials.columns and trials[c].nunique() > 1]
+    if not several:
+        raise ValueError(f"one of the columns {list(groups)} must have two values at least")
+    return ModelsBeside(
+        independent=glm_logit(formula, trials, reference=reference, level=level),
+        clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),
+        mixed=glmm_logit(formula, trials, groups=several, reference=reference, level=level),
+    )
+
+
+def _mixed(
+    formula: str,
+    trials: pd.DataFrame,
+    groups: Sequence[str],
+    slopes: Sequence[tuple[str, str]],
+    response: Response,
+    name: str,
+    model: tuple[Floats, Floats, Sequence[str]],
+    level: float,
+    found: list[str],
+) -> tuple[ModelFit, bool]:
+    design, y, terms = model
+    codes = [group_codes(trials, column) for column in groups]
+    for column, code in zip(groups, codes, strict=True):
+        if int(code.max()) + 1 < 5:
+            found.append(f"only {int(code.max()) + 1} levels of {column}: its sd is a guess")
+    times: list[Floats | None] = [None] * len(codes)
+    names = list(groups)
+    for column, group in slopes:
+        codes.append(group_codes(trials, group))
+        value = pd.to_numeric(trials[column], errors="coerce").to_numpy(dtype=np.float64)
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"column {column!r} of a random slope must hold numbers")
+        times.append(value)
+        names.append(f"{column} | {group}")
+    solution = fit_crossed(design, y, codes, response=response, slopes=times)
+    for column, deviation in zip(names, solution.sd, strict=True):
+        if deviation < 1e-3:
+            found.append(f"no variance between levels of {column} was found (sd 0)")
+    effects = f"crossed random intercepts ({', '.join(groups)})"
+    if slopes:
+        effects += f", random slopes ({', '.join(names[len(groups) :])})"
+    fit = ModelFit(
         formula=formula,
-        method="GLMM, crossed random intercepts (" + ", ".join(groups) + "), Laplace",
+        method=f"{name}, {effects}, Laplace",
         coefficients=_table(terms, solution.beta, solution.beta_se, None, level),
-        random_sd=dict(zip(groups, map(float, solution.sd), strict=True)),
+        random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
         level=level,
         warnings=tuple(found),
     )
+    return fit, solution.converged
 
 
 def _firth(
@@ -257,17 +296,14 @@ def _firth(
     terms: Sequence[str],
     level: float,
     found: list[str],
-    *,
-    asked: bool,
 ) -> ModelFit:
     ones = np.ones_like(y)
     solution = fit_logit(design, y, ones, firth=True)
     p_values = likelihood_ratio_p(design, y, ones, firth=True)
-    if not asked:
-        found.append(
-            "answers are separated (some condition was always or never chosen): Firth's penalty"
-            " was used, p by penalised likelihood ratio"
-        )
+    found.append(
+        "answers are separated (some condition was always or never chosen): Firth's penalty"
+        " was used, p by penalised likelihood ratio"
+    )
     found.append("takes trials as independent; trials of one participant are not")
     table = _table(terms, solution.beta, np.sqrt(np.diag(solution.covariance)), None, level)
     return ModelFit(

@@ -1,15 +1,13 @@
 """Decisions from other tools: a plain CSV with its columns mapped to ours."""
 
 from collections.abc import Mapping
-from io import StringIO
 from pathlib import Path
 
 import pandas as pd
 
 from analysis.columns import PREFERENCE_COLUMNS, frame
+from analysis.csv_table import number_column, read_table, renamed, text_column
 from protocols.errors import StudyError
-from protocols.load import decode_utf8, read_bytes
-from protocols.suggest import did_you_mean
 
 REQUIRED = ("participant", "first", "second")
 OPTIONAL = (
@@ -48,19 +46,13 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
     StudyError
         With the column, row and value at fault.
     """
-    text = decode_utf8(read_bytes(path, "the table"), path)
-    header = text.split("\n", maxsplit=1)[0]
-    separator = max(",;\t", key=header.count)
-    try:
-        table = pd.read_csv(StringIO(text), sep=separator, dtype=str, keep_default_na=False)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
+    table = read_table(path)
     named = _rename(path, table, mapping or {})
     if named.empty:
         raise StudyError(f"{path}: must hold at least one decision (the table has no rows)")
     rows = pd.DataFrame(index=named.index)
     for column in ("participant", "first", "second"):
-        rows[column] = _text(path, named, column)
+        rows[column] = text_column(path, named, column)
     same = rows.index[rows["first"] == rows["second"]]
     if len(same):
         raise StudyError(
@@ -79,11 +71,11 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
     rows["order"] = rows.groupby("participant").cumcount() + 1
     for column in ("order", "repeat", "rt_s"):
         if column in named:
-            rows[column] = _numbers(path, named, column)
+            rows[column] = number_column(path, named, column)
     rows["trial"] = [f"row-{number + 2}" for number in rows.index]
-    rows["simulated"] = _numbers(path, named, "simulated") if "simulated" in named else 0
+    rows["simulated"] = number_column(path, named, "simulated") if "simulated" in named else 0
     rows["attempts"] = 1
-    rows["included"] = _numbers(path, named, "included") if "included" in named else 1
+    rows["included"] = number_column(path, named, "included") if "included" in named else 1
     rows["exclusion"] = named.get("exclusion", "")
     records: list[dict[str, object]] = [
         {str(key): value for key, value in record.items()} for record in rows.to_dict("records")
@@ -92,22 +84,7 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
 
 
 def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.DataFrame:
-    known = (*REQUIRED, *OPTIONAL)
-    for ours, theirs in mapping.items():
-        if ours not in known:
-            raise StudyError(
-                f"--map {ours}={theirs}: must name one of {', '.join(known)}"
-                f"{did_you_mean(ours, known)}"
-            )
-        if theirs not in table.columns:
-            raise StudyError(
-                f"{path}: must have the column {theirs!r} mapped to {ours}"
-                f" (found: {', '.join(map(str, table.columns))})"
-                f"{did_you_mean(theirs, list(map(str, table.columns)))}"
-            )
-    named = table.copy()
-    for ours, theirs in mapping.items():
-        named[ours] = table[theirs]
+    named = renamed(path, table, mapping, (*REQUIRED, *OPTIONAL))
     missing = [column for column in REQUIRED if column not in named]
     if "chosen" not in named and "chose_first" not in named:
         missing.append("chosen (or chose_first)")
@@ -120,28 +97,9 @@ def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.D
     return named
 
 
-def _text(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
-    values = table[column].str.strip()
-    empty = values.index[values == ""]
-    if len(empty):
-        raise StudyError(f"{path}: line {empty[0] + 2}: {column} must not be empty")
-    return values
-
-
-def _numbers(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
-    raw = table[column].str.strip()
-    values = pd.to_numeric(raw, errors="coerce")
-    wrong = values.index[values.isna() & (raw != "")]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + 2}: {column} must be a number (got {raw[wrong[0]]!r})"
-        )
-    return values
-
-
 def _choices(path: Path, table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series:
     if "chosen" in table:
-        chosen = _text(path, table, "chosen")
+        chosen = text_column(path, table, "chosen")
         wrong = chosen.index[(chosen != rows["first"]) & (chosen != rows["second"])]
         if len(wrong):
             at = wrong[0]

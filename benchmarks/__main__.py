@@ -8,6 +8,10 @@ BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
     "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
+    "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
+    "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
+    "thin": "what is one pixel thin, through the warp, on the built-in scenes",
+    "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",
@@ -28,7 +32,7 @@ def main(argv: list[str]) -> int:
     if name is None and ("--help" in argv or "-h" in argv):
         print("script/bench NAME [OPTIONS]; NAME --help says more\n")
         for known, what in BENCHMARKS.items():
-            print(f"  {known:<12} {what}")
+            print(f"  {known:<16} {what}")
         return 0
     if name is not None and name not in BENCHMARKS:
         print(f"error: NAME must be one of {', '.join(BENCHMARKS)} (got {name!r})", file=sys.stderr)

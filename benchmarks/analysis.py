@@ -29,9 +29,9 @@ from analysis.clustered import two_sided_p, two_way, wilson
 from analysis.learning import trend
 from analysis.observers import check_observers
 from analysis.pairs import Model, pair_index, probability
-from analysis.power import Assumptions, power_curve
 from analysis.scaling import scale
-from analysis.settings import from_protocol
+from analysis.tasks.preference.power import Assumptions, power_curve
+from analysis.tasks.preference.settings import from_protocol
 from benchmarks.output import file_to_write
 from protocols.load import load_protocol
 from protocols.revision import code_revision

@@ -125,7 +125,7 @@ def run_attempt(
             if any(timeline.phases[entry.phase].watched for entry in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
             watcher.monitor.rest()
-        if state.over and not written:
+        if state.index == len(timeline.phases) - 1 and not written:
             on_outcome(state, log)
             written = True
         answer, interrupt = _read_keys(stage, state, phase, planned, response, onset_s, log)

@@ -50,9 +50,11 @@ def write_small_study(folder: Path) -> Path:
     text = shipped("studies")["showcase"].read_text(encoding="utf-8")
     text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
     text, scenes = re.subn(
-        r'\n\[\[scenes\]\]\nname = "garden".*?(?=\n\[\[)', "\n", text, flags=re.S
+        r'\n\[\[stimuli\.scenes\]\]\nname = "garden".*?(?=\n\[\[)', "\n", text, flags=re.S
     )
-    text, sizes = re.subn(r'\n\[\[sizes\]\]\nname = "small".*?(?=\n\[\[)', "\n", text, flags=re.S)
+    text, sizes = re.subn(
+        r'\n\[\[stimuli\.sizes\]\]\nname = "small".*?(?=\n\[\[)', "\n", text, flags=re.S
+    )
     text, shares = re.subn(r"^hole_share = .*$", "extent_m = 0.16", text, flags=re.M)
     assert (scenes, sizes, shares) == (1, 1, 1)
     for key, value in SMALLER.items():

@@ -101,12 +101,13 @@ def test_the_task_of_the_architecture_page_runs_from_check_to_report(metamerlab,
     study, sessions = tmp_path / "study.toml", tmp_path / "sessions"
     study.write_text(STUDY, encoding="utf-8")
 
+    simulated = ("--participants", 3, "--utility", "two=2")
+    reported = ("--protocol", study, "--out", tmp_path / "report", "--no-figures")
     for words in (
         ("protocol", "check", study),
-        ("session", "simulate", study, "--out", sessions, "--participants", 3, "--utility", "two=2"),
-        ("analysis", "report", sessions, "--protocol", study, "--out", tmp_path / "report",
-         "--no-figures"),
-    ):  # fmt: skip
+        ("session", "simulate", study, "--out", sessions, *simulated),
+        ("analysis", "report", sessions, *reported),
+    ):
         done = metamerlab(*words)
         assert done.returncode == 0, done.stderr
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.columns import SESSION_COLUMNS, attempt_columns
-from analysis.export.bids_events import EVENT_COLUMNS, event_rows
+from analysis.export.bids_events import event_columns, event_rows
 from analysis.export.bids_gaze import write_gaze
 from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
 from analysis.export.content import Content, generated_by, label, write_json
@@ -69,11 +69,11 @@ def _write_run(
     beh = folder / subject(person) / "beh"
     beh.mkdir(parents=True, exist_ok=True)
     about = _about(content, person, run, display)
-    rows = event_rows(run, public=content.public)
-    write_tsv(beh / f"{stem}_events.tsv", pd.DataFrame(rows, dtype=object), EVENT_COLUMNS)
+    rows, described = event_rows(run, public=content.public), event_columns(run)
+    write_tsv(beh / f"{stem}_events.tsv", pd.DataFrame(rows, dtype=object), described)
     write_json(
         beh / f"{stem}_events.json",
-        about | {column.name: column.doc() for column in EVENT_COLUMNS if column.name in rows[0]},
+        about | {column.name: column.doc() for column in described if column.name in rows[0]},
     )
     attempts = content.tables.attempts
     mine = attempts[attempts["participant"] == person.code]

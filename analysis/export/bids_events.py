@@ -1,5 +1,7 @@
 """What happened when, in one run of the program, as rows of a BIDS events file."""
 
+from dataclasses import replace
+
 from analysis.export.bids_tables import FileColumn
 from analysis.export.people import Run
 from protocols.journal import (
@@ -28,10 +30,10 @@ _KINDS = (
     ("respond", "The answer is awaited"),
     ("feedback", "Practice says whether the answer was right"),
 )
-EVENT_COLUMNS = (
+_COLUMNS = (
     FileColumn("onset", "Seconds since the program opened the journal in this run", "s"),
     FileColumn("duration", "How long it lasted; n/a for a moment", "s"),
-    FileColumn("trial_type", "What happened", levels=_KINDS),
+    FileColumn("trial_type", "What happened"),
     FileColumn("response_time", "From the onset of the answer phase to the key press", "s"),
     FileColumn("trial", "Trial of the plan"),
     FileColumn("attempt", "1 for the first attempt at this trial"),
@@ -49,6 +51,21 @@ EVENT_COLUMNS = (
 )
 
 
+def event_columns(run: Run) -> tuple[FileColumn, ...]:
+    """Return the columns; what may have happened includes the phases of the run's task."""
+    said = dict(_KINDS)
+    for attempt in run.attempts:
+        for phase in attempt.phases:
+            numbers = " and ".join(str(index + 1) for index in phase.stimuli)
+            said.setdefault(
+                phase.phase, f"Shows stimulus {numbers} of the trial" if numbers else "Blank"
+            )
+    return tuple(
+        replace(column, levels=tuple(said.items())) if column.name == "trial_type" else column
+        for column in _COLUMNS
+    )
+
+
 def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
     """Return the rows of a run, by onset; in public without notes. All rows have all columns."""
     rows: list[dict[str, object]] = []
@@ -58,7 +75,7 @@ def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
         elif row := _moment(event, public=public):
             rows.append(row)
     rows.sort(key=lambda row: float(str(row["onset"])))
-    names = [column.name for column in EVENT_COLUMNS if not (public and column.name == "note")]
+    names = [column.name for column in _COLUMNS if not (public and column.name == "note")]
     return [{name: row.get(name) for name in names} for row in rows]
 
 

@@ -11,8 +11,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.journals import StudyReadings
 from analysis.tidy import Tidy
+from protocols.chance import Chance
 from protocols.errors import StudyError
+from protocols.journal import Attempt
 from protocols.schema import StudyProtocol
 
 OTHER = "other"
@@ -68,6 +71,61 @@ def choices(protocol: StudyProtocol, question: str) -> set[str]:
         for entry in texts.questions
         if entry.name == question
         for choice in entry.choices
+    }
+
+
+def public_readings(study: StudyReadings, protocol: StudyProtocol) -> StudyReadings:
+    """Return sittings whose attempts say no words but those of the study's own conditions."""
+    words, names = _words(protocol), {entry.name for entry in protocol.stimuli.pool()}
+
+    def known(attempt: Attempt) -> Attempt:
+        return attempt.model_copy(
+            update={
+                "condition": {
+                    column: OTHER if isinstance(value, str) and value not in words else value
+                    for column, value in attempt.condition.items()
+                },
+                "track": attempt.track if attempt.track in words else OTHER,
+                "stimuli": tuple(
+                    shown if shown.name in names else shown.model_copy(update={"name": OTHER})
+                    for shown in attempt.stimuli
+                ),
+            }
+        )
+
+    readings = tuple(
+        replace(
+            reading,
+            journal=replace(
+                reading.journal,
+                events=tuple(
+                    known(event) if isinstance(event, Attempt) else event
+                    for event in reading.journal.events
+                ),
+            ),
+        )
+        for reading in study.readings
+    )
+    return replace(study, readings=readings)
+
+
+def _words(protocol: StudyProtocol) -> set[str | None]:
+    """Return every text in the conditions of a study's trials, and the names of its tracks."""
+    task = protocol.task
+    cells = task.cells(protocol, protocol.main_scenes()) + task.catch_cells(protocol)
+    if protocol.design.practice:
+        cells += task.practice_cells(protocol, protocol.practice_scenes())
+    rule = task.adaptation
+    return {
+        None,
+        *(slot.track for slot in (rule.slots(protocol, Chance("tracks")) if rule else ())),
+        *(
+            value
+            for cell in cells
+            for arrangement in cell.arrangements
+            for value in arrangement.condition.values()
+            if isinstance(value, str)
+        ),
     }
 
 

@@ -9,7 +9,7 @@ from analysis.export.choices import ExportOptions, Format
 from analysis.export.content import Content
 from analysis.export.people import people_of
 from analysis.export.psychds import write_psych_ds
-from analysis.export.public import public_tables, refuse_private
+from analysis.export.public import public_readings, public_tables, refuse_private
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.report.folder import whole_folder
@@ -55,12 +55,20 @@ def export_study(
     ------
     StudyError
         If the sittings are not those of one study and this protocol, nobody may be exported,
-        `out` is not empty or lies among the sessions, or a BIDS export lacks a display.
+        `out` is not empty or lies among the sessions, a BIDS export lacks a display, or pwcmp
+        cannot take answers of the study's task.
     """
     options = options or ExportOptions()
+    if form == "pwcmp" and protocol.analysis.kind != "preference":
+        raise StudyError(
+            f"--format: pwcmp takes preferences between pairs (the task is {protocol.task.kind!r});"
+            " choose bids or psych-ds"
+        )
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     study = read_study(sessions, protocol, progress=progress)
+    if options.public:
+        study = public_readings(study, protocol)
     people, left_out = people_of(study, protocol, public=options.public)
     notes = (*study.notes, *left_out)
     if not people:

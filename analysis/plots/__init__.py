@@ -4,12 +4,14 @@ from analysis.plots.curves import learning_plot, power_plot, psychometric_plot
 from analysis.plots.preference import forest_plot, preference_bars
 from analysis.plots.scales import jod_plot
 from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
-from analysis.plots.trials import bias_bars, detection_plot, heat_map, reaction_plot
+from analysis.plots.tasks import d_prime_plot, detection_plot, rates_plot, scaling_plot
+from analysis.plots.trials import bias_bars, heat_map, reaction_plot
 
 __all__ = [
     "ONE_COLUMN_IN",
     "TWO_COLUMNS_IN",
     "bias_bars",
+    "d_prime_plot",
     "detection_plot",
     "figure_bytes",
     "forest_plot",
@@ -19,6 +21,8 @@ __all__ = [
     "power_plot",
     "preference_bars",
     "psychometric_plot",
+    "rates_plot",
     "reaction_plot",
     "save_figure",
+    "scaling_plot",
 ]

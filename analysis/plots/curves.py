@@ -1,6 +1,7 @@
 """Curves: psychometric functions, change over the sitting, power."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 import pandas as pd
@@ -8,17 +9,28 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.plots.style import BLUE, GREY, LIGHT, MARKERS, ORANGE, SERIES, new_figure, style
-from analysis.power import PowerCurve
-from analysis.psychometric import Psychometric
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    MARKERS,
+    ORANGE,
+    SERIES,
+    level_axis,
+    new_figure,
+    style,
+)
 
 Floats = NDArray[np.float64]
+Curve = Callable[[Floats], Floats]
 
 
 def psychometric_plot(
-    series: Mapping[str, tuple[Floats, Floats, Floats, Psychometric | None]],
+    series: Mapping[str, tuple[Floats, Floats, Floats, Curve | None]],
     *,
     x_label: str,
+    chance: float | None = None,
+    logarithmic: bool = False,
     label: Callable[[str], str] = str,
     width_in: float = 3.33,
     simulated: bool = False,
@@ -28,12 +40,14 @@ def psychometric_plot(
     Parameters
     ----------
     series : mapping of condition to (x, successes, trials, fit or None)
-        Whiskers are binomial standard errors.
+        Whiskers are binomial standard errors. A fit gives the share of right answers at x.
+    chance : float, optional
+        Where the dashed line stands; left out, at the guess rates of the fits.
     """
     with style(width_in):
         figure = new_figure(width_in, 2.5 if width_in < 5 else 3.2, simulated=simulated)
         axes = figure.subplots()
-        guesses = set()
+        guesses: set[float] = set()
         everything = np.concatenate([x for x, *_ in series.values()])
         for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
@@ -51,11 +65,15 @@ def psychometric_plot(
                 elinewidth=0.6,
             )
             if fit is not None:
-                fine = np.linspace(everything.min(), everything.max(), 200)
+                space = np.geomspace if logarithmic else np.linspace
+                fine = space(everything.min(), everything.max(), 200)
                 axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
-                guesses.add(fit.guess)
-        for guess in sorted(guesses):
-            axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
+                guesses.add(float(getattr(fit, "guess", np.nan)))
+        if logarithmic:
+            level_axis(axes, everything)
+        for guess in sorted(guesses if chance is None else {chance}):
+            if np.isfinite(guess):
+                axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
         axes.set_ylim(-0.03, 1.03)
         axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
         axes.set_xlabel(x_label)
@@ -108,38 +126,33 @@ def learning_plot(
 
 
 def power_plot(
-    curves: Sequence[PowerCurve], *, width_in: float = 3.33, simulated: bool = False
+    participants: Sequence[int],
+    lines: Mapping[str, Floats],
+    *,
+    planned: int | None = None,
+    width_in: float = 3.33,
+    simulated: bool = False,
 ) -> Figure:
-    """Draw power against participants, with the 80 and 90 % lines and the planned number."""
+    """Draw power against participants, with the 80 and 90 % lines and the planned number.
+
+    Parameters
+    ----------
+    lines : mapping of what is powered to powers (participants,)
+    """
     with style(width_in):
         figure = new_figure(width_in, 2.7 if width_in < 5 else 3.4, simulated=simulated)
         axes = figure.subplots()
         for goal in (0.8, 0.9):
             axes.axhline(goal, color=LIGHT, lw=1.0, zorder=0)
-        for number, curve in enumerate(curves):
-            names = ("primary comparison", "every comparison", "equivalent, if rate is .5")
-            for name, values, dash in zip(
-                names,
-                (curve.primary, curve.every, curve.equivalence),
-                ("-", "--", ":"),
-                strict=True,
-            ):
-                rate = f" (rate {curve.assumptions.rate:g})" if len(curves) > 1 else ""
-                axes.plot(
-                    curve.participants,
-                    values,
-                    dash,
-                    color=SERIES[number % len(SERIES)],
-                    lw=1.4,
-                    label=name + rate,
-                )
-        planned = curves[0].planned
+        for (name, values), dash in zip(lines.items(), cycle(("-", "--", ":", "-.")), strict=False):
+            axes.plot(participants, values, dash, color=SERIES[0], lw=1.4, label=name)
         if planned:
             axes.axvline(planned, color=ORANGE, lw=1.0)
             axes.plot([], [], color=ORANGE, lw=1.0, label=f"planned: {planned}")
         axes.set_ylim(0, 1.02)
         axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0])
-        axes.set_xlim(min(curves[0].participants), max(curves[0].participants))
+        if min(participants) < max(participants):
+            axes.set_xlim(min(participants), max(participants))
         axes.set_xlabel("Participants")
         axes.set_ylabel("Power")
         figure.legend(loc="outside lower center", ncols=1 if width_in < 5 else 2)

@@ -9,10 +9,12 @@ from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
+from numpy.typing import NDArray
 
 ONE_COLUMN_IN = 3.33
 TWO_COLUMNS_IN = 7.0
@@ -97,6 +99,20 @@ def share_axis(axes: Axes, label: str) -> None:
     axes.set_xlim(0.0, 1.0)
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
     axes.set_xlabel(label)
+
+
+def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
+    """Set a logarithmic axis of levels, with 1, 2 and 5 of each power of ten on it."""
+    axes.set_xscale("log")
+    low, high = float(np.min(levels)), float(np.max(levels))
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [m * 10.0**k for k in powers for m in (1, 2, 5) if low <= m * 10.0**k <= high]
+    if len(ticks) < 2:
+        ticks = [low, high]
+    elif len(ticks) > 6:
+        ticks = [10.0**k for k in powers if low <= 10.0**k <= high]
+    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.minorticks_off()
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:

@@ -1,16 +1,14 @@
-"""Heat maps per participant and scene, detection bars, reaction times, bias."""
+"""Heat maps per participant and scene, reaction times, bias."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.bias import Bias
-from analysis.detection import Detection, Proportion
 from analysis.plots.style import (
     BLUE,
     GREY,
@@ -67,37 +65,6 @@ def heat_map(
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
         axes.set_ylabel(row_title)
-    return figure
-
-
-def detection_plot(
-    results: Sequence[Detection],
-    *,
-    label: Label = str,
-    width_in: float = 7.0,
-    simulated: bool = False,
-) -> Figure:
-    """Draw the shares answered correctly and answered "consistent", as [BB] Fig. 20."""
-    with style(width_in):
-        figure = new_figure(width_in, 0.75 + 0.34 * len(results), simulated=simulated)
-        panels = figure.subplots(1, 2, sharey=True)
-        for axes, title, colour, bars in (
-            (panels[0], "Correct", ORANGE, [one.correct for one in results]),
-            (panels[1], "Bias", BLUE, [one.bias for one in results]),
-        ):
-            for y, bar in enumerate(bars):
-                _share_bar(axes, y, bar, colour)
-            axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
-            wide = "Share correct" if title == "Correct" else 'Share answered "consistent"'
-            share_axis(axes, "Share" if width_in < 5 else wide)
-            axes.set_xlim(0, 1.4 if width_in < 5 else 1.24)
-            axes.set_title(title, loc="left")
-        panels[0].set_yticks(
-            range(len(results)), [wrapped(label(one.method), width_in) for one in results]
-        )
-        panels[0].set_ylim(len(results) - 0.4, -0.6)
-        for axes in panels:
-            axes.tick_params(axis="y", length=0)
     return figure
 
 
@@ -163,10 +130,3 @@ def _readable_on(colour: tuple[float, float, float, float]) -> str:
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     luminance = float(linear @ (0.2126, 0.7152, 0.0722))
     return "white" if 1.05 / (luminance + 0.05) > (luminance + 0.05) / 0.05 else "black"
-
-
-def _share_bar(axes: Axes, y: int, share: Proportion, colour: str) -> None:
-    axes.barh(y, share.share, height=0.6, color=colour, alpha=0.75)
-    axes.plot([share.lower, share.upper], [y, y], color="black", lw=1.1)
-    text = f"p {'< .001' if share.p < 0.001 else '= ' + f'{share.p:.3f}'.removeprefix('0')}"
-    axes.text(1.03, y, text, va="center")

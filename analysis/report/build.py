@@ -2,6 +2,7 @@
 
 import json
 import warnings as python_warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -9,16 +10,15 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from analysis.columns import PREFERENCE_COLUMNS, dictionary
+from analysis.columns import dictionary
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
-from analysis.report import wording
-from analysis.report.figures import ReportFigure, inline_svg, report_figures
+from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
-from analysis.study import BOOTSTRAP_SAMPLES, SEED, StudyResults, analyse
-from analysis.tidy import pwcmp_table, write_tables
+from analysis.tasks.blocks import ReportFigure
+from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
@@ -64,18 +64,17 @@ def report_decisions(
     out: Path,
     *,
     protocol: StudyProtocol | None = None,
-    alpha: float = 0.05,
-    margin: float = 0.1,
     replace: bool = False,
     figure_files: bool = True,
     progress: Progress | None = None,
 ) -> ReportPaths:
     """Analyse a table of decisions (`analysis import` made it, or another tool).
 
-    A protocol, where given, names methods, primary comparison and rules; its exclusions are
-    not applied, because a plain table does not hold what they need.
+    A protocol, where given, says task, conditions and rules; its exclusions are not applied,
+    because a plain table does not hold what they need. Without one, the task is the one that
+    `analysis import` noted beside the table; a table without that note must hold preferences.
     """
-    source = from_table(path, protocol, alpha=alpha, margin=margin)
+    source = from_table(path, protocol)
     return _write(source, out, replace=replace, figure_files=figure_files, progress=progress)
 
 
@@ -83,19 +82,18 @@ def _write(
     source: Source, out: Path, *, replace: bool, figure_files: bool, progress: Progress | None
 ) -> ReportPaths:
     say = progress or (lambda _name, _done, _total: None)
-    settings = source.settings
+    analysis, settings = source.analysis, source.settings
     with whole_folder(out, JSON_NAME, replace=replace) as work:
         say("analysing", 0, 0)
-        results = analyse(
-            source.decisions, settings, step=lambda name: say(f"analysing: {name}", 0, 0)
+        results = analysis.analyse(
+            source.decisions, settings, lambda name: say(f"analysing: {name}", 0, 0)
         )
-        warnings = (*source.warnings, *results.warnings)
-        figures = report_figures(source.decisions, results, settings, simulated=source.simulated)
+        warnings = (*source.warnings, *analysis.warnings(results))
+        figures = analysis.figures(source.decisions, results, settings, simulated=source.simulated)
         provenance = source.provenance | {
             "analysed_with": f"{package_version()} ({code_revision()})",
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
-            "seed": SEED,
-            "bootstrap_samples": BOOTSTRAP_SAMPLES,
+            **analysis.constants,
         }
         with python_warnings.catch_warnings(record=True) as caught:
             python_warnings.simplefilter("always")
@@ -120,17 +118,16 @@ def _write(
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         # Last: the folder is known as a report by this file.
         (work / JSON_NAME).write_text(text + "\n", encoding="utf-8", newline="\n")
-    first = results.primary or results.table.cells[0]
     return ReportPaths(
         html=out / HTML_NAME,
         json=out / JSON_NAME,
         warnings=warnings,
-        headline=wording.apa_preference(first, settings, adjusted=results.primary is None),
+        headline=analysis.headline(results, settings),
     )
 
 
 def _draw(
-    figures: tuple[ReportFigure, ...],
+    figures: Sequence[ReportFigure],
     work: Path,
     *,
     files: bool,
@@ -168,16 +165,15 @@ def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]
     )
 
 
-def _write_csv(source: Source, results: StudyResults, folder: Path) -> None:
+def _write_csv(source: Source, results: object, folder: Path) -> None:
+    tables: dict[str, pd.DataFrame] = {}
     if source.tidy is not None and source.protocol is not None:
         write_tables(source.tidy, source.protocol, folder)
-        pwcmp_table(source.decisions).to_csv(folder / "pwcmp.csv", index=False, lineterminator="\n")
+        tables |= source.analysis.tidy_tables(source.decisions)
     else:
-        source.decisions.to_csv(folder / "decisions.csv", index=False, lineterminator="\n")
-        dictionary({"decisions": PREFERENCE_COLUMNS}).to_csv(
-            folder / "dictionary.csv", index=False, lineterminator="\n"
-        )
-    cells = pd.DataFrame(
-        [vars(cell) | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
-    )
-    cells.to_csv(folder / "preferences.csv", index=False, lineterminator="\n")
+        columns = source.analysis.columns_of(source.decisions)
+        tables["decisions.csv"] = source.decisions
+        tables["dictionary.csv"] = dictionary({"decisions": columns})
+    tables |= source.analysis.tables(source.decisions, results)
+    for name, table in tables.items():
+        table.to_csv(folder / name, index=False, lineterminator="\n")

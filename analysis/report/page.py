@@ -9,8 +9,6 @@ from analysis.exclusions import FlowStep
 from analysis.report import wording
 from analysis.report.source import Source
 from analysis.report.values import rows_as_json
-from analysis.settings import Settings
-from analysis.study import StudyResults
 from protocols.hashing import Json
 from protocols.revision import package_version
 
@@ -19,7 +17,7 @@ _TEMPLATES = Path(__file__).parent
 
 def report_page(
     source: Source,
-    results: StudyResults,
+    results: object,
     figures: list[dict[str, str | Markup]],
     warnings: tuple[str, ...],
     provenance: dict[str, Json],
@@ -33,14 +31,16 @@ def report_page(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    settings, tidy = source.settings, source.tidy
+    analysis, settings, tidy = source.analysis, source.settings, source.tidy
     flow: tuple[FlowStep, ...] = tidy.flow if tidy else ()
     people = source.decisions["participant"].nunique()
     return environment.get_template("template.html").render(
         css=Markup((_TEMPLATES / "report.css").read_text(encoding="utf-8")),
         s=settings,
-        r=results,
         w=wording,
+        counted=analysis.counted(settings),
+        lead=analysis.lead(results, settings),
+        sections=analysis.sections(results, settings),
         figures={str(figure["name"]): figure for figure in figures},
         simulated=source.simulated,
         warnings=warnings,
@@ -50,62 +50,13 @@ def report_page(
         answers=rows_as_json(tidy.answers) if tidy else [],
         people=people,
         decisions=len(source.decisions),
-        methods_text=wording.methods_paragraph(
+        methods_text=analysis.methods(
+            results,
             settings,
             people=people,
             decisions=len(source.decisions),
             flow=flow,
             version=package_version(),
         ),
-        apa=_apa(results, settings),
-        notes=_notes(results, settings),
+        sentences=analysis.sentences(results, settings),
     )
-
-
-def _notes(results: StudyResults, settings: Settings) -> dict[str, list[str]]:
-    """Return the warnings of each section, equal ones merged."""
-
-    def name(method: str, against: str, size: str) -> str:
-        return wording.comparison(method, against, size, settings)
-
-    biases = [bias for bias in (results.order, results.side) if bias is not None]
-    return {
-        "cells": wording.grouped(
-            [(name(c.method, c.against, c.size), c.warnings) for c in results.table.cells]
-        ),
-        "models": wording.grouped([(name(*key), fit.warnings) for *key, fit in results.models]),
-        "scales": wording.grouped(
-            [
-                (
-                    "all sizes" if one.size == "all" else settings.label(one.size),
-                    one.scale.warnings
-                    + (one.intervals.warnings if one.intervals else ())
-                    + one.observers.warnings
-                    + one.warnings,
-                )
-                for one in results.scales
-            ]
-        ),
-        "bias": wording.grouped([(bias.alternative, bias.warnings) for bias in biases]),
-        "learning": wording.grouped([(about, t.warnings) for about, t in results.learning]),
-        "reaction": wording.grouped(
-            [(settings.label(t.condition), t.warnings) for t in results.reaction]
-        ),
-    }
-
-
-def _apa(results: StudyResults, settings: Settings) -> list[str]:
-    sentences = []
-    if results.primary is not None:
-        sentences.append(
-            "Primary comparison: "
-            + wording.apa_preference(results.primary, settings, adjusted=False)
-        )
-    sentences += [
-        wording.apa_preference(cell, settings, adjusted=True) for cell in results.table.cells
-    ]
-    sentences += [
-        wording.apa_model(method, against, fit, settings, size)
-        for method, against, size, fit in results.models
-    ]
-    return sentences

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.pairings import pairing_rows
-from analysis.plain_csv import read_decisions
-from analysis.settings import Settings, from_decisions, from_protocol
+from analysis.csv_table import read_table
+from analysis.tasks import analysis_of
+from analysis.tasks.base import AnyAnalysis, CommonSettings, TableOptions
+from analysis.tasks.note import note_path, read_note
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_file
@@ -21,10 +22,11 @@ Progress = Callable[[str, int, int], None]
 class Source:
     """What was analysed, whichever way it came."""
 
+    analysis: AnyAnalysis
     decisions: pd.DataFrame
     tidy: Tidy | None
     protocol: StudyProtocol | None
-    settings: Settings
+    settings: CommonSettings
     simulated: bool
     provenance: dict[str, Json]
     warnings: tuple[str, ...]
@@ -64,55 +66,69 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
             for name, digest in zip(sessions["session"], sessions["journal_sha256"], strict=True)
         },
     }
+    analysis = analysis_of(protocol.analysis.kind)
     return Source(
+        analysis,
         decisions,
         tidy,
         protocol,
-        from_protocol(protocol),
+        analysis.settings(protocol),
         tidy.simulated,
         provenance,
         tidy.warnings,
     )
 
 
-def from_table(
-    path: Path, protocol: StudyProtocol | None, *, alpha: float, margin: float
-) -> Source:
-    """Read a table of decisions; a protocol, where given, names methods and rules.
+def from_table(path: Path, protocol: StudyProtocol | None) -> Source:
+    """Read a table of decisions; a protocol, where given, says task, conditions and rules.
 
     Raises
     ------
     StudyError
-        If the table cannot be read, holds no decision, or does not fit the protocol.
+        If the table cannot be read, holds no decision, or does not fit the protocol; if nothing
+        says which task it is of.
     """
-    decisions = read_decisions(path)
-    decisions = decisions[(decisions["included"] == 1) & (decisions["kind"] == "main")]
-    decisions = decisions.reset_index(drop=True)
-    if decisions.empty:
-        raise StudyError(f"{path}: must hold at least one main decision that is included")
-    settings = from_decisions(decisions, path.stem, alpha=alpha, margin=margin)
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
+    noted = read_note(path)
     if protocol is not None:
-        settings = from_protocol(protocol)
-        unknown = sorted(
-            (set(decisions["first"]) | set(decisions["second"])) - set(settings.methods)
-        )
-        if unknown:
-            raise StudyError(
-                f"{path}: methods must be those of the protocol"
-                f" ({', '.join(settings.methods)}) (got {', '.join(unknown)})"
-            )
-        if not any(
-            len(pairing_rows(decisions, method, against)) for method, against in settings.pairings
-        ):
-            raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
+        analysis = analysis_of(protocol.analysis.kind)
+        settings = analysis.settings(protocol)
+        decisions = _main(path, analysis.read(path, {}, analysis.options_of(settings)))
+        analysis.check_table(path, decisions, settings)
         notes.append("the protocol's exclusion rules were not applied to this table")
+    else:
+        kind, options = noted or _guessed(path)
+        analysis = analysis_of(kind)
+        decisions = _main(path, analysis.read(path, {}, options))
+        settings = analysis.settings_of_table(decisions, path.stem, options)
     return Source(
+        analysis,
         decisions,
         None,
         protocol,
         settings,
-        bool(decisions["simulated"].fillna(0).max()),
+        "simulated" in decisions and bool(decisions["simulated"].fillna(0).max()),
         {"table_sha256": sha256_file(path), "protocol_sha256": settings.protocol_sha256},
         tuple(notes),
     )
+
+
+def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:
+    """Return the main decisions that are included."""
+    kept = decisions[(decisions["included"] == 1) & (decisions["kind"] == "main")]
+    if kept.empty:
+        raise StudyError(f"{path}: must hold at least one main decision that is included")
+    return kept.reset_index(drop=True)
+
+
+def _guessed(path: Path) -> tuple[str, TableOptions]:
+    """Take a table for one of preferences unless its columns speak of right answers."""
+    columns = set(read_table(path).columns)
+    if not {"first", "second"} & columns and {"correct", "answer"} & columns:
+        raise StudyError(
+            f"{path}: must come with a protocol (--protocol), or from 'metamerlab analysis import"
+            " --task TASK', which notes the task beside the table"
+            f" (there is no {note_path(path).name} here, and the columns fit several tasks)"
+        )
+    analysis = analysis_of("preference")
+    return "preference", analysis.options()

@@ -114,8 +114,39 @@ def create_texture(
     return texture
 
 
-def texture_bytes(texture: moderngl.Texture) -> int:
-    """Memory of a texture that `create_texture` made."""
+def create_texture_array(
+    ctx: moderngl.Context, size: tuple[int, int], layers: int, format_name: str
+) -> moderngl.TextureArray:
+    """Make an uninitialised array of `layers` textures of one size (width, height).
+
+    Raises
+    ------
+    InputError, GLUnavailableError
+        As `create_texture`; also if the driver has no arrays of so many layers.
+    """
+    fmt = _format_named(format_name)
+    check_size(ctx, size)
+    limit = int(ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
+    if not 1 <= layers <= limit:
+        raise InputError(f"layers must lie in 1..{limit} on this driver (got {layers})")
+    ctx.clear_errors()
+    texture = ctx.texture_array((*size, layers), fmt.components, dtype=fmt.gl_dtype)
+    if (error := ctx.error) != "GL_NO_ERROR":
+        texture.release()
+        raise GLUnavailableError(
+            f"the driver must hold {layers} textures of {size[0]}x{size[1]} {format_name}"
+            f" (it answered {error}); use smaller images or free GPU memory"
+        )
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    texture.repeat_x = texture.repeat_y = False
+    return texture
+
+
+def texture_bytes(texture: moderngl.Texture | moderngl.TextureArray) -> int:
+    """Memory of a texture that `create_texture` or `create_texture_array` made."""
+    if isinstance(texture, moderngl.TextureArray):
+        fmt = _BY_DTYPE[texture.components, texture.dtype]
+        return texture.width * texture.height * texture.layers * fmt.bytes_per_texel
     return texture.width * texture.height * format_of(texture).bytes_per_texel
 
 

@@ -3,27 +3,17 @@
 // measure what they are asked for.
 // Twin: variances_of_blocks() in reference.py, spectral_gains() in mixing.py. Change both or neither.
 
-#constant LEVELS
 #constant CHANNELS           // of noise: 1 or 3
-#constant LEAST_GAIN         // no band is weakened to less,
-#constant MOST_GAIN          // nor raised to more
-#constant AIM                // over what a plane asks for
-#constant UNSEEN_VARIANCE    // added to the variances asked for and measured
 #constant SHARED_FROM_LEVEL  // from it on, single pixels beside show in the base:
 #constant RESTLESS           // so much of the finest high band's variance, and a quarter per level
-#constant UNEVEN             // of the second level's oriented bands' variance: in its high band
 
 #include "pixels.glsl"
 #include "guided.glsl"
+#include "spectral_gains.glsl"
 
 // See composite.comp.glsl. w of the third texel: how far to heed the known background beside it.
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 layout(rgba32f, binding = 6) uniform writeonly image2D gains;
-
-// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j.
-// See overlap_by_levels().
-const int PAIRS = LEVELS * (LEVELS + 1) / 2;
-layout(std140, binding = 0) uniform Overlap { mat4 overlap[LEVELS * PAIRS]; };
 
 uniform ivec4 level_size[LEVELS];  // columns, rows, where its first texel lies
 uniform float turn;  // of calls: tells this one's gains from earlier ones
@@ -75,37 +65,18 @@ void add_coarse(inout Lacking l, int level, ivec2 block, float guide) {
     add_lacking(l, level, guided_shares(share, guide, guides, depth_threshold).share, a, b, c, d);
 }
 
-// Loops and arrays, unlike elsewhere: written out, the driver compiles for 10 to 30 s.
 void store_gains(Lacking l, int channel, ivec2 to) {
-    vec3 wanted[LEVELS];  // of the high band, the sum of the oriented ones, their difference
     for (int i = 0; i < LEVELS; ++i) {
-        vec3 band = sqrt(vec3(l.high[i][channel], l.along_x[i][channel], l.along_y[i][channel]));
-        wanted[i] = vec3(band.x, band.y + band.z, band.y - band.z);
+        want(i, vec3(l.high[i][channel], l.along_x[i][channel], l.along_y[i][channel]));
     }
     float part = 1.0;  // of the finest high band's variance, in white noise
-    int at = 0;
     for (int level = 0; level < LEVELS; ++level, part *= 0.25) {
-        vec2 even = vec2(0.0);  // of the high band, and half the oriented ones' sum
-        float odd = 0.0;        // half their difference
-        for (int i = 0; i < LEVELS; ++i) {
-            for (int j = i; j < LEVELS; ++j, ++at) {
-                vec3 a = wanted[i], b = wanted[j];
-                mat4 of = overlap[at];
-                even += a.x * (b.x * of[0].xy + b.y * of[0].zw)
-                      + a.y * (b.x * of[1].xy + b.y * of[1].zw) + (a.z * b.z) * of[2].xy;
-                odd += dot(of[3], vec4(a.x * b.z, a.z * b.x, a.y * b.z, a.z * b.y));
-            }
-        }
-        vec3 measured = vec3(even.x, even.y + odd, even.y - odd);
-        measured = max(measured, vec3(0.0));
+        vec3 measured = measured_at(level);
         if (level >= SHARED_FROM_LEVEL) {
             measured.yz += RESTLESS * part * l.heeded[level] * wanted[0].x * wanted[0].x;
         }
         vec3 asked = vec3(l.high[level][channel], l.along_x[level][channel], l.along_y[level][channel]);
-        if (level == 1) measured.x += UNEVEN * 0.5 * (asked.y + asked.z);
-        vec3 gain = sqrt((asked + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE));
-        gain = AIM * clamp(gain, LEAST_GAIN, MOST_GAIN);
-        imageStore(gains, to + ivec2(level, channel), vec4(gain, turn));
+        imageStore(gains, to + ivec2(level, channel), vec4(gain_of(level, asked, measured), turn));
     }
 }
 

@@ -105,6 +105,8 @@ def spectral_gains(
     variances: NDArray[np.float64],
     overlap: NDArray[np.float64],
     heeded: NDArray[np.float64] | None = None,
+    *,
+    aim: float = AIM,
 ) -> NDArray[np.float64]:
     """By what to multiply deviations, so that mixed bands measure what they are asked for.
 
@@ -124,11 +126,13 @@ def spectral_gains(
         See `Mixing`.
     heeded : (..., levels), optional
         See `lacking.beside_known`; nothing by default.
+    aim : float, optional
+        Deviation to reach over the one asked for.
 
     Returns
     -------
     ndarray of shape (..., B)
-        From `LEAST_GAIN` to `MOST_GAIN`, times `AIM`.
+        From `LEAST_GAIN` to `MOST_GAIN`, times `aim`.
     """
     measured = measured_variances(np.sqrt(variances), overlap)
     if len(overlap) > 3:
@@ -138,4 +142,4 @@ def spectral_gains(
             restless = RESTLESS * 0.25**level * heeded[..., level] * variances[..., 0]
             measured[..., 3 * level + 1 : 3 * level + 3] += restless[..., None]
     gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
-    return np.asarray(AIM * np.clip(gain, LEAST_GAIN, MOST_GAIN))
+    return np.asarray(aim * np.clip(gain, LEAST_GAIN, MOST_GAIN))

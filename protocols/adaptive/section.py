@@ -299,7 +299,9 @@ class ActivePairs(Adaptive):
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
             wins[methods.index(won), methods.index(lost)] += 1
-        pairs = next_batch(wins, Chance(study.design.seed, "pairs", batch))
+        drawn = Chance(study.design.seed, "pairs", batch)
+        # Shuffled: a batch may have one method in many of its pairs.
+        pairs = drawn.shuffled(next_batch(wins, drawn))
         i, j = pairs[len(past) % len(pairs)]
         cell = task.cell(study, trial.condition, (methods[i], methods[j]))
         if cell is None:

@@ -14,7 +14,12 @@ def __getattr__(name: str) -> object:
     if name != "RECIPES":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from protocols.recipes.files import Files
+    from protocols.recipes.foveated_images import FoveatedImages
     from protocols.recipes.warped_clips import WarpedClips
 
-    shipped: dict[str, type[Recipe]] = {"warped-clips": WarpedClips, "files": Files}
+    shipped: dict[str, type[Recipe]] = {
+        "warped-clips": WarpedClips,
+        "files": Files,
+        "foveated-images": FoveatedImages,
+    }
     return globals().setdefault(name, registered("recipes", shipped))

@@ -2,57 +2,109 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from protocols.errors import StudyError
-from protocols.hashing import Json
-from protocols.recipes.base import Stimulus
-from protocols.recipes.files import Files
-from protocols.units import Scalar
+from protocols.display import Display
+from protocols.errors import Problem, StudyError
+from protocols.manifest import Clip, cache_key
+from protocols.recipes.files import FileEntry, Files
+from protocols.schema import StudyProtocol
+from stimuli.png import encode_bytes
 from stimuli.read_file import file_sha256, read_frames
-from stimuli.recipes.frames import FrameBuilder
+from stimuli.recipes.base import Estimate
+from stimuli.recipes.taken import RESERVED, TakingBuilder
+from stimuli.sources import source_sha256
+from stimuli.worker import RendererInfo
+
+NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
+_SOURCES = ("stimuli.read_file", "stimuli.png")
 
 
-class FileBuilder(FrameBuilder):
-    """Checks, decodes and hashes files; a stimulus is known by the hash of its file."""
+class FileBuilder(TakingBuilder[FileEntry]):
+    """Checks and hashes files, in threads of this process."""
 
-    origin: ClassVar[str] = "none: files made elsewhere"
-    modules: ClassVar[tuple[str, ...]] = ("stimuli.read_file",)
+    renderer = NO_RENDERER
 
-    @property
-    def recipe(self) -> Files:
-        """The study's recipe."""
-        assert isinstance(self.protocol.stimuli, Files)
-        return self.protocol.stimuli
+    def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
+        super().__init__(protocol, display, folder)
+        assert isinstance(protocol.stimuli, Files)
+        self.recipe = protocol.stimuli
+
+    def problems(self) -> list[Problem]:
+        """Return names that folders of the batch have already."""
+        return [
+            Problem(
+                f"stimuli.entries[{index}].name",
+                f"must not be {' or '.join(RESERVED)}, as a folder of every build is called (got"
+                f" {entry.name!r}); rename the stimulus",
+            )
+            for index, entry in enumerate(self.recipe.entries)
+            if entry.name in RESERVED
+        ]
 
     @cached_property
-    def _files(self) -> dict[str, str]:
-        return {entry.name: entry.file for entry in self.recipe.entries}
+    def wanted(self) -> tuple[FileEntry, ...]:
+        """The stimuli that the study shows."""
+        shown = set(self.protocol.shown())
+        return tuple(entry for entry in self.recipe.entries if entry.name in shown)
 
-    def check(self) -> None:
-        """Refuse files that are not there."""
-        if any(not self._path(stimulus).exists() for stimulus in self.stimuli):
+    def estimate(self, out: Path, workers: int) -> Estimate:
+        """Read the first file, time it, and multiply; every other file must be there."""
+        from time import perf_counter
+
+        self.check_inputs()
+        started = perf_counter()
+        sizes = [len(data) for data in self.encoded(self.wanted[0])]
+        time_s = (perf_counter() - started) * len(self.wanted)
+        there = next(place for place in (out, *out.absolute().parents) if place.exists())
+        return Estimate(
+            clips=len(self.wanted),
+            frames=len(self.wanted) * self.recipe.frames,
+            size_px=(self.recipe.width_px, self.recipe.height_px),
+            disk_bytes=round(1.05 * sum(sizes) * len(self.wanted)),
+            free_bytes=shutil.disk_usage(there).free,
+            time_s=time_s / max(1, workers),
+            renderer="none: files made elsewhere",
+        )
+
+    def check_inputs(self) -> None:
+        """Every file that is missing, before anything is written."""
+        if any(not (self.folder / entry.file).exists() for entry in self.wanted):
             raise StudyError("\n".join(map(str, self.recipe.problems(self.folder))))
 
-    def inputs(self, stimulus: Stimulus) -> Mapping[str, Json]:
-        """Return the hash of the file."""
-        return {"file": file_sha256(self._path(stimulus))}
+    def key(self, entry: FileEntry) -> str:
+        """Return the hash of all that decides a stimulus's pixels."""
+        recipe = self.recipe
+        return cache_key(
+            {
+                "file": file_sha256(self.folder / entry.file),
+                "size_px": [recipe.width_px, recipe.height_px],
+                "fps": recipe.fps,
+                "frames": recipe.frames,
+                "sources": source_sha256(*_SOURCES),
+            }
+        )
 
-    def frames(self, stimulus: Stimulus) -> Iterator[NDArray[np.uint8]]:
-        """Read the file."""
+    def encoded(self, entry: FileEntry) -> Iterator[bytes]:
         recipe = self.recipe
         size_px = recipe.width_px, recipe.height_px
-        return read_frames(self._path(stimulus), size_px, recipe.frames, recipe.fps)
+        path = self.folder / entry.file
+        return map(encode_bytes, read_frames(path, size_px, recipe.frames, recipe.fps))
 
-    def parameters(self, stimulus: Stimulus) -> Mapping[str, Scalar]:
-        """Return the file's name."""
-        return {"file": self._files[stimulus.name]}
-
-    def _path(self, stimulus: Stimulus) -> Path:
-        return self.folder / self._files[stimulus.name]
+    def record(self, entry: FileEntry, key: str, hashes: tuple[str, ...]) -> Clip:
+        recipe = self.recipe
+        return Clip(
+            name=entry.name,
+            condition=dict(entry.condition),
+            width_px=recipe.width_px,
+            height_px=recipe.height_px,
+            fps=recipe.frame_hz,
+            bit_depth=8,
+            seed=0,
+            parameters={"file": entry.file, "preview": self._has_previews},
+            cache_key=key,
+            frames_sha256=hashes,
+        )

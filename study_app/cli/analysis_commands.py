@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,24 +12,19 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from analysis.columns import PREFERENCE_COLUMNS, dictionary
-from analysis.plain_csv import OPTIONAL, REQUIRED, read_decisions
-from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, power_plot, save_figure
-from analysis.power import (
-    DEFAULT_PARTICIPANT_SD,
-    DEFAULT_SCENE_SD,
-    Assumptions,
-    PowerCurve,
-    power_curve,
-)
+from analysis.columns import dictionary
+from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report import ReportPaths, report_decisions, report_sessions
 from analysis.report.folder import whole_folder
 from analysis.report.values import as_json
-from analysis.settings import from_protocol
-from analysis.study import SEED
-from analysis.tidy import pwcmp_table, read_sessions, write_tables
+from analysis.tasks import analysis_of, analysis_of_task
+from analysis.tasks.base import SEED, Assumption, PowerReport
+from analysis.tasks.note import options_from, write_note
+from analysis.tidy import read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.load import load_protocol
+from protocols.suggest import did_you_mean
+from protocols.tasks import TASKS
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register
 from study_app.cli.options import (
@@ -56,6 +52,8 @@ app = typer.Typer(
 
         metamerlab analysis import old.csv --map participant=subject --out imported
 
+        metamerlab analysis import old.csv --task yes-no --set signal=seen --out imported
+
         metamerlab analysis export sessions --protocol demo --format bids --out bids
     """,
 )
@@ -67,7 +65,7 @@ def report(
         Path,
         typer.Argument(
             help="Folder of sessions, searched to any depth; or a decisions.csv made by"
-            " `analysis import` or `analysis tidy`."
+            " `analysis import` or `analysis tidy` (decisions.json beside it notes the task)."
         ),
     ],
     out: NewFolderOption,
@@ -125,8 +123,8 @@ def tidy(
 ) -> None:
     """Write journals as tidy CSV tables: one row per attempt, per decision, per sitting.
 
-    Beside them dictionary.csv says what every column means, and flow.csv what the protocol's rules
-    left out.
+    Beside them dictionary.csv says what every column means, flow.csv what the protocol's rules
+    left out, and decisions.json of which task decisions.csv is.
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
@@ -135,6 +133,11 @@ def tidy(
         with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = read_sessions(sessions, study, progress=progress)
             write_tables(tables, study, work)
+            analysis = analysis_of(study.analysis.kind)
+            for name, table in analysis.tidy_tables(tables.analysed).items():
+                table.to_csv(work / name, index=False, lineterminator="\n")
+            options = analysis.options_of(analysis.settings(study))
+            write_note(work / "decisions.csv", analysis.kind, options)
     for warning in tables.warnings:
         print(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
@@ -146,21 +149,25 @@ def tidy(
 def power(
     protocol: ProtocolArgument,
     rate: Annotated[
-        float | None,
+        float | None, typer.Option(help="Short for --set rate=..., of preferences.")
+    ] = None,
+    assume: Annotated[
+        list[str] | None,
         typer.Option(
-            min=0.01,
-            max=0.99,
-            help="True share in every comparison, averaged over people and scenes; left out: one"
-            " half plus the protocol's smallest effect.",
+            "--set",
+            metavar="NAME=NUMBER",
+            help="What the simulation takes for true; may be given more than once. Without it, the"
+            " values that the command prints.",
         ),
     ] = None,
     participant_sd: Annotated[
-        float, typer.Option(min=0, max=5, help="Logit deviation between participants.")
-    ] = DEFAULT_PARTICIPANT_SD,
-    scene_sd: Annotated[
-        float, typer.Option(min=0, max=5, help="Logit deviation between scenes.")
-    ] = DEFAULT_SCENE_SD,
-    studies: Annotated[int, typer.Option(min=100, help="Studies to simulate.")] = 10_000,
+        float | None, typer.Option(help="Short for --set participant_sd=...")
+    ] = None,
+    scene_sd: Annotated[float | None, typer.Option(help="Short for --set scene_sd=...")] = None,
+    studies: Annotated[
+        int | None,
+        typer.Option(min=100, help="Studies to simulate; left out: as many as take seconds."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")] = SEED,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the curve (SVG, PDF, PNG) and a JSON.")
@@ -169,21 +176,27 @@ def power(
 ) -> None:
     """Say how many participants a protocol needs, by simulating its own design and test.
 
-    Trials of one person, and of one scene, are alike; the deviations say how much. The
-    defaults, 0.6 and 0.4 logits, are those of published listening and image studies of this
-    shape. Power is the chance that such a study finds what is there.
+    Trials of one person, and of one scene, are alike; deviations say how much. Power is the
+    chance that such a study finds what is there. What is taken for true depends on the task, and
+    is printed: a share of choices for pairs, d' or shares of right answers for other tasks.
 
-    Example: metamerlab analysis power demo --rate 0.65 --out power
+    Examples:
+
+        metamerlab analysis power demo --rate 0.65 --out power
+
+        metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
     """
     with user_errors():
-        settings = from_protocol(load_protocol(protocol))
-        assumptions = Assumptions(
-            rate if rate is not None else 0.5 + settings.margin, participant_sd, scene_sd
-        )
+        study = load_protocol(protocol)
+        analysis = analysis_of(study.analysis.kind)
+        given = pairs("--set", assume or ())
+        shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
+        given |= {name: str(value) for name, value in shorts.items() if value is not None}
+        assumed = _assumed(analysis.assumptions(study), given)
         with one_line() as progress:
-            curve = power_curve(
-                settings,
-                assumptions,
+            found = analysis.power(
+                study,
+                assumed,
                 rng=np.random.default_rng(seed),
                 studies=studies,
                 progress=lambda done, total: progress("simulating studies", done, total),
@@ -191,10 +204,10 @@ def power(
         if out is not None:
             with whole_folder(out, "power.json", replace=replace) as work:
                 for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
-                    save_figure(power_plot([curve], width_in=width), work, f"power-{name}")
-                text = json.dumps(as_json(curve), indent=1, sort_keys=True, allow_nan=False)
+                    save_figure(found.draw(width), work, f"power-{name}")
+                text = json.dumps(as_json(found.result), indent=1, sort_keys=True, allow_nan=False)
                 (work / "power.json").write_text(text + "\n", encoding="utf-8")
-    _print_power(curve)
+    _print_power(found)
     if out is not None:
         print(f"curve: {out / 'power-2-column.png'}")
 
@@ -203,15 +216,30 @@ def power(
 def import_(
     table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
     out: NewFolderOption,
+    task: Annotated[
+        str, typer.Option(metavar="|".join(TASKS), help="What participants did in a trial.")
+    ] = "two-interval",
     columns: Annotated[
         list[str] | None,
         typer.Option(
             "--map",
-            help="OURS=THEIRS, may be given more than once. Needed: "
-            + ", ".join(REQUIRED)
-            + ", and chosen (a method) or chose_first (1/0). Also: "
-            + ", ".join(name for name in OPTIONAL if not name.startswith("chose"))
-            + ". Columns that have our names already need no --map.",
+            metavar="OURS=THEIRS",
+            help="Which column holds what; may be given more than once. Pairs need participant,"
+            " first, second, and chosen (a method) or chose_first (1/0); also scene, size. Other"
+            " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
+            " any columns of your own. All: order, rt_s. Columns that already have our names need"
+            " no --map.",
+        ),
+    ] = None,
+    options: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="How to analyse the table, as in the section [analysis] of a protocol; may be"
+            " given more than once: by=method, level=eccentricity_deg, falling=true,"
+            " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
+            " rule=independent (abx).",
         ),
     ] = None,
     replace: ReplaceOption = False,
@@ -227,28 +255,69 @@ def import_(
 
     A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
     holds scene and size, as pwcmp wants it.
+
+    Example, psychometric functions over eccentricity for each method:
+
+        metamerlab analysis import old.csv --task identification --map participant=subject
+        --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
     with user_errors():
-        mapping = {}
-        for entry in columns or ():
-            ours, sign, theirs = entry.partition("=")
-            if not sign or not ours or not theirs:
-                raise StudyError(f"--map must read OURS=THEIRS (got {entry!r})")
-            mapping[ours.strip()] = theirs.strip()
-        decisions = read_decisions(table, mapping)
+        analysis = analysis_of_task(task)
+        chosen = options_from(analysis.kind, pairs("--set", options or ()))
+        decisions = analysis.read(table, pairs("--map", columns or ()), chosen)
+        analysis.settings_of_table(decisions, table.stem, chosen)  # refuses what does not fit
         with whole_folder(out, "decisions.csv", replace=replace) as work:
-            for name, frame in (
-                ("decisions.csv", decisions),
-                ("pwcmp.csv", pwcmp_table(decisions)),
-                ("dictionary.csv", dictionary({"decisions": PREFERENCE_COLUMNS})),
-            ):
+            tables = {
+                "decisions.csv": decisions,
+                "dictionary.csv": dictionary({"decisions": analysis.columns_of(decisions)}),
+                **analysis.tidy_tables(decisions),
+            }
+            for name, frame in tables.items():
                 frame.to_csv(work / name, index=False, lineterminator="\n")
+            write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
     print(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")
     print(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
 
 
 register(app)
+
+
+def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:
+    """Return entries of the form NAME=VALUE as a dictionary."""
+    sides = "OURS=THEIRS" if option == "--map" else "NAME=VALUE"
+    found = {}
+    for entry in entries:
+        name, sign, value = (part.strip() for part in entry.partition("="))
+        if not sign or not name or not value:
+            raise StudyError(f"{option} must read {sides} (got {entry!r})")
+        found[name] = value
+    return found
+
+
+def _assumed(known: Sequence[Assumption], given: Mapping[str, str]) -> dict[str, float]:
+    """Return a value for every assumption: the one given, or its own."""
+    assumptions = {one.name: one for one in known}
+    values = {one.name: one.value for one in known}
+    for name, text in given.items():
+        if name not in assumptions:
+            listed = "; ".join(f"{one.name}: {one.meaning}" for one in known)
+            raise StudyError(
+                f"--set: must name what this task's simulation takes for true ({listed})"
+                f" (got {name!r}){did_you_mean(name, list(assumptions))}"
+            )
+        one = assumptions[name]
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not one.lowest <= value <= one.highest:
+            raise StudyError(
+                f"--set {name}: must be a number from {one.lowest:g} to {one.highest:g}"
+                f" (got {text!r})"
+            )
+        values[name] = value
+    return values
 
 
 def _print_report(made: ReportPaths) -> None:
@@ -258,46 +327,17 @@ def _print_report(made: ReportPaths) -> None:
     print(f"report: {made.html}")
 
 
-def _print_power(curve: PowerCurve) -> None:
+def _print_power(found: PowerReport) -> None:
     console = Console(highlight=False)
-    assumed = curve.assumptions
-    console.print(
-        f"{curve.studies} simulated studies; true share {assumed.rate:g}; deviations"
-        f" {assumed.participant_sd:g} (participants) and {assumed.scene_sd:g} (scenes) logits;"
-        f" alpha {curve.alpha:g}, {curve.family} comparisons"
-    )
+    console.print(found.lead)
     table = Table()
-    for column in (
-        "participants",
-        "primary",
-        "each of family",
-        "every",
-        "equivalent at .5",
-        "false positives",
-    ):
+    for column in found.columns:
         table.add_column(column, justify="right")
-    shown = range(0, len(curve.participants), max(1, len(curve.participants) // 12))
-    rows = sorted({*shown, *(i for i, n in enumerate(curve.participants) if n == curve.planned)})
-    for index in rows:
-        people = curve.participants[index]
-        table.add_row(
-            f"{people} (planned)" if people == curve.planned else str(people),
-            *(
-                f"{values[index]:.2f}"
-                for values in (curve.primary, curve.each, curve.every, curve.equivalence)
-            ),
-            f"{curve.false_positives[index]:.3f}",
-        )
+    for row in found.rows:
+        table.add_row(*row)
     console.print(table)
-    console.print(
-        "primary: the primary comparison is significant, tested alone; each of family: one of the"
-        " comparisons, on average, after correction; every: all of them;"
-        f" equivalent at .5: were the share one half, it is shown to lie within ±{curve.margin:.2f}"
-        " of it; false positives: were it one half, the primary comparison is significant all the"
-        " same"
-    )
-    for name, goal, people in curve.needed:
-        wanted = f"more than {curve.participants[-1]}" if people is None else str(people)
-        console.print(f"{name}, power {goal:.0%}: {wanted} participants")
-    for warning in curve.warnings:
+    console.print(found.legend)
+    for line in found.needed:
+        console.print(line)
+    for warning in found.warnings:
         console.print(f"note: {warning}")

@@ -22,7 +22,11 @@ def export(
     protocol: SessionsProtocolOption,
     form: Annotated[
         str,
-        typer.Option("--format", metavar="|".join(FORMATS), help="bids, psych-ds or pwcmp."),
+        typer.Option(
+            "--format",
+            metavar="|".join(FORMATS),
+            help="bids, psych-ds or pwcmp (preferences only).",
+        ),
     ],
     out: Annotated[Path, typer.Option(help="New folder; it appears when it is whole.")],
     public: Annotated[

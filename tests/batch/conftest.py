@@ -35,14 +35,14 @@ f 5/1 8/4 7/3
 """
 MTL = "newmtl wall\nmap_Kd wall.png\nnewmtl box\nKd 0.7 0.1 0.1\n"
 SCENES = """
-[[scenes]]
+[[stimuli.scenes]]
 name = "box"
 kind = "mesh"
 file = "box.obj"
 view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }
 camera = { kind = "circle" }
 
-[[scenes]]
+[[stimuli.scenes]]
 name = "motorcycle"
 kind = "stereo"
 left = "motorcycle"
@@ -53,17 +53,17 @@ baseline_m = 0.193001
 offset_px = 31.086
 camera = { kind = "stereo" }
 
-[[sizes]]
+[[stimuli.sizes]]
 name = "small"
 extent_m = 0.16
 
-[[methods]]
+[[stimuli.methods]]
 name = "reference"
 
-[[methods]]
+[[stimuli.methods]]
 name = "push-pull"
 
-[[methods]]
+[[stimuli.methods]]
 name = "telea"
 """
 
@@ -114,8 +114,8 @@ def small_study(tmp_path_factory) -> Path:
 
 def study_text(demo: str) -> str:
     """Turn the demo study into the small one."""
-    head, rest = demo.split("[[scenes]]", 1)
-    clips = rest[rest.index("[clips]") :]
+    head, rest = demo.split("[[stimuli.scenes]]", 1)
+    clips = rest[rest.index("[stimuli.clips]") :]
     for old, new in (
         ("width_deg = 8.0", "width_deg = 2.0"),
         ("height_deg = 6.0", "height_deg = 1.5"),

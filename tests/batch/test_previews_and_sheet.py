@@ -158,7 +158,7 @@ def test_previews_play_every_frame_as_it_is(batch):
 def test_a_large_clips_preview_is_small_and_a_deep_ones_is_right(batch, tmp_path):
     (clip,) = read_manifest(batch).clips[:1]
     big = clip.model_copy(update={"width_px": 700, "height_px": 351, "bit_depth": 16})
-    folder = tmp_path / str(big.clip_name)
+    folder = tmp_path / big.name
     folder.mkdir()
     ramp = np.tile(np.linspace(0, 65535, 700, dtype=np.uint16)[None, :, None], (351, 1, 3))
     for index in range(4):

@@ -36,7 +36,9 @@ def study(small_study, tmp_path):
 
 
 def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tmp_path):
-    path = study(("[clips]", "[clips]\nbit_depth = 16\nexr = true\npreview = false"))
+    path = study(
+        ("[stimuli.clips]", "[stimuli.clips]\nbit_depth = 16\nexr = true\npreview = false")
+    )
     out = tmp_path / "clips"
     build(read_orders(path), out, inline)
     frame = decode(out / "box__small__telea/000001.png")
@@ -57,7 +59,7 @@ def test_a_declared_filter_brings_frames_to_the_displays_pixels(
 ):
     plain = tmp_path / "plain"
     scaled = tmp_path / "scaled"
-    path = study(("[clips]", '[clips]\nrender_width_px = 156\nrescale = "box"'))
+    path = study(("[stimuli.clips]", '[stimuli.clips]\nrender_width_px = 156\nrescale = "box"'))
     orders = read_orders(path)
     assert (orders.render_px, orders.shown_px) == ((156, 116), (78, 58))
     build(orders, scaled, inline)
@@ -127,7 +129,7 @@ def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_pa
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     clips = read_manifest(out).clips
-    assert {(clip.scene, clip.method) for clip in clips} == {
+    assert {(clip.column("scene"), clip.column("method")) for clip in clips} == {
         (scene, method)
         for scene in ("box", "motorcycle")
         for method in ("reference", "push-pull", "telea")

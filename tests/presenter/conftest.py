@@ -93,8 +93,10 @@ def write_study(
             r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S
         )
     text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
-    text = re.sub(r'\n\[\[scenes\]\]\nname = "colonnade".*?(?=\n\[\[)', "\n", text, flags=re.S)
-    text = re.sub(r'\n\[\[sizes\]\]\nname = "large".*?(?=\n\[\[)', "\n", text, flags=re.S)
+    text = re.sub(
+        r'\n\[\[stimuli\.scenes\]\]\nname = "colonnade".*?(?=\n\[\[)', "\n", text, flags=re.S
+    )
+    text = re.sub(r'\n\[\[stimuli\.sizes\]\]\nname = "large".*?(?=\n\[\[)', "\n", text, flags=re.S)
     text = _replace(
         text,
         {
@@ -119,26 +121,26 @@ def write_study(
     (folder / "little.toml").write_text(DISPLAY, encoding="utf-8")
     study = Study(folder)
     protocol, display = study.protocol, study.display
-    width, height = display.centred_size_px(protocol.clips.width_deg, protocol.clips.height_deg)
+    recipe = protocol.warped
+    width, height = recipe.size_px(display)
     clips = []
-    for number, name in enumerate(protocol.clip_names()):
+    for number, name in enumerate(protocol.shown()):
         rng = np.random.default_rng((pixels, number))
-        clip_folder = study.stimuli / str(name)
+        clip_folder = study.stimuli / name
         clip_folder.mkdir(parents=True)
         hashes = []
-        for index in range(protocol.clips.frames):
+        for index in range(recipe.frames):
             frame = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
             path = clip_folder / f"{index:06d}.png"
             Image.fromarray(frame).save(path)
             hashes.append(sha256_file(path))
         clips.append(
             Clip(
-                scene=name.scene,
-                size=name.size,
-                method=name.method,
+                name=name,
+                condition=dict(zip(("scene", "size", "method"), name.split("__"), strict=True)),
                 width_px=width,
                 height_px=height,
-                fps=protocol.clips.fps,
+                fps=recipe.frame_hz,
                 bit_depth=8,
                 seed=0,
                 parameters={},
@@ -150,7 +152,7 @@ def write_study(
     write_manifest(
         study.stimuli,
         Manifest(
-            format=1,
+            format=2,
             study=protocol.study.name,
             stimuli_sha256=protocol.stimuli_sha256,
             display=display.name,

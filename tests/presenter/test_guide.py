@@ -66,9 +66,11 @@ def make_smaller(folder: Path) -> None:
             assert count == 1, key
         if name == "study.toml":
             # One size, one built-in scene, neither practice nor catch trials.
-            text = re.sub(r'\[\[scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)
-            text = re.sub(r'\[\[sizes\]\]\nname = "large".*?\n\n', "", text, flags=re.S)
-            text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
+            text = re.sub(r'\[\[stimuli\.scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)
+            text = re.sub(r'\[\[stimuli\.sizes\]\]\nname = "large".*?\n\n', "", text, flags=re.S)
+            text = re.sub(
+                r"^\[(task\.catch|design\.practice)\]\n.*?\n(?=\[)", "", text, flags=re.M | re.S
+            )
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -101,11 +103,11 @@ def bring_scenes(folder: Path) -> None:
 def add_scenes(folder: Path, seen: int) -> None:
     """Paste the guide's scenes below the others, as it says; `seen` of its TOML blocks."""
     path = folder / "study.toml"
-    mark = "# --- How much is uncovered"
+    mark = "[[stimuli.sizes]]"
     text = path.read_text(encoding="utf-8")
     assert mark in text
     path.write_text(
-        text.replace(mark, "\n".join(blocks("toml")[:seen]) + "\n" + mark), encoding="utf-8"
+        text.replace(mark, "\n".join(blocks("toml")[:seen]) + "\n" + mark, 1), encoding="utf-8"
     )
 
 
@@ -199,9 +201,9 @@ def test_every_command_of_the_guide_runs_in_its_order(screen, tmp_path):
     journal = read_journal(study / "sessions/my-study/P01/journal.jsonl")
     assert any(isinstance(event, SessionResume) for event in journal.events)
     decided = {
-        event.scene
+        event.condition["scene"]
         for event in journal.events
-        if isinstance(event, Attempt) and event.outcome == "completed" and not event.practice
+        if isinstance(event, Attempt) and event.outcome == "completed" and event.role != "practice"
     }
     assert decided == {"garden", "place", "pair"}
     stone = (study / "pilot/own/my-study/me/journal.jsonl").read_text()

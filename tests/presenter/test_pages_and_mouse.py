@@ -57,7 +57,8 @@ def events(study, kind):
 def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, wait, tmp_path):
     texts, response = study.protocol.text.languages["en"], study.protocol.response
     pages = Pages((640, 480), texts, 128)
-    fixed = pages.fixed(response)
+    fixed = pages.fixed(response, ("first", "second"))
+    asked = ("answer-first-second", "answer-second-first")
     strategy, vision = texts.questions
     mouse = CENTRE
 
@@ -107,10 +108,10 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         mouse = CENTRE
         screen.point(*CENTRE)
         wait(
-            lambda: any(screen.shows(fixed[f"answer-{side}"], mouse) for side in ("left", "right")),
+            lambda: any(screen.shows(fixed[name], mouse) for name in asked),
             "the answer screen",
         )
-        first_side = "left" if screen.shows(fixed["answer-left"], mouse) else "right"
+        leftmost = "first" if screen.shows(fixed["answer-first-second"], mouse) else "second"
         screen.keys("Left")
 
         # The break names its key only when the key does something.
@@ -122,7 +123,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         screen.keys("p")
         turn(pages.page(texts.paused, "space"), "pause")
         wait(
-            lambda: any(screen.shows(fixed[f"answer-{side}"], mouse) for side in ("left", "right")),
+            lambda: any(screen.shows(fixed[name], mouse) for name in asked),
             "the second answer screen",
         )
         screen.keys("j")
@@ -151,8 +152,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
     reasons = [(attempt.void_reason, attempt.key) for attempt in journal.attempts]
     assert reasons == [("gaze-break", None), (None, "left"), ("paused", None), (None, "j")]
     decided = journal.attempts[1]
-    assert decided.first_side == first_side
-    assert decided.choice == ("first" if first_side == "left" else "second")
+    assert decided.answers[0] == decided.answer == leftmost
     assert decided.gaze.mean_deg < 0.1
     for attempt, place in ((journal.attempts[0], ASIDE), (decided, CENTRE)):
         with (study.sessions / "demo" / "P01" / attempt.gaze_file.file).open() as file:
@@ -205,7 +205,7 @@ def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
     *voids, decided = journal.attempts
     assert voids
     assert {attempt.void_reason for attempt in voids} == {"gaze-break"}
-    assert decided.choice in ("first", "second")
+    assert decided.answer in ("first", "second")
     stored = [line.split(",") for line in lines[1:]]
     for attempt in journal.attempts:
         with (study.sessions / "demo" / "P01" / attempt.gaze_file.file).open() as file:

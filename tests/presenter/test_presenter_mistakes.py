@@ -182,7 +182,7 @@ def test_too_little_memory_for_two_pairs_is_refused(screen, make_study):
         env=screen.env, text=True, capture_output=True, timeout=60, check=False,
     )  # fmt: skip
 
-    assert "graphics memory must hold two pairs of clips" in error_of(done)
+    assert "graphics memory must hold the stimuli of two trials" in error_of(done)
     assert not (study.sessions / "demo").exists()
 
 

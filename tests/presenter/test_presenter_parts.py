@@ -315,7 +315,7 @@ def test_short_pages_stand_in_the_middle_and_long_questions_above_the_answers():
     columns = np.nonzero(made.page("Thank you.")[..., 3].any(axis=0))[0]
     assert columns.min() + columns.max() == pytest.approx(639, abs=4)
 
-    answer = made.fixed(protocol.response)["answer-left"]
+    answer = made.fixed(protocol.response, ("first", "second"))["answer-first-second"]
     empty = ~answer[..., 3].any(axis=1)
     assert empty[round(0.47 * 480) + 1 : 240].all()  # between the question and the labels
     assert answer[: round(0.47 * 480), :, 3].any()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from study_app import clips, presenter
 from study_app.cli import main
-from study_app.trial import Phase
 
 out = Path(sys.argv.pop())
 opened, decoded, trials = [], [], []
@@ -35,11 +34,10 @@ def disk():
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
-watched = (Phase.FIRST, Phase.GAP, Phase.SECOND)
 show = presenter.Presenter.show
 start = []
 def spy(self, picture):
-    inside = picture.phase in watched
+    inside = picture.phase.watched
     if inside and not start:
         start.append((resident(), disk(), gc.isenabled(), sys.getallocatedblocks()))
     if not inside and start:

@@ -9,11 +9,11 @@ import time
 from itertools import pairwise
 
 import pytest
-from study_app.observer import ArtificialObserver, ObserverModel
 
 from protocols.journal import Attempt, BlockStart, Note, Pause, SessionEnd, SessionResume
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
+from study_app.observers import ArtificialObserver, PreferenceModel
 
 THIEF = """
 import glfw, time
@@ -66,7 +66,7 @@ def test_a_session_by_real_keys_ignores_wrong_ones_asks_before_quitting_and_goes
         "the quit key", "Escape",
     )  # fmt: skip
     press_until(
-        screen, wait, lambda: len([a for a in study.journal().attempts if a.choice]) >= 2,
+        screen, wait, lambda: len([a for a in study.journal().attempts if a.answer]) >= 2,
         "an answer after all", "space", "j",
     )  # fmt: skip
     assert process.poll() is None
@@ -91,10 +91,10 @@ def test_a_session_by_real_keys_ignores_wrong_ones_asks_before_quitting_and_goes
     assert "quit" in out
 
     attempts = study.journal().attempts
-    answered = [a for a in attempts if a.choice]
+    answered = [a for a in attempts if a.answer]
     assert {a.key for a in answered} <= {"left", "f", "j"}
     assert {a.key for a in answered[:1]} == {"left"}
-    assert all((a.choice == "first") == (a.chosen_side == a.first_side) for a in answered)
+    assert all(a.answer == a.answers[a.key == "j"] for a in answered)
     assert all(0 < a.rt_s < 30 for a in answered)
     assert "another window" in events_of(study, Note)[0].text
     assert [e.reason for e in events_of(study, SessionEnd)] == ["quit"]
@@ -133,7 +133,7 @@ def test_a_killed_windowed_session_resumes_in_the_same_order_and_loses_nothing(
     assert [a.trial for a in journal.attempts] == [trial.id for trial in plan.trials]
     assert [a.position for a in journal.attempts] == list(range(len(plan.trials)))
     # The answers are those of a run that nobody killed.
-    observer = ArtificialObserver(ObserverModel(), study.protocol.response, 0, "P01")
+    observer = ArtificialObserver(PreferenceModel(), study.protocol.response, 0, "P01")
     for attempt, trial in zip(journal.attempts, plan.trials, strict=True):
         assert attempt.key == observer.answer(trial, 1)[0]
     assert journal.start.simulated

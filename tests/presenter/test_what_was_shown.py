@@ -89,7 +89,7 @@ def logged_frames(study, rows) -> dict[int, str | None]:
     from protocols.manifest import read_manifest
 
     by_hash = {
-        sha: f"{clip.clip_name}/{index}"
+        sha: f"{clip.name}/{index}"
         for clip in read_manifest(study.stimuli).clips
         for index, sha in enumerate(clip.frames_sha256)
     }
@@ -127,9 +127,9 @@ from study_app import clips, draw, window
 
 read_frame = clips.read_frame
 def swapped_and_mirrored(folder, clip, index):
-    wanted = {3: 4, 4: 3}.get(index, index) if clip.method == "metameric" else index
+    wanted = {3: 4, 4: 3}.get(index, index) if clip.column("method") == "metameric" else index
     frame = read_frame(folder, clip, wanted)
-    return frame[:, ::-1].copy() if clip.method == "push-pull" and index == 2 else frame
+    return frame[:, ::-1].copy() if clip.column("method") == "push-pull" and index == 2 else frame
 clips.read_frame = swapped_and_mirrored
 
 missing = []
@@ -196,7 +196,7 @@ from study_app.opening import texts_of
 from study_app.layout import Extras
 from study_app.presenter import Presenter
 from study_app.stage import Picture
-from study_app.trial import Phase
+from study_app.trial import Timeline
 from study_app.window import Window
 
 folder, buffer, out = map(Path, sys.argv[1:4])
@@ -210,17 +210,20 @@ def picture():
     start = int.from_bytes(data[:4], "big") + 12 * int.from_bytes(data[76:80], "big")
     return np.frombuffer(data, np.uint8, 640 * 480 * 4, start).reshape(480, 640, 4)[..., 2::-1]
 
+timeline = Timeline.of(protocol, display, plan.trials[0])
+phase = {phase.name: phase for phase in timeline.phases}
+per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}
 with Window(display, pacing="software") as window:
     with Presenter(window, protocol, texts_of(protocol, "en"), manifest, folder / "clips",
                    refresh_hz=60.0, extras=Extras(photodiode="patch" in sys.argv)) as presenter:
         presenter.prepare(plan.trials[0], 1)
         for name, shown in {
-            "fixate": Picture(Phase.FIXATE),
-            "first": Picture(Phase.FIRST, 0, 2),
-            "odd": Picture(Phase.FIRST, 0, 3),
-            "second": Picture(Phase.SECOND, 1, 5),
-            "answer": Picture(Phase.RESPOND),
+            "fixate": Picture(phase["fixate"]),
+            "first": Picture(phase["first"], 2 * per_frame),
+            "odd": Picture(phase["first"], 3 * per_frame),
+            "second": Picture(phase["second"], 5 * per_frame),
+            "answer": Picture(phase["respond"]),
         }.items():
             presenter.show(shown)
             presenter.show(shown)
@@ -259,7 +262,7 @@ def test_shown_pixels_equal_the_stored_frame_at_its_place_and_size(
         ("first", 0, 2, 255), ("odd", 0, 3, 0), ("second", 1, 5, 0)
     ):  # fmt: skip
         expected = np.full((480, 640, 3), 128, np.uint8)
-        expected[y : y + height, x : x + width] = study.frame(str(trial.clips[clip]), index)
+        expected[y : y + height, x : x + width] = study.frame(trial.stimuli[clip], index)
         expected[480 - 56 : 480 - 8, 640 - 48 :] = patch
         differs = (shots[name] != expected).any(axis=2)
         if dot_over_clips:

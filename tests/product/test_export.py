@@ -265,8 +265,8 @@ def test_every_answer_and_reaction_time_is_in_the_events(recorded_once, exported
         if any(phase.phase == "respond" for phase in attempt.phases)
     ]
     assert times == wanted
-    clips = [row["clip"] for row in rows if row["trial_type"] == "second"]
-    assert clips == [a.clips[1].clip for a in journal.attempts if len(a.phases) > 3]
+    shown = [row["stimulus"] for row in rows if row["trial_type"] == "second"]
+    assert shown == [a.stimuli[1].name for a in journal.attempts if len(a.phases) > 3]
 
 
 def test_every_gaze_sample_is_in_the_recording(recorded_once, exported):

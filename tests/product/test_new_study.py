@@ -7,13 +7,15 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from protocols.stimuli_schema import BuiltinScene, Clips, Method, Size
 
 from protocols.display import Display
 from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import clip_fps, explained, study_files
+from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Exclusions, Question, Texts
+from protocols.session_schema import Exclusions, Practice, Question, Texts
+from protocols.tasks import TASKS
+from protocols.tasks.pairs import CatchPair, PrimaryComparison
 from study_app.cli.new_study import slug
 
 
@@ -52,11 +54,17 @@ def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display)
 @pytest.mark.parametrize(
     ("section", "model"),
     [
-        *((name, name) for name in ("study", "display", "clips", "design", "trial", "gaze")),
-        *((name, name) for name in ("response", "analysis", "privacy")),
-        ("scenes", BuiltinScene),
-        ("sizes", Size),
-        ("methods", Method),
+        *((name, name) for name in ("study", "display", "design", "trial", "gaze")),
+        *((name, name) for name in ("response", "privacy")),
+        ("stimuli.scenes", BuiltinScene),
+        ("stimuli.sizes", Size),
+        ("stimuli.methods", Method),
+        ("stimuli.clips", Clips),
+        ("task", TASKS["two-interval"]),
+        ("analysis", TASKS["two-interval"].analysis),
+        ("task.catch", CatchPair),
+        ("design.practice", Practice),
+        ("analysis.primary", PrimaryComparison),
         ("analysis.exclusions", Exclusions),
         ("text.languages.en", Texts),
         ("text.languages.en.questions", Question),
@@ -69,7 +77,12 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
     lines = next(
         text for name, text in zip(parts[1::2], parts[2::2], strict=True) if name == section
     ).splitlines()
-    tables = {"analysis": {"exclusions"}, "text.languages.en": {"questions"}}
+    tables = {
+        "task": {"catch"},
+        "design": {"practice"},
+        "analysis": {"primary", "exclusions"},
+        "text.languages.en": {"questions"},
+    }
 
     for key in set(model.model_fields) - tables.get(section, set()):
         at = next((i for i, line in enumerate(lines) if re.match(rf"(# )?{key} = ", line)), None)
@@ -98,13 +111,15 @@ def test_examples_of_optional_keys_are_valid_themselves(made):
 
 
 def test_comments_come_from_the_schema():
-    text = explained("[clips]\nfps = 30.0\n#? exr = false\n[clips]\nfps = 60.0\n", StudyProtocol)
+    text = explained(
+        "[stimuli.clips]\nfps = 30.0\n#? exr = false\n[stimuli.clips]\nfps = 60.0\n", StudyProtocol
+    )
 
     meaning = Clips.model_fields["fps"].description
     assert text == (
-        f"[clips]\n# {meaning} (Hz, > 0)\nfps = 30.0\n"
+        f"[stimuli.clips]\n# {meaning} (Hz, > 0)\nfps = 30.0\n"
         f"# {Clips.model_fields['exr'].description} (true | false, default false)\n# exr = false\n"
-        "[clips]\nfps = 60.0\n"
+        "[stimuli.clips]\nfps = 60.0\n"
     )
 
 
@@ -188,14 +203,14 @@ def test_scene_files_that_are_not_there_are_noted_by_check(metamerlab, made):
     path = made / "study.toml"
     path.write_text(
         path.read_text(encoding="utf-8").replace(
-            "# --- How much",
-            """[[scenes]]
+            "[[stimuli.sizes]]",
+            """[[stimuli.scenes]]
 name = "place"
 kind = "mesh"
 file = "scenes/place.glb"
 camera = { kind = "circle" }
 
-[[scenes]]
+[[stimuli.scenes]]
 name = "pair"
 kind = "stereo"
 left = "motorcycle"
@@ -205,7 +220,8 @@ focal_px = 1000.0
 baseline_m = 0.1
 camera = { kind = "stereo" }
 
-# --- How much""",
+[[stimuli.sizes]]""",
+            1,
         ),
         encoding="utf-8",
     )
@@ -213,8 +229,8 @@ camera = { kind = "stereo" }
     done = metamerlab("protocol", "check", path)
     assert done.exit_code == 0, done.output
     said = " ".join(done.stdout.split())
-    assert "note: scenes[2].file: the file is not there" in said
-    assert "scenes[3]" not in said
+    assert "note: stimuli.scenes[2].file: the file is not there" in said
+    assert "stimuli.scenes[3]" not in said
 
     (made / "scenes" / "place.glb").write_bytes(b"")
     assert "note" not in metamerlab("protocol", "check", path).stdout

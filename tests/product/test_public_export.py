@@ -140,7 +140,10 @@ def test_secrets_are_planted_wherever_journals_take_text(planted):
     # Should journals gain a text, it is planted by itself; these are the ones known to be there.
     assert places >= {
         "answer.text",
-        "attempt.clips.clip",
+        "attempt.stimuli.name",
+        "attempt.condition.scene",
+        "attempt.condition.first",
+        "attempt.track",
         "attempt.flips_file.file",
         "attempt.key",
         "session-end.message",

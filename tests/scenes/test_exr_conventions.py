@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from protocols.stimuli_schema import CirclePath, ExrScene, UpsamplingPath
 
 from pipeline.camera import Camera, flow_between
 from pipeline.colour import decode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
+from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
 from stimuli.exr import Channels, load_warp_input
 from stimuli.render import Renderer
 from stimuli.scenes.follow import turned_round

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from protocols.stimuli_schema import MeshScene
 from pydantic import TypeAdapter, ValidationError
 from typer.testing import CliRunner, Result
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import parse_view
+from protocols.recipes.warped_clips import MeshScene
 from stimuli.look import look_around
 from stimuli.open_scene import open_world
 from stimuli.render import Renderer

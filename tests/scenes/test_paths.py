@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from protocols.stimuli_schema import (
+
+from pipeline.errors import InputError
+from protocols.recipes.warped_clips import (
     CirclePath,
     Keyframe,
     KeyframesPath,
@@ -12,8 +14,6 @@ from protocols.stimuli_schema import (
     StereoPath,
     UpsamplingPath,
 )
-
-from pipeline.errors import InputError
 from stimuli.paths import make_path
 from stimuli.solve import search
 from stimuli.world import Viewpoint

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-from protocols.stimuli_schema import (
+
+from pipeline.errors import InputError
+from pipeline.warp.settings import MOST_RIM_PX
+from protocols.publish import json_schema
+from protocols.recipes.warped_clips import (
     CirclePath,
     ExrScene,
     RgbdScene,
@@ -13,10 +17,6 @@ from protocols.stimuli_schema import (
     StereoScene,
     UpsamplingPath,
 )
-
-from pipeline.errors import InputError
-from pipeline.warp.settings import MOST_RIM_PX
-from protocols.publish import json_schema
 from stimuli.exr_parts import frame_files
 from stimuli.footage import Footage, Shot
 from stimuli.paths import STILL, make_path

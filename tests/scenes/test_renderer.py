@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from protocols.stimuli_schema import CirclePath, UpsamplingPath
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
+from protocols.recipes.warped_clips import CirclePath, UpsamplingPath
 from stimuli.footage import Footage, Shot
 from stimuli.motion import MotionPass
 from stimuli.paths import make_path

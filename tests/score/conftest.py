@@ -99,7 +99,7 @@ def write_batch(folder: Path, clips: Clips, scenes=("lawn", "wall"), reference=T
             hashes = write_frames(folder / f"{scene}__small__{method}", turned(frames))
             entries.append(_entry(scene, method, frames, hashes))
     write_manifest(folder, Manifest(
-        format=1, study="tiny", stimuli_sha256="0" * 64, display="fhd27-60hz", revision="test",
+        format=2, study="tiny", stimuli_sha256="0" * 64, display="fhd27-60hz", revision="test",
         renderer=Renderer(vendor="none", renderer="none", version="0"), versions={},
         clips=tuple(entries),
     ))  # fmt: skip
@@ -112,8 +112,9 @@ def _turn(turned, holes):
 
 def _entry(scene, method, frames, hashes) -> Clip:
     return Clip(
-        scene=scene, size="small", method=method, width_px=frames.shape[2],
-        height_px=frames.shape[1], fps=30.0, bit_depth=8, seed=0,
+        name=f"{scene}__small__{method}",
+        condition={"scene": scene, "size": "small", "method": method},
+        width_px=frames.shape[2], height_px=frames.shape[1], fps=30.0, bit_depth=8, seed=0,
         parameters={"method": method}, hole_share=0.1, cache_key="0" * 64,
         frames_sha256=tuple(hashes),
     )  # fmt: skip

@@ -20,7 +20,7 @@ from protocols.journal import (
     GazeQuality,
     SessionEnd,
     SessionStart,
-    ShownClip,
+    ShownStimulus,
     event_line,
 )
 from protocols.load import load_protocol
@@ -166,11 +166,11 @@ def _sitting(
     slot: int,
 ) -> list[AnyEvent]:
     trials = [
-        (scene.name, size.name, pair if repeat % 2 == 0 else pair[::-1], repeat)
+        (scene, size, pair if repeat % 2 == 0 else pair[::-1], repeat)
         for repeat in range(protocol.design.repeats)
         for scene in protocol.main_scenes()
-        for size in protocol.sizes
-        for pair in protocol.pairings()
+        for size in protocol.stimuli.values("size")
+        for pair in protocol.task.paired(protocol)
     ]
     order = rng.permutation(len(trials))
     events: list[AnyEvent] = []
@@ -206,11 +206,11 @@ def _sitting(
     )
     events.append(Consent(**stamp(), agreed=True, language="en", text_sha256=SHA))
     events.append(BlockStart(**stamp(), block=1, trials=len(trials)))
-    catch = protocol.design.catch
+    catch = protocol.task.catch
     plan = [("main", *trials[index]) for index in order]
     if catch is not None:
-        scene = protocol.main_scenes()[0].name
-        plan.insert(3, ("catch", scene, catch.size, (catch.better, catch.worse), 0))
+        scene = protocol.main_scenes()[0]
+        plan.insert(3, ("catch", scene, catch.where["size"], (catch.better, catch.worse), 0))
     done, position = 0, 0
     for number, (kind, scene, size, (first, second), repeat) in enumerate(plan):
         if decided is not None and done >= decided:
@@ -228,24 +228,20 @@ def _sitting(
                     attempt=attempt,
                     position=position,
                     block=1,
-                    practice=False,
-                    catch=kind == "catch",
+                    role=kind,
                     repeat=repeat,
-                    scene=scene,
-                    size=size,
-                    first=first,
-                    second=second,
-                    expected=first if kind == "catch" else None,
-                    first_side="left",
+                    condition={"scene": scene, "size": size, "first": first, "second": second},
+                    track=None,
+                    stimuli=(_shown(scene, size, first), _shown(scene, size, second)),
+                    answers=("first", "second"),
+                    expected="first" if kind == "catch" else None,
                     outcome="void" if void else "completed",
                     void_reason="gaze-break" if void else None,
-                    choice=None if void else choice,
-                    chosen=None if void else (first if picked else second),
-                    chosen_side=None if void else side,
+                    answer=None if void else choice,
+                    correct=True if kind == "catch" else None,
                     key=None if void else side,
                     rt_s=None if void else (rt_s or float(np.exp(rng.normal(0.0, 0.3)))),
                     phases=(),
-                    clips=(_clip(scene, size, first), _clip(scene, size, second)),
                     dropped=int(rng.random() < 0.05),
                     warned=False,
                     gaze=GazeQuality(
@@ -269,11 +265,7 @@ def _sitting(
     return events
 
 
-def _clip(scene: str, size: str, method: str) -> ShownClip:
-    return ShownClip(
-        method=method,
-        clip=f"{scene}__{size}__{method}",
-        clip_sha256=SHA,
-        frames_shown=30,
-        frames_planned=30,
+def _shown(scene: str, size: str, method: str) -> ShownStimulus:
+    return ShownStimulus(
+        name=f"{scene}__{size}__{method}", sha256=SHA, frames_shown=30, frames_planned=30
     )

@@ -1,4 +1,4 @@
-"""Detection, learning, order and side bias, reaction times."""
+"""d' of one table, learning, order and side bias, reaction times."""
 
 from __future__ import annotations
 
@@ -8,114 +8,29 @@ import pytest
 from scipy import stats
 
 from analysis.bias import order_bias, side_bias
-from analysis.detection import detection, forced_choice_d_prime, sensitivity
+from analysis.detection import sensitivity
 from analysis.learning import trend
 from analysis.reaction import reaction_times
 
 
 def test_d_prime_by_hand():
     """Half hits, 3 of 23 false alarms: z(.5) - z(3/23)."""
-    found = sensitivity(10, 10, 3, 20)
+    found = sensitivity(10, 10, 3, 20, "none")
 
     assert found.d_prime == pytest.approx(-stats.norm.ppf(3 / 23))
     assert found.criterion == pytest.approx(-0.5 * stats.norm.ppf(3 / 23))
-    assert not found.corrected
+    assert found.criterion_error == pytest.approx(found.standard_error / 2)
 
 
-def test_perfect_rates_are_corrected_and_say_so():
-    found = sensitivity(10, 0, 0, 10)
+def test_the_correction_is_for_every_table_or_for_none():
+    corrected = sensitivity(10, 0, 0, 10)
+    plain = sensitivity(9, 1, 1, 9, "none")
 
-    assert found.corrected
-    assert found.d_prime == pytest.approx(2 * stats.norm.ppf(10.5 / 11))
-
-
-def test_forced_choice_d_prime_by_hand():
-    d, error = forced_choice_d_prime(76, 100)
-
-    assert d == pytest.approx(np.sqrt(2) * stats.norm.ppf(0.76))
-    assert 0 < error < 0.3
-    assert np.isfinite(forced_choice_d_prime(10, 10)[0])
-
-
-def detection_study(rng, *, d_prime, criterion, people=10, scenes=7):
-    rows = []
-    for person in range(people):
-        for scene in range(scenes):
-            for k in range(12):
-                signal = k % 2
-                said = rng.normal(d_prime * (signal - 0.5)) > criterion
-                rows.append(
-                    {
-                        "participant": person,
-                        "scene": scene,
-                        "method": "ours",
-                        "inconsistent": signal,
-                        "answered_inconsistent": int(said),
-                    }
-                )
-            rows += [
-                {
-                    "participant": person,
-                    "scene": scene,
-                    "method": "reference",
-                    "inconsistent": 0,
-                    "answered_inconsistent": int(rng.random() < 0.15),
-                }
-                for _ in range(6)
-            ]
-    return pd.DataFrame(rows)
-
-
-def test_d_prime_and_criterion_of_simulated_observers_are_recovered(rng):
-    ours, reference = detection(
-        detection_study(rng, d_prime=0.8, criterion=0.3), control=("reference",)
-    )
-
-    assert ours.d_lower < 0.8 < ours.d_upper
-    assert ours.criterion == pytest.approx(0.3, abs=0.12)
-    assert ours.hits + ours.misses == 420
-    assert reference.pooled is None
-    assert reference.correct.share == pytest.approx(0.85, abs=0.05)
-
-
-def test_observers_who_cannot_tell_show_bias_without_correctness(rng):
-    """[BB] Fig. 20: correct at chance, "consistent" said far more often than not."""
-    ours, _ = detection(detection_study(rng, d_prime=0.0, criterion=0.6), control=("reference",))
-
-    assert ours.correct.lower < 0.5 < ours.correct.upper
-    assert ours.bias.lower > 0.6
-    assert ours.bias.exact_p < 1e-6
-
-
-def test_correct_and_bias_shares_are_what_counting_gives():
-    rows = pd.DataFrame(
-        {
-            "participant": [0, 0, 1, 1],
-            "scene": [0, 1, 0, 1],
-            "method": "x",
-            "inconsistent": [1, 0, 1, 0],
-            "answered_inconsistent": [1, 0, 0, 0],
-        }
-    )
-    (found,) = detection(rows)
-
-    assert (found.correct.count, found.bias.count) == (3, 3)
-
-
-def test_detection_needs_its_columns_and_plain_answers():
-    with pytest.raises(ValueError, match=r"missing \['scene'"):
-        detection(pd.DataFrame({"participant": [1]}))
-    rows = pd.DataFrame(
-        {
-            "participant": [1],
-            "scene": [1],
-            "method": ["x"],
-            "inconsistent": [2],
-            "answered_inconsistent": [0],
-        }
-    )
-    with pytest.raises(ValueError, match="0 and 1"):
-        detection(rows)
+    assert corrected.d_prime == pytest.approx(2 * stats.norm.ppf(10.5 / 11))
+    assert sensitivity(9, 1, 1, 9).d_prime < plain.d_prime == pytest.approx(2 * stats.norm.ppf(0.9))
+    assert sensitivity(10, 0, 0, 10, "none").d_prime == np.inf
+    with pytest.raises(ValueError, match="log-linear"):
+        sensitivity(9, 1, 1, 9, "loglinear")
 
 
 def sittings(rng, slopes, trials=60):
@@ -182,6 +97,19 @@ def test_a_changing_mix_of_trials_is_no_learning():
 
     assert abs(trend(rows, "y", within=("cell",)).change) < 1e-12
     assert trend(rows, "y").change > 0.5
+
+
+def test_learning_of_right_answers_is_found_within_conditions(rng):
+    """Trials of a task as they are: the outcome is ``correct``, 0 and 1 or false and true."""
+    rows = sittings(rng, np.full(11, 0.5)).rename(columns={"y": "correct"})
+    rows["method"] = np.where(rows["order"] % 2, "ours", "blur")
+
+    found = trend(rows.astype({"correct": bool}), "correct", within=("method",))
+
+    assert found.outcome == "correct"
+    assert found.lower > 0
+    assert found.spearman_rho > 0
+    assert found.p == trend(rows.astype({"correct": int}), "correct", within=("method",)).p
 
 
 def test_constant_answers_and_single_participants_give_flagged_results(rng):

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.settings import from_decisions
-from analysis.study import analyse
+from analysis.tasks.preference.settings import from_decisions
+from analysis.tasks.preference.study import analyse
 
 
 def odd_study(seed: int) -> pd.DataFrame:
@@ -74,7 +74,7 @@ def not_finite(value: object, path: str = "") -> Iterator[str]:
 @pytest.mark.parametrize("seed", range(20))
 def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
     """Twenty studies by default, ten times as many with --full; warnings are errors."""
-    monkeypatch.setattr("analysis.study.BOOTSTRAP_SAMPLES", 60)
+    monkeypatch.setattr("analysis.tasks.preference.study.BOOTSTRAP_SAMPLES", 60)
     for number in range(proof_count(10)):
         table = odd_study(seed + 20 * number)
         if table.empty:

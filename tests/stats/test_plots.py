@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -17,12 +18,14 @@ from matplotlib.transforms import Bbox
 
 from analysis.bias import order_bias, side_bias
 from analysis.bootstrap import bootstrap_scale
-from analysis.detection import detection
+from analysis.critical_scaling import critical_scalings
+from analysis.detection import identification, yes_no
 from analysis.pairings import counts, pairing_rows
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
     bias_bars,
+    d_prime_plot,
     detection_plot,
     figure_bytes,
     forest_plot,
@@ -34,15 +37,23 @@ from analysis.plots import (
     psychometric_plot,
     reaction_plot,
     save_figure,
+    scaling_plot,
 )
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
-from analysis.power import Assumptions, power_curve
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
-from analysis.settings import from_protocol
-from analysis.study import vote_tensor
+from analysis.simulated_tasks import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
+from analysis.tasks.preference.power import Assumptions, power_curve
+from analysis.tasks.preference.settings import from_protocol
+from analysis.tasks.preference.study import vote_tensor
+from analysis.thresholds import fit_thresholds
 
 LABELS = {
     "metameric": "Metameric (ours)",
@@ -58,6 +69,10 @@ KINDS = (
     "scale",
     "psychometric",
     "detection",
+    "d_prime",
+    "identification",
+    "scaling",
+    "levels",
     "heat",
     "learning",
     "reaction",
@@ -94,20 +109,35 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         good = rng.binomial(trials, 0.5 + 0.5 / (1 + np.exp((x - place) / 3)))
         fit = fit_psychometric(x, good, trials, falling=True, shape="logistic", lapse=0.0)
         curves[name] = (x, good, trials, fit)
-    said = [
-        {
-            "participant": p,
-            "scene": s,
-            "method": m,
-            "inconsistent": k % 2,
-            "answered_inconsistent": int(rng.random() < 0.2 + 0.2 * (k % 2)),
-        }
-        for p in range(8)
-        for s in range(4)
-        for m in ("blur", "ours", "F&S")
-        for k in range(6)
-    ]
-    found = detection(pd.DataFrame(said))
+    sizes = TaskDesign(8, 4, 3)
+    said = simulate_yes_no(sizes, {"blur": 0.6, "ours": 0.3, "F&S": 1.5}, rng)
+    found = yes_no(said, ("method",), signal="inconsistent", bias_answer="consistent")
+    named = simulate_identification(
+        sizes, {"blur": 0.0, "ours": 0.5}, rng, levels=[-1.0, 0.0, 1.0], width=2.0, alternatives=4
+    )
+    told = identification(named, ("method",), alternatives=4)
+    matched = simulate_abx(
+        TaskDesign(5, 1, 12), {"v1": 0.2, "luminance": 0.1}, rng, scalings=[0.06, 0.12, 0.25, 0.5]
+    )
+    fits, _ = critical_scalings(matched, ("method",))
+    seen = {
+        str(name): (
+            np.array(sorted(part["scaling"].unique())),
+            part.groupby("scaling")["correct"].sum().to_numpy(float),
+            part.groupby("scaling")["correct"].size().to_numpy(float),
+        )
+        for name, part in matched.groupby("method")
+    }
+    model = fit_thresholds(named, "level", ("method",), guess=0.25)
+    levels = {
+        str(name): (
+            np.array(sorted(part["level"].unique())) + 2.0,
+            part.groupby("level")["correct"].sum().to_numpy(float),
+            part.groupby("level")["correct"].size().to_numpy(float),
+            partial(lambda name, x: model.average(name, x - 2.0), str(name)),
+        )
+        for name, part in named.groupby("method")
+    }
     times = reaction_times(rows, ("size",))
     medians = {
         one.condition: rows[rows["size"] == one.condition]
@@ -124,17 +154,24 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     curve = power_curve(
         from_protocol(demo_protocol), Assumptions(0.65), rng=np.random.default_rng(2), studies=200
     )
+    lines = {"primary comparison": curve.primary, "every comparison": curve.every}
     return {
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
         "forest": lambda **k: forest_plot(cells, label=label, **k),
         "scale": lambda **k: jod_plot(scales, label=label, **k),
         "psychometric": lambda **k: psychometric_plot(curves, x_label="Eccentricity, deg", **k),
         "detection": lambda **k: detection_plot(found, **k),
+        "d_prime": lambda **k: d_prime_plot(found, **k),
+        "identification": lambda **k: d_prime_plot(told, **k),
+        "scaling": lambda **k: scaling_plot(fits, seen, **k),
+        "levels": lambda **k: psychometric_plot(
+            levels, x_label="Size, deg", chance=0.25, logarithmic=True, **k
+        ),
         "heat": lambda **k: heat_map(table, list(people), columns, row_title="Participant", **k),
         "learning": lambda **k: learning_plot(chosen, "y", y_label="Share", bounds=(0, 1), **k),
         "reaction": lambda **k: reaction_plot(times, medians, label=label, **k),
         "bias": lambda **k: bias_bars([order_bias(rows), side], **k),
-        "power": lambda **k: power_plot([curve], **k),
+        "power": lambda **k: power_plot(curve.participants, lines, planned=curve.planned, **k),
     }
 
 

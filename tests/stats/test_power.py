@@ -9,8 +9,9 @@ import pytest
 from scipy.special import expit
 
 from analysis.clustered import two_way
-from analysis.power import Assumptions, _prefix, default_participants, mean_logit, power_curve
-from analysis.settings import Settings, from_decisions, from_protocol
+from analysis.power import default_participants, mean_logit
+from analysis.tasks.preference.power import Assumptions, _prefix, power_curve
+from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
 
 SCENES = tuple(f"s{i}" for i in range(6))
 

@@ -9,6 +9,7 @@ from scipy import stats
 
 from analysis.models import glm_logit
 from analysis.psychometric import fit_psychometric, sigmoid
+from analysis.response import RATE_PRIOR
 
 LEVELS = np.linspace(-3, 3, 9)
 
@@ -70,16 +71,47 @@ def test_performance_that_falls_with_eccentricity_has_a_negative_width():
     assert fit.width_limits[0] < fit.width < fit.width_limits[1]
 
 
-def test_profile_limits_cover_the_threshold(rng):
+def test_profile_limits_cover_the_threshold(rng, proof_count):
     hits = []
-    for _ in range(16):
+    for _ in range(proof_count(160)):
         share = 0.5 + 0.48 * sigmoid(LEVELS, 0.0, 3.0, "gauss")
         fit = fit_psychometric(LEVELS, rng.binomial(40, share), np.full(9, 40), lapse=0.02)
         if fit.threshold_limits is not None:
             hits.append(fit.threshold_limits[0] <= 0.0 <= fit.threshold_limits[1])
 
-    assert len(hits) >= 13
-    assert np.mean(hits) >= 0.85
+    assert len(hits) >= 0.8 * proof_count(160)
+    assert np.mean(hits) >= 0.93 - 3.5 * np.sqrt(0.05 * 0.95 / len(hits))
+
+
+def test_answers_that_vary_too_much_widen_the_limits(rng):
+    """Shares that wander by .15 from level to level, and limits as much wider as they wander."""
+    trials = np.full(9, 200)
+    share = np.clip(sigmoid(LEVELS, 0.0, 4.0, "gauss") + rng.normal(0, 0.15, 9), 0, 1)
+    right = rng.binomial(trials, share)
+    wide, plain = (
+        fit_psychometric(LEVELS, right, trials, guess=0.0, lapse=0.0, overdispersed=asked)
+        for asked in (True, False)
+    )
+
+    assert wide.overdispersion == pytest.approx(wide.deviance / wide.df)
+    assert plain.overdispersion == 1.0
+    assert wide.threshold == plain.threshold
+    ratio = np.ptp(wide.threshold_limits) / np.ptp(plain.threshold_limits)
+    assert ratio == pytest.approx(np.sqrt(wide.overdispersion), rel=0.15)
+
+
+def test_a_prior_draws_the_lapse_rate_and_leaves_the_likelihood_alone():
+    """Nothing at the top tells lapses from a shallow curve: the prior's mode stands."""
+    trials = np.full(4, 30.0)
+    right = np.array([15.0, 16, 18, 20])
+    drawn = fit_psychometric(np.arange(4.0), right, trials, rate_prior=RATE_PRIOR)
+    free = fit_psychometric(np.arange(4.0), right, trials)
+
+    assert 0.01 < drawn.lapse < 0.04
+    assert drawn.log_likelihood <= free.log_likelihood + 1e-9
+    assert drawn.log_likelihood == pytest.approx(
+        stats.binom.logpmf(right, trials, drawn(np.arange(4.0))).sum(), abs=1e-6
+    )
 
 
 def test_deviance_against_free_shares_is_chi_square_like(rng):

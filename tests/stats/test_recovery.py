@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import expit
-from study_app.observer import ObserverModel
 
 from analysis.report import report_sessions
 from protocols.load import load_display, load_protocol
 from study_app.gaze.simulated import STEADY
+from study_app.observers import PreferenceModel
 from study_app.simulate import Simulation, simulate_study
 
 UTILITIES = {"reference": 2.0, "metameric": 1.2, "push-pull": 0.0}
@@ -39,7 +39,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
         seed=7,
         gaze=STEADY,
         gaze_rate_hz=50.0,
-        model=ObserverModel(
+        model=PreferenceModel(
             utilities=UTILITIES, participant_sd=PARTICIPANT_SD, scene_sd=SCENE_SD, lapse=LAPSE
         ),
     )

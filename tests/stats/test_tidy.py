@@ -9,11 +9,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.columns import TABLES, dictionary
+from analysis.columns import dictionary, tables_of
 from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.journal import Withdrawal, event_line
 from protocols.schema import StudyProtocol
+from protocols.tasks import TASKS
 
 
 def rules(protocol: StudyProtocol, **values: float) -> StudyProtocol:
@@ -55,7 +56,9 @@ def test_chosen_and_rejected_are_what_the_journal_says(tmp_path, demo_protocol, 
     tidy = read_sessions(write_journals(tmp_path / "s", people=1), demo_protocol)
     path = tmp_path / "s" / "P01" / "journal.jsonl"
     events = [json.loads(line) for line in path.read_text().splitlines()]
-    said = {e["trial"]: e["chosen"] for e in events if e.get("outcome") == "completed"}
+    said = {
+        e["trial"]: e["condition"][e["answer"]] for e in events if e.get("outcome") == "completed"
+    }
 
     assert dict(zip(tidy.decisions["trial"], tidy.decisions["chosen"], strict=True)) == said
     assert (tidy.decisions["chosen"] != tidy.decisions["rejected"]).all()
@@ -65,19 +68,19 @@ def test_chosen_and_rejected_are_what_the_journal_says(tmp_path, demo_protocol, 
 
 def test_the_dictionary_names_every_column_of_every_table(tmp_path, demo_protocol, write_journals):
     tidy = read_sessions(write_journals(tmp_path / "s"), demo_protocol)
-    write_tables(tidy, tmp_path)
+    write_tables(tidy, demo_protocol, tmp_path)
     described = pd.read_csv(tmp_path / "dictionary.csv", keep_default_na=False)
 
-    for table in TABLES:
+    for table in tables_of(demo_protocol):
         columns = list(pd.read_csv(tmp_path / f"{table}.csv").columns)
         assert columns == list(described.loc[described["table"] == table, "column"])
     assert (described["meaning"] != "").all()
-    assert len(dictionary()) == len(described)
+    assert len(dictionary(tables_of(demo_protocol))) == len(described)
 
 
 def test_pwcmps_table_has_one_row_a_decision(tmp_path, demo_protocol, write_journals):
     tidy = read_sessions(write_journals(tmp_path / "s"), demo_protocol)
-    write_tables(tidy, tmp_path)
+    pwcmp_table(tidy.analysed).to_csv(tmp_path / "pwcmp.csv", index=False)
     with (tmp_path / "pwcmp.csv").open() as file:
         rows = list(csv.DictReader(file))
 
@@ -226,8 +229,8 @@ def test_failed_catch_trials_leave_a_sitting_out(tmp_path, demo_protocol, write_
         out = []
         for line in lines:
             event = json.loads(line)
-            if event.get("catch"):
-                event |= {"choice": "second", "chosen": event["second"], "chosen_side": "right"}
+            if event.get("role") == "catch":
+                event |= {"answer": "second", "correct": False}
                 line = json.dumps(event).encode() + b"\n"
             out.append(line)
         return out
@@ -289,3 +292,23 @@ def test_only_unreadable_journals_are_refused_with_the_reason(tmp_path, demo_pro
 
     with pytest.raises(StudyError, match="none can be used"):
         read_sessions(tmp_path, demo_protocol)
+
+
+TASK_FIELDS = {
+    "two-interval": {},
+    "two-alternative": {"separation_deg": 12.0},
+    "yes-no": {"signal": {"method": ("metameric",)}},
+    "identification": {"alternatives": ("small", "large"), "named_by": "size"},
+    "abx": {"standard": {"method": "reference"}, "matched": ("scene", "size")},
+}
+
+
+@pytest.mark.parametrize("kind", TASKS)
+def test_tables_of_every_task_name_every_column_once(demo_protocol, kind):
+    """A name that comes twice would hide a column."""
+    task = TASKS[kind].model_validate({"kind": kind} | TASK_FIELDS[kind])
+    study = demo_protocol.model_copy(update={"task": task})
+
+    for table, columns in tables_of(study).items():
+        names = [column.name for column in columns]
+        assert len(set(names)) == len(names), table

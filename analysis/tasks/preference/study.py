@@ -1,6 +1,6 @@
 """The whole analysis of a 2AFC study: every result a report shows, in one frozen object."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,14 +25,12 @@ from analysis.pairings import ALL_SIZES, counts, pairing_rows
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.reaction import ReactionTimes, reaction_times
 from analysis.scaling import Contrast, Scale, contrasts, scale
-from analysis.settings import Settings
+from analysis.tasks.base import SEED, Step
+from analysis.tasks.preference.settings import Settings
 
 Floats = NDArray[np.float64]
-Step = Callable[[str], None]
 
 BOOTSTRAP_SAMPLES = 2000
-SEED = 20_240_229
-"""Every random draw of the analysis starts here: same journals, same numbers."""
 
 
 @dataclass(frozen=True)

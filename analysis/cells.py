@@ -1,0 +1,86 @@
+"""Trials of a task as counts by condition, participant and scene."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ONE_SCENE = "all"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The participants and scenes of a table, in sorted order, and where each trial belongs.
+
+    Conditions counted on one grid can be compared cell by cell. `person` and `scene` are numbers
+    per trial, in the rows of a table numbered from 0 (`checked`).
+    """
+
+    participants: tuple[str, ...]
+    scenes: tuple[str, ...]
+    person: NDArray[np.int64]
+    scene: NDArray[np.int64]
+
+    def count(self, values: pd.Series) -> Floats:
+        """Sum values (trials) into cells (participants, scenes)."""
+        cells = np.zeros((len(self.participants), len(self.scenes)))
+        rows = values.index.to_numpy()
+        np.add.at(cells, (self.person[rows], self.scene[rows]), values.to_numpy(dtype=np.float64))
+        return cells
+
+
+def grid(trials: pd.DataFrame) -> Grid:
+    """Return the grid of a table; without a column ``scene`` all trials are of one scene."""
+    scene = trials["scene"] if "scene" in trials.columns else pd.Series(ONE_SCENE, trials.index)
+    people, person = np.unique(trials["participant"].astype(str), return_inverse=True)
+    scenes, place = np.unique(scene.astype(str), return_inverse=True)
+    return Grid(
+        participants=tuple(map(str, people)),
+        scenes=tuple(map(str, scenes)),
+        person=person.astype(np.int64),
+        scene=place.astype(np.int64),
+    )
+
+
+def conditions(trials: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFrame]]:
+    """Return each condition's name and rows; the name joins the values, ``blur, 10``."""
+    if not by:
+        return [("all", trials)]
+    return [
+        (", ".join(_text(value) for value in key), rows)
+        for key, rows in trials.groupby(list(by), sort=True, dropna=False)
+    ]
+
+
+def checked(trials: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ()) -> pd.DataFrame:
+    """Return the table with rows numbered from 0, if statistics can be made of it.
+
+    Raises
+    ------
+    ValueError
+        If it is empty, lacks a column, or has no value where a trial must be grouped.
+    """
+    wanted = list(dict.fromkeys(("participant", *columns, *by)))
+    missing = [column for column in wanted if column not in trials.columns]
+    if missing or trials.empty:
+        raise ValueError(f"trials must hold rows with the columns {wanted} (missing {missing})")
+    grouping = ["participant", *by, *(["scene"] if "scene" in trials.columns else [])]
+    for column in grouping:
+        empty = trials[column].isna()
+        if empty.any():
+            raise ValueError(
+                f"column {column!r} must have a value in every row"
+                f" (row {int(np.argmax(empty.to_numpy())) + 1} has none)"
+            )
+    for column in columns:
+        if column == "correct" and not trials[column].isin((0, 1)).all():
+            raise ValueError("column 'correct' must hold 0 and 1 only, in every row")
+    return trials.reset_index(drop=True)
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,496 @@
+"""Critical scaling: the largest pooling that ABX observers cannot tell from what it pools."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import optimize, stats
+from scipy.special import expit, log_expit, logsumexp
+
+from analysis.bootstrap import expanded_tail
+from analysis.cells import checked, conditions, grid
+from analysis.clustered import holm
+from analysis.ideal_observer import AbxRule, abx_share
+from analysis.numeric import numeric_hessian
+from analysis.rates import Difference
+from analysis.response import RATE_PRIOR
+
+Floats = NDArray[np.float64]
+Law = Literal["distance", "published"]
+
+STEP_SCALING, STEP_GAIN = 0.06, 0.2
+"""Distances of the grid over participants' ln s_c and ln gain."""
+
+GAINS = (0.3, 40.0)
+BEYOND = 1.5
+"""How far the grid of ln s_c goes on past the scalings shown."""
+
+PERSON_PRIOR_SD = 1.5
+"""Of ln s_c and ln gain around the middle of the scalings and gain 5, in a fit of one person.
+
+Wide (a factor of 4.5 either way), and enough to keep someone finite who is always at chance."""
+
+FEW_PARTICIPANTS = 5
+
+HARDLY_SEEN = 1.0
+"""d' at the largest scaling below which the law cannot be placed."""
+
+SD_PRIOR = 0.5
+"""Scale of the Rayleigh law that the deviations of ln s_c and ln gain are drawn to.
+
+It keeps them off 0, where ten people's maximum-likelihood deviation often lies and limits would
+be too narrow (Chung et al. 2013), and off the absurd."""
+
+
+@dataclass(frozen=True)
+class CriticalScaling:
+    """d' as a function of scaling: 0 up to `critical`, then rising towards `gain`.
+
+    Attributes
+    ----------
+    critical, gain : float
+        Of the typical participant (their geometric mean).
+    critical_limits, gain_limits : pair of float or None
+        None where the likelihood does not bound them.
+    critical_sd, gain_sd : float
+        Between participants, of natural logarithms; 0 in a fit of one person.
+    lapse : float
+    individual : mapping of participant to (critical, gain)
+        Drawn towards the typical one as far as their answers leave open.
+    """
+
+    condition: str
+    critical: float
+    critical_limits: tuple[float, float] | None
+    gain: float
+    gain_limits: tuple[float, float] | None
+    critical_sd: float
+    gain_sd: float
+    lapse: float
+    rule: AbxRule
+    law: Law
+    level: float
+    log_likelihood: float
+    trials: int
+    participants: int
+    individual: Mapping[str, tuple[float, float]]
+    warnings: tuple[str, ...]
+
+    def d_prime(self, scaling: Floats) -> Floats:
+        """Return d' at scalings, of the typical participant."""
+        return scaling_d_prime(scaling, self.critical, self.gain, self.law)
+
+    def share(self, scaling: Floats) -> Floats:
+        """Return the share of right answers at scalings, of the typical participant."""
+        right = abx_share(self.d_prime(scaling), self.rule)
+        return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
+
+    def average_share(self, scaling: Floats) -> Floats:
+        """Return the population's mean share of right answers at scalings.
+
+        This is what the answers of all participants together follow: it rises earlier and less
+        steeply than the typical participant's.
+        """
+        z_s, z_g = (stats.norm.ppf((np.arange(n) + 0.5) / n) for n in (200, 20))
+        critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
+        gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
+        right = abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
+        return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
+
+
+def scaling_d_prime(
+    scaling: Floats, critical: Floats | float, gain: Floats | float, law: Law = "distance"
+) -> Floats:
+    """Return d' of two stimuli that pool with `scaling`.
+
+    ``distance``: d'^2 = gain^2 (1 - critical^2 / scaling^2) above the critical scaling, else 0:
+    the squared distance of the pooled responses grows as Freeman and Simoncelli 2011, equation
+    17, derive it. ``published``: d' = gain (1 - critical^2 / scaling^2), because their equation
+    18, and Wallis et al. 2019 and Broderick et al. 2023 after it, puts that squared distance in
+    the place of d'. Only ``published`` gives critical scalings to compare with theirs; they are
+    smaller.
+    """
+    if law not in get_args(Law):
+        raise ValueError(f"law must be one of {get_args(Law)} (got {law!r})")
+    scaling = np.asarray(scaling, dtype=np.float64)
+    rise = np.maximum(1.0 - (critical / scaling) ** 2, 0.0)
+    return np.asarray(gain * (np.sqrt(rise) if law == "distance" else rise))
+
+
+def fit_person(
+    trials: pd.DataFrame,
+    *,
+    column: str = "scaling",
+    rule: AbxRule = "differencing",
+    law: Law = "distance",
+    lapse: float | None = None,
+    level: float = 0.95,
+    limits: bool = True,
+) -> CriticalScaling:
+    """Fit one person's critical scaling, with profile-likelihood limits if wanted.
+
+    Notes
+    -----
+    Trials count as independent. The fit is penalised by wide normal laws of ln s_c and ln gain
+    (`PERSON_PRIOR_SD`) and the law of lapses (`response.RATE_PRIOR`).
+    """
+    rows, scalings = _prepare(trials, column)
+    right, shown = _counts(rows, scalings, column)
+    middle = np.log(np.sqrt(scalings.min() * scalings.max()))
+
+    def loss(theta: Floats) -> float:
+        rate = lapse if lapse is not None else float(expit(theta[2]))
+        value = _log_likelihood(
+            scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule, law
+        )
+        prior = -0.5 * ((theta[0] - middle) ** 2 + (theta[1] - np.log(5.0)) ** 2)
+        return float(-value - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:]))
+
+    free = [] if lapse is not None else [-3.0]
+    starts = [
+        np.array([np.log(s), np.log(g), *free])
+        for s in np.geomspace(0.5 * scalings.min(), 0.9 * scalings.max(), 6)
+        for g in (1.0, 3.0, 8.0)
+    ]
+    best = _polish(loss, sorted(starts, key=loss)[:3])
+    ends = [_profile(loss, best, k, level) if limits else None for k in (0, 1)]
+    rate = lapse if lapse is not None else float(expit(best[2]))
+    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
+    return CriticalScaling(
+        condition="all",
+        critical=float(np.exp(best[0])),
+        critical_limits=ends[0],
+        gain=float(np.exp(best[1])),
+        gain_limits=ends[1],
+        critical_sd=0.0,
+        gain_sd=0.0,
+        lapse=rate,
+        rule=rule,
+        law=law,
+        level=level,
+        log_likelihood=-loss(best),
+        trials=len(rows),
+        participants=int(rows["participant"].nunique()),
+        individual={},
+        warnings=tuple(notes),
+    )
+
+
+def critical_scaling(
+    trials: pd.DataFrame,
+    *,
+    column: str = "scaling",
+    rule: AbxRule = "differencing",
+    law: Law = "distance",
+    lapse: float | None = None,
+    level: float = 0.95,
+) -> CriticalScaling:
+    """Fit critical scaling and gain that vary between participants.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per decided ABX trial
+        ``participant``, `column` (the scaling, positive) and ``correct`` (0/1).
+    lapse : float or None
+        None fits one rate for all, drawn towards small ones.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, or there are fewer than two participants or scalings.
+
+    Notes
+    -----
+    ln s_c and ln gain are normal over participants, independent of each other. The likelihood is
+    summed over a grid of both that stays where it is, so that it is smooth in all parameters
+    (one person's has a corner wherever s_c passes a scaling); deviations have a prior
+    (`SD_PRIOR`). Limits of the typical participant: t with participants - 1 on the second
+    derivative in all parameters.
+    """
+    rows, scalings = _prepare(trials, column)
+    places = grid(rows)
+    people = len(places.participants)
+    if people < 2:
+        raise ValueError(f"trials must hold two participants at least (found {people})")
+    right, shown = (np.zeros((people, scalings.size)) for _ in range(2))
+    at = (places.person, np.searchsorted(scalings, rows[column].to_numpy(float)))
+    np.add.at(shown, at, 1.0)
+    np.add.at(right, at, rows["correct"].to_numpy(dtype=np.float64))
+    log_s = np.arange(np.log(scalings[0]) - BEYOND, np.log(scalings[-1]) + BEYOND, STEP_SCALING)
+    log_g = np.arange(np.log(GAINS[0]), np.log(GAINS[1]), STEP_GAIN)
+
+    table = _cached(
+        lambda rate: _log_likelihood(
+            scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule, law
+        )
+    )
+
+    def joint(theta: Floats) -> Floats:
+        rate = lapse if lapse is not None else float(expit(theta[4]))
+        weight_s = _log_weights(log_s, theta[0], theta[2], STEP_SCALING)
+        weight_g = _log_weights(log_g, theta[1], theta[3], STEP_GAIN)
+        return table(rate) + weight_s[:, None] + weight_g[None, :]
+
+    def loss(theta: Floats) -> float:
+        likelihood = float(logsumexp(joint(theta).reshape(people, -1), axis=1).sum())
+        sd = np.maximum(np.abs(theta[2:4]), 1e-9)
+        prior = float(np.sum(np.log(sd) - 0.5 * (sd / SD_PRIOR) ** 2))
+        return -likelihood - prior - _lapse_prior(theta[4:])
+
+    alone = fit_person(rows, column=column, rule=rule, law=law, lapse=lapse, limits=False)
+    free = [] if lapse is not None else [-3.0]
+    start = np.array([np.log(alone.critical), np.log(alone.gain), 0.25, 0.25, *free])
+    best = np.asarray(optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
+    hessian = numeric_hessian(loss, best, step=1e-3)
+    proper = bool(np.all(np.isfinite(hessian))) and bool(np.linalg.eigvalsh(hessian)[0] > 1e-6)
+    limits: list[tuple[float, float] | None] = [None, None]
+    if proper:
+        error = np.sqrt(np.diag(np.linalg.inv(hessian)))
+        reach = float(stats.t.ppf(0.5 + 0.5 * level, people - 1)) * error
+        limits = [
+            (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k]))) for k in (0, 1)
+        ]
+    values = joint(best)
+    mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
+    mass /= mass.sum(axis=(1, 2), keepdims=True)
+    own_s, own_g = mass.sum(axis=2) @ log_s, mass.sum(axis=1) @ log_g
+    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {people} participants: limits are a rough guide")
+    if not proper:
+        notes.append("the answers do not bound the model: no limits")
+    return CriticalScaling(
+        condition="all",
+        critical=float(np.exp(best[0])),
+        critical_limits=limits[0],
+        gain=float(np.exp(best[1])),
+        gain_limits=limits[1],
+        critical_sd=float(abs(best[2])),
+        gain_sd=float(abs(best[3])),
+        lapse=lapse if lapse is not None else float(expit(best[4])),
+        rule=rule,
+        law=law,
+        level=level,
+        log_likelihood=-loss(best),
+        trials=len(rows),
+        participants=people,
+        individual={
+            who: (float(np.exp(own_s[i])), float(np.exp(own_g[i])))
+            for i, who in enumerate(places.participants)
+        },
+        warnings=tuple(notes),
+    )
+
+
+def critical_scalings(
+    trials: pd.DataFrame,
+    by: Sequence[str],
+    *,
+    column: str = "scaling",
+    rule: AbxRule = "differencing",
+    law: Law = "distance",
+    level: float = 0.95,
+    samples: int = 0,
+    rng: np.random.Generator | None = None,
+) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
+    """Fit every condition, and compare ln s_c between conditions by participants.
+
+    Notes
+    -----
+    The comparison is a paired t over participants of their own ln s_c (`fit_person`), which
+    takes nothing for granted about how they vary. `samples` > 0 replaces each condition's limits
+    by those of a bootstrap over participants (percentiles widened as in `bootstrap`).
+    """
+    rows = checked(trials, (column, "correct"), by)
+    fits, own = [], {}
+    for name, part in conditions(rows, by):
+        fit = critical_scaling(part, column=column, rule=rule, law=law, level=level)
+        if samples:
+            limits = _bootstrap(part, column, rule, law, level, samples, rng)
+            fit = replace(fit, critical_limits=limits)
+        fits.append(replace(fit, condition=name))
+        own[name] = {
+            str(who): _own(group, column, rule, law)
+            for who, group in part.groupby("participant", sort=True)
+        }
+    return tuple(fits), _paired(own, level)
+
+
+def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:
+    names = list(own)
+    found = []
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            both = sorted(set(own[first]) & set(own[second]))
+            gaps = np.array([own[first][who] - own[second][who] for who in both])
+            if gaps.size < 2:
+                continue
+            df = gaps.size - 1
+            error = float(gaps.std(ddof=1) / np.sqrt(gaps.size))
+            reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+            mean = float(gaps.mean())
+            p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
+            found.append(
+                Difference(
+                    measure="ln s_c",
+                    first=first,
+                    second=second,
+                    difference=mean,
+                    standard_error=error,
+                    lower=mean - reach,
+                    upper=mean + reach,
+                    level=level,
+                    df=float(df),
+                    p=p,
+                    p_adjusted=p,
+                )
+            )
+    adjusted = holm(np.array([one.p for one in found])) if found else np.zeros(0)
+    return tuple(replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True))
+
+
+def _bootstrap(
+    rows: pd.DataFrame,
+    column: str,
+    rule: AbxRule,
+    law: Law,
+    level: float,
+    samples: int,
+    rng: np.random.Generator | None,
+) -> tuple[float, float]:
+    """Return limits of the geometric mean of participants' own s_c, participants redrawn."""
+    if rng is None:
+        raise ValueError("a bootstrap needs rng")
+    own = np.array(
+        [_own(group, column, rule, law) for _, group in rows.groupby("participant", sort=True)]
+    )
+    drawn = own[rng.integers(0, own.size, (samples, own.size))].mean(axis=1)
+    tail = expanded_tail(level, own.size)
+    lower, upper = np.quantile(drawn, [tail, 1.0 - tail])
+    return float(np.exp(lower)), float(np.exp(upper))
+
+
+def _own(rows: pd.DataFrame, column: str, rule: AbxRule, law: Law) -> float:
+    """Return ln s_c of one person."""
+    return float(np.log(fit_person(rows, column=column, rule=rule, law=law, limits=False).critical))
+
+
+def _prepare(trials: pd.DataFrame, column: str) -> tuple[pd.DataFrame, Floats]:
+    rows = checked(trials, (column, "correct"))
+    values = pd.to_numeric(rows[column], errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isfinite(values)) or np.any(values <= 0):
+        raise ValueError(f"column {column!r} must hold positive numbers, in every row")
+    scalings = np.unique(values)
+    if scalings.size < 2:
+        raise ValueError(f"column {column!r} must hold two scalings at least (found {scalings})")
+    return rows.assign(**{column: values}), scalings
+
+
+def _counts(rows: pd.DataFrame, scalings: Floats, column: str) -> tuple[Floats, Floats]:
+    at = np.searchsorted(scalings, rows[column].to_numpy(dtype=np.float64))
+    right = np.bincount(at, weights=rows["correct"].to_numpy(float), minlength=scalings.size)
+    return np.asarray(right, dtype=np.float64), np.bincount(at, minlength=scalings.size).astype(
+        float
+    )
+
+
+def _log_likelihood(
+    scalings: Floats,
+    right: Floats,
+    shown: Floats,
+    log_s: Floats,
+    log_g: Floats,
+    lapse: float,
+    rule: AbxRule,
+    law: Law,
+) -> Floats:
+    """Return log-likelihoods (..., nodes of log_s and log_g) of counts (..., scalings)."""
+    d = scaling_d_prime(
+        scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None], law
+    )
+    share = np.clip((1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse, 1e-12, 1.0 - 1e-12)
+    yes, no = np.log(share), np.log1p(-share)
+    return np.asarray(
+        np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1)),
+        dtype=np.float64,
+    )
+
+
+def _cached(function: Callable[[float], Floats]) -> Callable[[float], Floats]:
+    """Remember the last value: derivatives in the other parameters ask for it again and again."""
+    last: list[tuple[float, Floats]] = []
+
+    def call(rate: float) -> Floats:
+        if not last or last[0][0] != rate:
+            last[:] = [(rate, function(rate))]
+        return last[0][1]
+
+    return call
+
+
+def _log_weights(points: Floats, mean: float, sd: float, step: float) -> Floats:
+    """Return the log of a normal law on a grid; never narrower than the grid can show."""
+    log = -0.5 * (points - mean) ** 2 / (sd**2 + step**2)
+    return np.asarray(log - logsumexp(log))
+
+
+def _lapse_prior(free: Floats) -> float:
+    return float(np.sum(RATE_PRIOR[0] * log_expit(free) + RATE_PRIOR[1] * log_expit(-free)))
+
+
+def _polish(loss: Callable[[Floats], float], starts: Sequence[Floats]) -> Floats:
+    rough = [
+        optimize.minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5})
+        for start in starts
+    ]
+    best = min(rough, key=lambda one: float(one.fun))
+    sharp = optimize.minimize(
+        loss, best.x, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9}
+    )
+    return np.asarray(sharp.x, dtype=np.float64)
+
+
+def _profile(
+    loss: Callable[[Floats], float], best: Floats, index: int, level: float
+) -> tuple[float, float] | None:
+    """Return exp of the ends of the profile-likelihood interval of one parameter."""
+    drop = 0.5 * float(stats.chi2.ppf(level, 1))
+    bottom = loss(best)
+
+    def excess(value: float) -> float:
+        inner = np.delete(best, index)
+
+        def held(rest: Floats) -> float:
+            return loss(np.insert(rest, index, value))
+
+        found = optimize.minimize(
+            held, inner, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-6}
+        )
+        return float(found.fun) - bottom - drop
+
+    ends = []
+    for direction in (-1.0, 1.0):
+        inner, reach = float(best[index]), 0.05
+        while excess(best[index] + direction * reach) < 0:
+            inner = float(best[index] + direction * reach)
+            reach *= 1.8
+            if reach > 10.0:
+                return None
+        outer = float(best[index] + direction * reach)
+        ends.append(float(np.exp(optimize.brentq(excess, inner, outer, xtol=1e-4))))
+    return min(ends), max(ends)
+
+
+def _notes(critical: float, gain: float, scalings: Floats, law: Law) -> list[str]:
+    notes = []
+    if critical < scalings.min():
+        notes.append("the critical scaling lies below all scalings shown: it is extrapolated")
+    if float(scaling_d_prime(scalings.max(), critical, gain, law)) < HARDLY_SEEN:
+        notes.append(
+            "hardly a difference was seen at the largest scaling: critical scaling and gain are"
+            " little more than their priors"
+        )
+    return notes

@@ -1,0 +1,100 @@
+"""CSV files of other tools as tables of text, and their columns as checked values.
+
+The index of a table is the line of the file minus 2, so that line numbers in messages hold
+whatever was left out.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from protocols.errors import StudyError
+from protocols.load import decode_utf8, read_bytes
+from protocols.suggest import did_you_mean
+
+FIRST_LINE = 2
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Read a CSV file with a header as text; comma, semicolon or tab, UTF-8.
+
+    Raises
+    ------
+    StudyError
+        If it has no header, a name twice, or a row that is longer or shorter than the header.
+    """
+    text = decode_utf8(read_bytes(path, "the table"), path)
+    separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
+    reader = csv.reader(StringIO(text), delimiter=separator)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        rows, lines = [], []
+        for row in reader:
+            if not row:
+                continue
+            if len(row) != len(header):
+                raise StudyError(
+                    f"{path}: line {reader.line_num}: must have {len(header)} cells like the"
+                    f" header (found {len(row)}); a {separator!r} at its end counts as a cell"
+                )
+            rows.append(row)
+            lines.append(reader.line_num - FIRST_LINE)
+    except csv.Error as error:
+        raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
+    if not any(header):
+        raise StudyError(f"{path}: must be a CSV table with a header (found none)")
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
+    return pd.DataFrame(rows, columns=header, index=lines, dtype=str)
+
+
+def renamed(
+    path: Path, table: pd.DataFrame, mapping: Mapping[str, str], known: Sequence[str] | None
+) -> pd.DataFrame:
+    """Return the table with copies of columns under our names.
+
+    `known` are the names that may be given; None: any.
+    """
+    for ours, theirs in mapping.items():
+        if known is not None and ours not in known:
+            raise StudyError(
+                f"--map {ours}={theirs}: must name one of {', '.join(known)}"
+                f"{did_you_mean(ours, known)}"
+            )
+        if theirs not in table.columns:
+            raise StudyError(
+                f"{path}: must have the column {theirs!r} mapped to {ours}"
+                f" (found: {', '.join(map(str, table.columns))})"
+                f"{did_you_mean(theirs, list(map(str, table.columns)))}"
+            )
+    named = table.copy()
+    for ours, theirs in mapping.items():
+        named[ours] = table[theirs]
+    return named
+
+
+def text_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    """Return a column of texts, none of them empty."""
+    values = table[column].str.strip()
+    empty = values.index[values == ""]
+    if len(empty):
+        raise StudyError(f"{path}: line {empty[0] + FIRST_LINE}: {column} must not be empty")
+    return values
+
+
+def number_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    """Return a column of finite numbers; an empty cell is NaN."""
+    raw = table[column].str.strip()
+    values = pd.to_numeric(raw, errors="coerce")
+    wrong = values.index[(raw != "") & ~np.isfinite(values.astype(float))]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a number"
+            f" (got {raw[wrong[0]]!r})"
+        )
+    return values

@@ -1,0 +1,199 @@
+"""Figures of tasks with right answers: correct and bias, d' by condition, d' against scaling."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis.critical_scaling import CriticalScaling
+from analysis.detection import DiscriminationResults, YesNoResults
+from analysis.ideal_observer import abx_d_prime
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    MARKERS,
+    ORANGE,
+    SERIES,
+    level_axis,
+    new_figure,
+    share_axis,
+    style,
+    wrapped,
+)
+from analysis.rates import Rate
+
+Floats = NDArray[np.float64]
+Label = Callable[[str], str]
+
+
+def detection_plot(
+    results: YesNoResults,
+    *,
+    label: Label = str,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw the shares answered correctly and with one answer, as [BB] Fig. 20."""
+    cells = results.conditions
+    with style(width_in):
+        figure = new_figure(width_in, 0.75 + 0.34 * len(cells), simulated=simulated)
+        panels = figure.subplots(1, 2, sharey=True)
+        said = f'Share answered "{label(cells[0].bias_answer)}"'
+        for axes, title, wide, colour, bars in (
+            (panels[0], "Correct", "Share correct", ORANGE, [one.correct for one in cells]),
+            (panels[1], "Bias", said, BLUE, [one.bias for one in cells]),
+        ):
+            for y, bar in enumerate(bars):
+                _share_bar(axes, y, bar, colour)
+            axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
+            share_axis(axes, "Share" if width_in < 5 else wide)
+            axes.set_xlim(0, 1.4 if width_in < 5 else 1.24)
+            axes.set_title(title, loc="left")
+        _condition_axis(panels[0], [one.condition for one in cells], label, width_in)
+        panels[1].tick_params(axis="y", length=0)
+    return figure
+
+
+def d_prime_plot(
+    results: YesNoResults | DiscriminationResults,
+    *,
+    label: Label = str,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw d' by condition with limits; of a yes-no task the criterion in a second panel."""
+    cells = results.conditions
+    with style(width_in):
+        figure = new_figure(width_in, 0.75 + 0.3 * len(cells), simulated=simulated)
+        two = isinstance(results, YesNoResults)
+        panels = figure.subplots(1, 2 if two else 1, sharey=True, squeeze=False)[0]
+        if isinstance(results, YesNoResults):
+            for axes, name, values in (
+                (panels[0], "d'", [one.d_prime for one in results.conditions]),
+                (panels[1], "Criterion c", [one.criterion for one in results.conditions]),
+            ):
+                colour = ORANGE if name == "d'" else BLUE
+                for y, value in enumerate(values):
+                    if value is not None:
+                        _dot(axes, y, value.value, value.lower, value.upper, colour)
+                axes.set_xlabel(name)
+        else:
+            for y, one in enumerate(results.conditions):
+                _dot(panels[0], y, one.d_prime, one.lower, one.upper, ORANGE)
+            panels[0].set_xlabel(f"d' ({results.rule})")
+        for axes in panels:
+            axes.axvline(0.0, color="black", lw=0.8, ls=(0, (4, 3)))
+            axes.tick_params(axis="y", length=0)
+        _condition_axis(panels[0], [one.condition for one in cells], label, width_in)
+    return figure
+
+
+def scaling_plot(
+    fits: Sequence[CriticalScaling],
+    counts: Mapping[str, tuple[Floats, Floats, Floats]],
+    *,
+    label: Label = str,
+    x_label: str = "Scaling (log axis)",
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw d' against scaling: data with standard errors, fits, critical scalings with limits.
+
+    Parameters
+    ----------
+    counts : mapping of condition to (scaling, right answers, trials)
+        Of all participants together; d' of a share carries the sign of share - 1/2. The curves
+        are those of the population's mean share, and so comparable with the data: where people
+        differ it leaves 0 before the typical participant's critical scaling.
+    """
+    with style(width_in):
+        figure = new_figure(width_in, 2.7 if width_in < 5 else 3.3, simulated=simulated)
+        axes = figure.subplots()
+        everything = np.concatenate([x for x, *_ in counts.values()])
+        ends = [fit.critical_limits for fit in fits if fit.critical_limits is not None]
+        low = min([everything.min(), *(fit.critical for fit in fits), *(e[0] for e in ends)])
+        high = max([everything.max(), *(fit.critical for fit in fits)])
+        fine = np.geomspace(low, high, 300)
+        bottom = 0.0
+        for number, fit in enumerate(fits):
+            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            x, right, shown = counts[fit.condition]
+            share = (right + 0.5) / (shown + 1.0)
+            error = np.sqrt(share * (1.0 - share) / shown)
+            middle, under, over = (
+                abx_d_prime(np.clip(share + k * error, 0.01, 0.999), fit.rule) for k in (0, -1, 1)
+            )
+            bottom = min(bottom, float(under.min()))
+            axes.errorbar(
+                x,
+                middle,
+                (middle - under, over - middle),
+                color=colour,
+                lw=0.6,
+                marker=marker,
+                ms=3,
+                elinewidth=0.6,
+                label=label(fit.condition),
+            )
+            curve = abx_d_prime(fit.average_share(fine), fit.rule)
+            axes.plot(fine, curve, color=colour, lw=1.8, alpha=0.85)
+            across = axes.get_xaxis_transform()
+            height = 0.04 + 0.05 * number
+            axes.plot(fit.critical, height, marker, color=colour, ms=4, transform=across)
+            if fit.critical_limits is not None:
+                axes.plot(fit.critical_limits, [height, height], color=colour, transform=across)
+        axes.axhline(0.0, color=GREY, lw=0.6, ls=(0, (4, 3)))
+        top = axes.get_ylim()[1]
+        room = 0.07 + 0.05 * len(fits)
+        # The lowest strip of the axes belongs to the critical scalings.
+        axes.set_ylim((bottom - room * top) / (1.0 - room), top)
+        level_axis(axes, everything)
+        axes.set_xlim(low / 1.1, high * 1.1)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(f"d' (ABX, {fits[0].rule})")
+        axes.plot([], [], "o-", color=GREY, ms=4, lw=1.2, label="below: critical scaling, limits")
+        handles, labels = axes.get_legend_handles_labels()
+        last = [*range(1, len(handles)), 0]  # lines come before data with whiskers
+        figure.legend(
+            [handles[k] for k in last],
+            [labels[k] for k in last],
+            loc="outside lower center",
+            ncols=2 if width_in < 5 else 4,
+        )
+    return figure
+
+
+def _condition_axis(axes: Axes, names: Sequence[str], label: Label, width_in: float) -> None:
+    axes.set_yticks(range(len(names)), [wrapped(label(name), width_in) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+
+
+def _dot(axes: Axes, y: int, value: float, lower: float, upper: float, colour: str) -> None:
+    axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
+    axes.plot(value, y, "o", color=colour, ms=4)
+
+
+def _share_bar(axes: Axes, y: int, share: Rate, colour: str) -> None:
+    axes.barh(y, share.share, height=0.6, color=colour, alpha=0.75)
+    axes.plot([share.lower, share.upper], [y, y], color="black", lw=1.1)
+    text = f"p {'< .001' if share.p < 0.001 else '= ' + f'{share.p:.3f}'.removeprefix('0')}"
+    axes.text(1.03, y, text, va="center")
+
+
+def rates_plot(
+    rates: Sequence[Rate], *, label: Label = str, width_in: float = 3.33, simulated: bool = False
+) -> Figure:
+    """Draw shares of right answers by condition, with limits and p against chance."""
+    with style(width_in):
+        figure = new_figure(width_in, 0.6 + 0.34 * len(rates), simulated=simulated)
+        axes = figure.subplots()
+        for y, one in enumerate(rates):
+            _share_bar(axes, y, one, ORANGE)
+        axes.axvline(rates[0].chance, color="black", lw=0.8, ls=(0, (4, 3)))
+        share_axis(axes, "Share correct")
+        axes.set_xlim(0, 1.24)
+        _condition_axis(axes, [one.condition for one in rates], label, width_in)
+    return figure

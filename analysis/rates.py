@@ -1,0 +1,264 @@
+"""How often answers are right: shares with limits and tests against chance, by condition."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.cells import Grid, checked, conditions, grid
+from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence, wilson
+
+Floats = NDArray[np.float64]
+
+FEW_PARTICIPANTS = 6
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A share of trials with limits that respect participants and scenes.
+
+    Attributes
+    ----------
+    condition : str
+    count, trials, participants, scenes : int
+    share, lower, upper : float
+        Limits lie in [0, 1]; they leave out `chance` exactly where p < 1 - level.
+    chance : float
+        What p tests against.
+    p : float
+        Two-sided, clustered.
+    exact_p : float
+        Pooled exact binomial, as papers print it: takes trials as independent.
+    """
+
+    condition: str
+    count: int
+    trials: int
+    share: float
+    lower: float
+    upper: float
+    level: float
+    chance: float
+    p: float
+    exact_p: float
+    participants: int
+    scenes: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What one condition has more than another, with limits that respect the clusters.
+
+    `p_adjusted` is Holm's over the contrasts made together.
+    """
+
+    measure: str
+    first: str
+    second: str
+    difference: float
+    standard_error: float
+    lower: float
+    upper: float
+    level: float
+    df: float
+    p: float
+    p_adjusted: float
+
+
+def correct_rates(
+    trials: pd.DataFrame,
+    by: Sequence[str] = (),
+    *,
+    chance: float,
+    correct: str = "correct",
+    level: float = 0.95,
+) -> tuple[Rate, ...]:
+    """Return the share of right answers in each condition.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per decided trial
+        ``participant``, ``scene`` (optional), `correct` (0/1) and the columns `by`.
+    chance : float
+        1 / m for m alternatives, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, or `correct` holds anything but 0 and 1.
+    """
+    if not 0.0 < chance < 1.0:
+        raise ValueError(f"chance must lie between 0 and 1 (got {chance})")
+    rows = checked(trials, (correct,), by)
+    places = grid(rows)
+    return tuple(
+        rate(part[correct], places, condition=name, chance=chance, level=level)
+        for name, part in conditions(rows, by)
+    )
+
+
+def rate(
+    event: pd.Series, places: Grid, *, condition: str, chance: float = 0.5, level: float = 0.95
+) -> Rate:
+    """Return the share of one condition's trials (0/1) in which something happened."""
+    happened, shown = places.count(event), places.count(event * 0 + 1)
+    count, total = int(happened.sum()), int(shown.sum())
+    exact = stats.binomtest(count, total, chance)
+    people = int((shown.sum(axis=1) > 0).sum())
+    notes = []
+    if people < 2:
+        interval = exact.proportion_ci(level, method="exact")
+        lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
+        notes.append("one participant only: limits speak about this person's trials")
+    else:
+        low, high, p_value = share_limits(happened, shown, chance=chance, level=level)
+        lower, upper, p = float(low), float(high), float(p_value)
+        if people < FEW_PARTICIPANTS:
+            notes.append(f"only {people} participants: limits and p are a rough guide")
+    return Rate(
+        condition=condition,
+        count=count,
+        trials=total,
+        share=count / total,
+        lower=lower,
+        upper=upper,
+        level=level,
+        chance=chance,
+        p=p,
+        exact_p=float(exact.pvalue),
+        participants=people,
+        scenes=int((shown.sum(axis=0) > 0).sum()),
+        warnings=tuple(notes),
+    )
+
+
+def share_limits(
+    chosen: Floats, shown: Floats, *, chance: float, level: float = 0.95
+) -> tuple[Floats, Floats, Floats]:
+    """Return lower and upper limits of shares, and p against chance, from one procedure.
+
+    Parameters
+    ----------
+    chosen, shown : ndarray (..., participants, scenes)
+        At least two participants.
+
+    Notes
+    -----
+    Score test: |share - chance| / sqrt(chance (1 - chance) / n) against t, with the effective
+    number of trials n and the degrees of freedom of `two_way`. Inverting it gives Wilson's
+    limits (`wilson`), so p and limits never contradict each other. Two things bound what so
+    many participants can show: where all answers agree, participants are the votes (exact
+    binomial limits and p of them); and p is never below that of unanimous participants. Where
+    participants agree on a share between 0 and 1 the trials count as independent.
+    """
+    estimate = two_way(chosen, shown)
+    shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), np.shape(chosen))
+    persons = (shown.sum(axis=-1) > 0).sum(axis=-1).astype(np.float64)
+    share, total = estimate.share, shown.sum(axis=(-2, -1))
+    size = np.where(estimate.standard_error > 0, estimate.effective_n, total)
+    low, high = wilson(share, size, estimate.df, level)
+    ratio = np.abs(share - chance) / np.sqrt(chance * (1.0 - chance) / size)
+    p = 2.0 * stats.t.sf(ratio, estimate.df)
+    floor = np.minimum(1.0, 2.0 * np.where(share > chance, chance, 1.0 - chance) ** persons)
+    edge = (0.5 * (1.0 - level)) ** (1.0 / persons)
+    low = np.where(share == 1.0, edge, low)
+    high = np.where(share == 0.0, 1.0 - edge, high)
+    few = floor > 1.0 - level
+    low = np.where(few & (share > chance), np.minimum(low, chance), low)
+    high = np.where(few & (share < chance), np.maximum(high, chance), high)
+    unanimous = (share == 0.0) | (share == 1.0)
+    same = np.abs(share - chance) < 1e-12
+    p = np.where(unanimous, floor, np.maximum(p, floor))
+    return low, high, np.asarray(np.where(same, 1.0, p))
+
+
+def rate_contrasts(
+    trials: pd.DataFrame,
+    by: Sequence[str],
+    *,
+    correct: str = "correct",
+    reference: str | None = None,
+    level: float = 0.95,
+) -> tuple[Difference, ...]:
+    """Compare the shares of right answers between conditions (against one, or all pairs)."""
+    rows = checked(trials, (correct,), by)
+    places = grid(rows)
+    moved = {}
+    for name, part in conditions(rows, by):
+        happened, shown = places.count(part[correct]), places.count(part[correct] * 0 + 1)
+        moved[name] = share_influence(happened, shown)
+    return contrasts("share correct", moved, reference=reference, level=level)
+
+
+@dataclass(frozen=True)
+class Influence:
+    """An estimate, what each cell (participants, scenes) moves it, and its least variance."""
+
+    value: float
+    cells: Floats
+    shown: Floats
+    least: float
+
+    def estimate(self) -> ClusteredEstimate:
+        """Return the estimate with its clustered error."""
+        return two_way_influence(np.asarray(self.value), self.cells, self.shown, self.least)
+
+
+def share_influence(happened: Floats, shown: Floats) -> Influence:
+    """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
+    total = float(shown.sum())
+    share = float(happened.sum()) / total
+    mild = (float(happened.sum()) + 0.5) / (total + 1.0)
+    return Influence(share, (happened - shown * share) / total, shown, mild * (1.0 - mild) / total)
+
+
+def contrasts(
+    measure: str,
+    moved: dict[str, Influence],
+    *,
+    reference: str | None = None,
+    level: float = 0.95,
+) -> tuple[Difference, ...]:
+    """Compare conditions counted on one grid; each participant is their own control."""
+    if reference is not None and reference not in moved:
+        raise ValueError(f"reference must be one of {list(moved)} (got {reference!r})")
+    pairs = (
+        list(combinations(moved, 2))
+        if reference is None
+        else [(name, reference) for name in moved if name != reference]
+    )
+    found = []
+    for first, second in pairs:
+        one, other = moved[first], moved[second]
+        gap = two_way_influence(
+            np.asarray(one.value - other.value),
+            one.cells - other.cells,
+            one.shown + other.shown,
+            # Trials of one person rise and fall together: a difference can vary less than
+            # independent trials would, but half of that is the least to believe.
+            0.5 * (one.least + other.least),
+        )
+        lower, upper = gap.limits(level)
+        found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))
+    adjusted = holm(np.array([p for *_, p in found])) if found else np.zeros(0)
+    return tuple(
+        Difference(
+            measure=measure,
+            first=first,
+            second=second,
+            difference=float(gap.value),
+            standard_error=float(gap.standard_error),
+            lower=lower,
+            upper=upper,
+            level=level,
+            df=float(gap.df),
+            p=p,
+            p_adjusted=float(p_adjusted),
+        )
+        for (first, second, gap, lower, upper, p), p_adjusted in zip(found, adjusted, strict=True)
+    )

@@ -1,0 +1,120 @@
+"""From a linear predictor to the chance of a right answer, for models of trials."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, log_expit, logit, ndtr, ndtri
+
+Floats = NDArray[np.float64]
+Link = Literal["logit", "probit", "weibull"]
+
+RATE_PRIOR = (2.0, 50.0)
+"""Beta law that fitted lapse and guess rates are drawn to: mode .02, 95 % below .09."""
+
+LOG_2 = np.log(2.0)
+
+
+@dataclass(frozen=True)
+class Response:
+    """``p = guess + (1 - guess - lapse) F(eta)``, with F(0) = 1/2.
+
+    Attributes
+    ----------
+    link : {"logit", "probit", "weibull"}
+        F: the logistic or the normal distribution, or 1 - 2^-exp(eta), which is Weibull's
+        function of exp(eta).
+    guess, lapse : float or None
+        None: fitted, as the logit of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of
+        lapses in Broderick et al. 2023).
+    """
+
+    link: Link = "logit"
+    guess: float | None = 0.0
+    lapse: float | None = 0.0
+
+    @property
+    def fitted(self) -> int:
+        """How many rates are fitted."""
+        return (self.guess is None) + (self.lapse is None)
+
+    @property
+    def plain(self) -> bool:
+        """Whether this is an ordinary logit model."""
+        return self.link == "logit" and self.guess == 0.0 and self.lapse == 0.0
+
+    def rates(self, free: Floats) -> tuple[float, float]:
+        """Return guess and lapse rate from the logits of those that are fitted."""
+        left = list(expit(free))
+        guess = self.guess if self.guess is not None else 0.5 * float(left.pop(0))
+        lapse = self.lapse if self.lapse is not None else float(left.pop(0))
+        return guess, lapse
+
+    def start(self) -> Floats:
+        """Return where the search for the fitted rates begins."""
+        return np.full(self.fitted, float(logit(0.03)))
+
+    def penalty(self, free: Floats) -> float:
+        """Return the log prior of the fitted rates, on their logits."""
+        a, b = RATE_PRIOR
+        return float(np.sum(a * log_expit(free) + b * log_expit(-free)))
+
+    def share(self, eta: Floats, rates: tuple[float, float]) -> Floats:
+        """Return p."""
+        return np.asarray(rates[0] + (1.0 - rates[0] - rates[1]) * self._rise(eta)[0])
+
+    def eta(self, rise: float) -> float:
+        """Return where F has this value."""
+        if self.link == "logit":
+            return float(logit(rise))
+        if self.link == "probit":
+            return float(ndtri(rise))
+        return float(np.log(-np.log1p(-rise) / LOG_2))
+
+    def log_likelihood(
+        self, eta: Floats, successes: Floats, trials: Floats, rates: tuple[float, float]
+    ) -> float:
+        """Return the log-likelihood without binomial coefficients."""
+        if self.plain:
+            joint = successes @ log_expit(eta) + (trials - successes) @ log_expit(-eta)
+            return float(joint)
+        share = self._bounded(eta, rates)
+        return float(successes @ np.log(share) + (trials - successes) @ np.log1p(-share))
+
+    def slope(
+        self, eta: Floats, successes: Floats, trials: Floats, rates: tuple[float, float]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the slope in eta, and minus the observed and the expected curvature."""
+        if self.plain:
+            share = expit(eta)
+            weight = trials * share * (1.0 - share)
+            return successes - trials * share, weight, weight
+        span = 1.0 - rates[0] - rates[1]
+        _, first, second = self._rise(eta)
+        share = self._bounded(eta, rates)
+        first, second = span * first, span * second
+        gap = (successes - trials * share) / (share * (1.0 - share))
+        bend = successes / share**2 + (trials - successes) / (1.0 - share) ** 2
+        expected = trials * first**2 / (share * (1.0 - share))
+        return gap * first, bend * first**2 - gap * second, expected
+
+    def _bounded(self, eta: Floats, rates: tuple[float, float]) -> Floats:
+        return np.clip(self.share(eta, rates), 1e-12, 1.0 - 1e-12)
+
+    def _rise(self, eta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return F and its first two derivatives."""
+        if self.link == "logit":
+            rise = expit(eta)
+            first = rise * (1.0 - rise)
+            return rise, first, first * (1.0 - 2.0 * rise)
+        if self.link == "probit":
+            density = np.exp(-0.5 * eta**2) / np.sqrt(2.0 * np.pi)
+            return ndtr(eta), density, -eta * density
+        power = LOG_2 * np.exp(np.minimum(eta, 50.0))
+        left = np.exp(-power)
+        return -np.expm1(-power), power * left, power * left * (1.0 - power)
+
+
+LOGIT = Response()
+PROBIT = Response("probit")

@@ -1,0 +1,82 @@
+"""Analyses by kind: `kind` in the section `[analysis]` of a study names one.
+
+Each is imported when it is asked for. A package adds one by an entry point of
+``metamerlab.analyses`` that names a function without arguments, which returns it.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import get_args
+
+from analysis.tasks.base import AnyAnalysis
+from protocols.errors import StudyError
+from protocols.plugins import registered
+from protocols.suggest import did_you_mean
+from protocols.tasks import TASKS
+
+
+def _preference() -> AnyAnalysis:
+    from analysis.tasks.preference import PreferenceOfPairs
+
+    return PreferenceOfPairs()
+
+
+def _detection() -> AnyAnalysis:
+    from analysis.tasks.detection import Detection
+
+    return Detection()
+
+
+def _identification() -> AnyAnalysis:
+    from analysis.tasks.identification import Identification
+
+    return Identification()
+
+
+def _abx() -> AnyAnalysis:
+    from analysis.tasks.abx import Abx
+
+    return Abx()
+
+
+ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
+    "analyses",
+    {
+        "preference": _preference,
+        "detection": _detection,
+        "identification": _identification,
+        "abx": _abx,
+    },
+)
+
+
+def analysis_of(kind: str) -> AnyAnalysis:
+    """Return the analysis of a kind.
+
+    Raises
+    ------
+    StudyError
+        If nobody wrote it.
+    """
+    try:
+        return ANALYSES[kind]()
+    except KeyError:
+        raise StudyError(
+            f"analysis {kind!r}: must be one of {', '.join(ANALYSES)}; the package that adds the"
+            " task can add its analysis"
+        ) from None
+
+
+def analysis_of_task(task: str) -> AnyAnalysis:
+    """Return the analysis that goes with a task, by the task's name.
+
+    Raises
+    ------
+    StudyError
+        If there is no such task.
+    """
+    if task not in TASKS:
+        raise StudyError(
+            f"task must be one of {', '.join(TASKS)} (got {task!r}){did_you_mean(task, TASKS)}"
+        )
+    field = TASKS[task].analysis.model_fields["kind"]
+    return analysis_of(str(get_args(field.annotation)[0]))

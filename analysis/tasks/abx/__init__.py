@@ -1,0 +1,80 @@
+"""The analysis of ABX tasks, kind `abx`: d', and critical scalings."""
+
+from typing import Any, ClassVar
+
+import pandas as pd
+
+from analysis.detection import DiscriminationResults, abx
+from analysis.ideal_observer import AbxRule, abx_share
+from analysis.tasks.base import Step, TableOptions
+from analysis.tasks.rates import RatesTask
+from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, common_settings
+from analysis.tasks.rates.study import RateResults, analyse_rates
+from protocols.schema import StudyProtocol
+from protocols.tasks.abx import AbxAnalysis
+
+ANSWERS = ("a", "b")
+
+
+class AbxOptions(RatesOptions):
+    """What a table of an ABX task may be told."""
+
+    rule: AbxRule = "differencing"
+    """How participants are taken to decide."""
+
+
+class Abx(RatesTask):
+    """Shares of right answers, d' and d' against the level: task `abx`."""
+
+    kind: ClassVar[str] = "abx"
+    options: ClassVar[type[TableOptions]] = AbxOptions
+    task: ClassVar[str] = "ABX answers"
+
+    def settings(self, study: StudyProtocol) -> RateSettings:
+        """Return columns, values and rules of a protocol."""
+        analysis = study.analysis
+        assert isinstance(analysis, AbxAnalysis)
+        return RateSettings(**{**vars(common_settings(study)), "rule": analysis.rule})
+
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RateSettings:
+        """Return what the options say."""
+        found = super().settings_of_table(decisions, name, options)
+        return RateSettings(**{**vars(found), "rule": options.rule})
+
+    def options_of(self, settings: RateSettings) -> AbxOptions:
+        """Return the options that say the same."""
+        return AbxOptions(rule=settings.rule, **self._shared_options(settings))
+
+    def table_answers(self, decisions: pd.DataFrame, _options: Any) -> tuple[str, ...]:
+        """Return the two answers: as the table names them, if it does."""
+        if "answer" in decisions:
+            found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
+            if len(found) == len(ANSWERS):
+                return found
+        return ANSWERS
+
+    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
+        """Return d', critical scalings, and what all tasks with right answers have."""
+
+        def sense(rows: pd.DataFrame) -> DiscriminationResults:
+            present = set(rows["condition"])
+            shown = [name for name in settings.values if name in present]
+            return abx(
+                rows,
+                ("condition",),
+                rule=settings.rule,
+                reference=shown[0] if len(shown) > 1 else None,
+                level=settings.confidence,
+            )
+
+        return analyse_rates(decisions, settings, step, sense, scaling=settings.rule)
+
+    def draw(self, settings: RateSettings) -> Draw:
+        """Return the chance that X is told from the other, by the study's decision rule."""
+        share = tabulated(lambda d: abx_share(d, settings.rule))
+        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
+
+    def judge(self) -> Judge:
+        """Return the test of differences of shares."""
+        return judge_shares

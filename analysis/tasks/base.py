@@ -1,0 +1,248 @@
+"""What the analysis of a task offers: settings, results, its part of the report, its power.
+
+The report, the tables and the commands ask it, and know no task themselves.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from analysis.exclusions import FlowStep
+from analysis.tasks.blocks import Block, ReportFigure, Section
+from protocols.columns import Column
+from protocols.schema import StudyProtocol
+from protocols.units import Model
+
+Step = Callable[[str], None]
+Counted = Callable[[int, int], None]
+
+SEED = 20_240_229
+"""Every random draw of an analysis starts here: same journals, same numbers."""
+
+
+class CommonSettings(Protocol):
+    """What every report needs to know of a study."""
+
+    @property
+    def study(self) -> str:
+        """Name of the study."""
+
+    @property
+    def title(self) -> str:
+        """What stands at the top of the page."""
+
+    @property
+    def protocol_sha256(self) -> str | None:
+        """Hash of the protocol; None for a plain table."""
+
+
+class TableOptions(Model):
+    """What a table without a protocol must be told, such as which column holds the level.
+
+    Subclasses say it in fields; `metamerlab analysis import --set KEY=VALUE` fills them.
+    """
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A number that a simulation of power takes for true, within limits."""
+
+    name: str
+    value: float
+    meaning: str
+    lowest: float = 0.0
+    highest: float = float("inf")
+
+
+@dataclass(frozen=True)
+class PowerReport:
+    """What a simulation of power says, ready to print and to draw.
+
+    Attributes
+    ----------
+    result : dataclass
+        Every number, for `power.json`.
+    lead : str
+        What was simulated.
+    columns, rows
+        A table of texts.
+    legend : str
+        What the columns mean.
+    needed : tuple of str
+        How many participants for which power, in sentences.
+    draw : callable
+        From a width in inches to the curve.
+    """
+
+    result: object
+    lead: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    legend: str
+    needed: tuple[str, ...]
+    warnings: tuple[str, ...]
+    draw: Callable[[float], Figure]
+
+
+S = TypeVar("S", bound=CommonSettings)
+R = TypeVar("R")
+
+
+class TaskAnalysis(ABC, Generic[S, R]):
+    """The analysis of a kind of task: from decisions to results, and to what is said of them.
+
+    `S` are its settings, `R` its results: frozen dataclasses of numbers and texts, which
+    `results.json` holds field by field.
+    """
+
+    kind: ClassVar[str]
+    """As in the section `[analysis]` of a study."""
+    options: ClassVar[type[TableOptions]] = TableOptions
+    """What a table without a protocol must be told."""
+    constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
+    """What results depend on beside data and settings; the report's provenance lists it."""
+
+    # Where settings and decisions come from.
+
+    @abstractmethod
+    def settings(self, study: StudyProtocol) -> S:
+        """Return the settings that a protocol fixes."""
+
+    @abstractmethod
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> S:
+        """Return the settings of a table without a protocol.
+
+        Parameters
+        ----------
+        options : TableOptions
+            Of this analysis.
+
+        Raises
+        ------
+        StudyError
+            If the options do not fit the table.
+        """
+
+    @abstractmethod
+    def options_of(self, settings: S) -> TableOptions:
+        """Return what a table must be told to be read as these settings say."""
+
+    @abstractmethod
+    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+        """Read decisions from a CSV file of any tool.
+
+        Parameters
+        ----------
+        mapping : mapping of our name to the file's column
+
+        Raises
+        ------
+        StudyError
+            With the column, line and value at fault.
+        """
+
+    @abstractmethod
+    def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
+        """Return the columns of a table that was read, for its data dictionary."""
+
+    def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
+        """Refuse a table that does not fit the protocol given with it (StudyError)."""
+
+    # Results.
+
+    @abstractmethod
+    def analyse(self, decisions: pd.DataFrame, settings: S, step: Step) -> R:
+        """Return every result that a report shows; `step` is told the name of each part."""
+
+    @abstractmethod
+    def warnings(self, results: R) -> tuple[str, ...]:
+        """Return what is odd about the data as a whole."""
+
+    def tables(self, _decisions: pd.DataFrame, _results: R) -> Mapping[str, pd.DataFrame]:
+        """Return tables by file name, beside those of every study."""
+        return {}
+
+    def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+        """Return the decisions in forms that other programs read, by file name."""
+        return {}
+
+    # The page.
+
+    @abstractmethod
+    def counted(self, settings: S) -> str:
+        """Return what is compared, in two or three words for the top of the page."""
+
+    @abstractmethod
+    def lead(self, results: R, settings: S) -> Sequence[Block]:
+        """Return what stands before all sections: the result in short."""
+
+    @abstractmethod
+    def sections(self, results: R, settings: S) -> Sequence[Section]:
+        """Return the task's sections of the page, in reading order."""
+
+    @abstractmethod
+    def figures(
+        self, decisions: pd.DataFrame, results: R, settings: S, *, simulated: bool
+    ) -> Sequence[ReportFigure]:
+        """Return every figure that these results allow; sections name them."""
+
+    @abstractmethod
+    def methods(
+        self,
+        results: R,
+        settings: S,
+        *,
+        people: int,
+        decisions: int,
+        flow: Sequence[FlowStep],
+        version: str,
+    ) -> str:
+        """Return the statistical methods as a paragraph ready to paste."""
+
+    @abstractmethod
+    def sentences(self, results: R, settings: S) -> Sequence[str]:
+        """Return the results as sentences ready to paste."""
+
+    @abstractmethod
+    def headline(self, results: R, settings: S) -> str:
+        """Return the result in one sentence."""
+
+    # Power.
+
+    @abstractmethod
+    def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
+        """Return what a simulation of power takes for true, with values that fit the study."""
+
+    @abstractmethod
+    def power(
+        self,
+        study: StudyProtocol,
+        assumed: Mapping[str, float],
+        *,
+        rng: np.random.Generator,
+        studies: int | None = None,
+        progress: Counted | None = None,
+    ) -> PowerReport:
+        """Simulate the study's own design and test for growing numbers of participants.
+
+        Parameters
+        ----------
+        assumed : mapping
+            A value for every one of `assumptions`.
+        studies : int, optional
+            How many to simulate; left out, as many as take seconds.
+
+        Raises
+        ------
+        StudyError
+            If the study compares nothing.
+        """
+
+
+AnyAnalysis: TypeAlias = TaskAnalysis[Any, Any]

@@ -1,0 +1,133 @@
+"""The analysis of yes-no tasks, kind `detection`: d', criterion and bias."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from analysis.detection import YesNoResults, d_prime_influence, yes_no
+from analysis.rates import Influence
+from analysis.tasks.base import Step, TableOptions
+from analysis.tasks.rates import RatesTask
+from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, name_of
+from analysis.tasks.rates.study import RateResults, analyse_rates
+from analysis.tasks.rates.tables import read_answers
+from protocols.errors import StudyError
+from protocols.units import Scalar
+
+
+class DetectionOptions(RatesOptions):
+    """What a table of a yes-no task must be told."""
+
+    signal: Scalar = "yes"
+    """The answer that is right where the signal is, as the table writes it."""
+
+
+class Detection(RatesTask):
+    """Sensitivity and criterion by condition: task `yes-no`."""
+
+    kind: ClassVar[str] = "detection"
+    options: ClassVar[type[TableOptions]] = DetectionOptions
+    task: ClassVar[str] = "yes-no answers"
+
+    def options_of(self, settings: RateSettings) -> DetectionOptions:
+        """Return the options that say the same."""
+        return DetectionOptions(signal=settings.answers[0], **self._shared_options(settings))
+
+    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+        """Read trials; both answers must be there, because d' needs hits and false alarms."""
+        rows = read_answers(path, mapping, options, ())
+        if "answer" not in rows or (rows["answer"] == "").any():
+            raise StudyError(
+                f"{path}: must have the columns expected and answer: whether answers were right"
+                " does not tell hits from correct rejections; say which columns hold them:"
+                " --map expected=COLUMN --map answer=COLUMN"
+            )
+        return rows
+
+    def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
+        """Return the signal's answer and the other.
+
+        Raises
+        ------
+        StudyError
+            If the table does not speak of two answers, one of them the signal's.
+        """
+        signal = name_of(options.signal)
+        found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)})
+        if signal not in found or len(found) > 2:
+            raise StudyError(
+                "--set signal: must be the answer that is right where the signal is, one of two"
+                f" that the columns expected and answer hold (got {signal!r}; they hold"
+                f" {', '.join(found)})"
+            )
+        others = [answer for answer in found if answer != signal]
+        return (signal, others[0] if others else f"not {signal}")
+
+    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
+        """Return d', criterion, bias, and what all tasks with right answers have."""
+        signal = settings.answers[0]
+
+        def sense(rows: pd.DataFrame) -> YesNoResults:
+            present = set(rows["condition"])
+            shown = [name for name in settings.values if name in present]
+            return yes_no(
+                rows,
+                ("condition",),
+                signal=signal,
+                reference=shown[0] if len(shown) > 1 else None,
+                level=settings.confidence,
+            )
+
+        return analyse_rates(decisions, settings, step, sense, signal=signal)
+
+    def draw(self, _settings: RateSettings) -> Draw:
+        """Return the chance of yes by a criterion, equal variances."""
+        return chance_of_yes
+
+    def judge(self) -> Judge:
+        """Return the test of differences of d'."""
+        return judge_d_prime
+
+
+def chance_of_yes(d_prime: Floats, criterion: Floats, design: CellDesign, typical: float) -> Floats:
+    """Return the chance of the signal's answer in every cell.
+
+    The criterion 0 lies midway between noise and signal of a condition; where conditions share
+    noise, midway between it and the baseline's signal.
+    """
+    if design.noise_only:
+        evidence = np.where(design.signal, d_prime, 0.0) - 0.5 * typical
+    else:
+        evidence = np.where(design.signal, 0.5, -0.5) * d_prime
+    return np.asarray(ndtr(evidence - criterion))
+
+
+def judge_d_prime(
+    events: Floats, design: CellDesign, sizes: Sequence[int], _settings: RateSettings
+) -> Floats:
+    """Test d' against the first condition's; conditions without noise share that of the others."""
+    shown = np.full(events.shape, float(design.repeats))
+    shared = np.isin(design.condition, design.noise_only)
+    tables = {}
+    for k in range(len(design.conditions)):
+        own = design.condition == k
+        signal, noise = own & design.signal, own & ~design.signal
+        if k not in design.noise_only:
+            noise = noise if noise.any() else shared
+            chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
+            tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]
+
+    def moved(people: int) -> dict[str, Influence]:
+        return {
+            name: d_prime_influence(
+                hits[:people], signal[:people], alarms[:people], noise[:people], "log-linear"
+            )[0]
+            for name, (hits, signal, alarms, noise) in tables.items()
+        }
+
+    return compare_influences("d'", moved, sizes)

@@ -1,0 +1,80 @@
+"""The analysis of identification among m answers, kind `identification`."""
+
+from typing import Annotated, Any, ClassVar
+
+import pandas as pd
+from pydantic import Field
+
+from analysis.detection import DiscriminationResults, identification
+from analysis.ideal_observer import forced_choice_share
+from analysis.tasks.base import Step, TableOptions
+from analysis.tasks.rates import RatesTask
+from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
+from analysis.tasks.rates.settings import RateSettings, RatesOptions
+from analysis.tasks.rates.study import RateResults, analyse_rates
+from protocols.errors import StudyError
+
+
+class IdentificationOptions(RatesOptions):
+    """What a table of identifications must be told."""
+
+    alternatives: Annotated[int, Field(ge=2)] | None = None
+    """How many answers there were; left out: as many as the columns expected and answer hold."""
+
+
+class Identification(RatesTask):
+    """Shares of right answers and d' by condition: task `identification`."""
+
+    kind: ClassVar[str] = "identification"
+    options: ClassVar[type[TableOptions]] = IdentificationOptions
+    task: ClassVar[str] = "identifications"
+
+    def options_of(self, settings: RateSettings) -> IdentificationOptions:
+        """Return the options that say the same."""
+        shared = self._shared_options(settings)
+        return IdentificationOptions(alternatives=settings.alternatives, **shared)
+
+    def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
+        """Return the answers, or numbers in their place where the table does not name all.
+
+        Raises
+        ------
+        StudyError
+            If nothing says how many there were, or the table holds more.
+        """
+        found: list[str] = []
+        if {"expected", "answer"} <= set(decisions.columns):
+            found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)} - {""})
+        count = options.alternatives or len(found)
+        if count < max(2, len(found)):
+            raise StudyError(
+                "--set alternatives: must say how many answers there were to choose from (got"
+                f" {options.alternatives or 'nothing'}; the columns expected and answer hold"
+                f" {len(found)}: {', '.join(found[:8]) or 'none'})"
+            )
+        return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
+
+    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
+        """Return d' for m alternatives, and what all tasks with right answers have."""
+
+        def sense(rows: pd.DataFrame) -> DiscriminationResults:
+            present = set(rows["condition"])
+            shown = [name for name in settings.values if name in present]
+            return identification(
+                rows,
+                ("condition",),
+                alternatives=settings.alternatives,
+                reference=shown[0] if len(shown) > 1 else None,
+                level=settings.confidence,
+            )
+
+        return analyse_rates(decisions, settings, step, sense)
+
+    def draw(self, settings: RateSettings) -> Draw:
+        """Return the chance of picking the right one of m."""
+        share = tabulated(lambda d: forced_choice_share(d, settings.alternatives))
+        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
+
+    def judge(self) -> Judge:
+        """Return the test of differences of shares."""
+        return judge_shares

@@ -1,0 +1,259 @@
+"""The analysis of preferences between pairs, kind `preference`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from analysis.columns import PREFERENCE_COLUMNS
+from analysis.exclusions import FlowStep
+from analysis.pairings import pairing_rows
+from analysis.plain_csv import read_decisions
+from analysis.plots import power_plot
+from analysis.tasks.base import (
+    SEED,
+    Assumption,
+    Counted,
+    PowerReport,
+    Step,
+    TableOptions,
+    TaskAnalysis,
+)
+from analysis.tasks.blocks import Block, ReportFigure, Section
+from analysis.tasks.preference.figures import report_figures
+from analysis.tasks.preference.power import (
+    DEFAULT_PARTICIPANT_SD,
+    DEFAULT_SCENE_SD,
+    Assumptions,
+    PowerCurve,
+    power_curve,
+)
+from analysis.tasks.preference.sections import lead, sections
+from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
+from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse
+from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
+from analysis.tidy import pwcmp_table
+from protocols.columns import Column
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+
+POWER_STUDIES = 10_000
+
+
+class PreferenceOptions(TableOptions):
+    """What a table of preferences may be told."""
+
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Level of every test."""
+    margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    """Smallest effect of interest, as a distance from one half."""
+
+
+class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
+    """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
+
+    kind: ClassVar[str] = "preference"
+    options: ClassVar[type[TableOptions]] = PreferenceOptions
+    constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
+
+    def settings(self, study: StudyProtocol) -> Settings:
+        """Return pairings, primary comparison and rules of a protocol."""
+        return from_protocol(study)
+
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> Settings:
+        """Return every pairing found, and no primary comparison."""
+        return from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
+
+    def options_of(self, settings: Settings) -> PreferenceOptions:
+        """Return alpha and margin."""
+        return PreferenceOptions(alpha=settings.alpha, margin=settings.margin)
+
+    def read(self, path: Path, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
+        """Read decisions: who compared what with what, and chose which."""
+        return read_decisions(path, mapping)
+
+    def columns_of(self, _decisions: pd.DataFrame) -> tuple[Column, ...]:
+        """Return the columns of preferences."""
+        return PREFERENCE_COLUMNS
+
+    def check_table(self, path: Path, decisions: pd.DataFrame, settings: Settings) -> None:
+        """Refuse methods that the protocol does not have, and a table without its pairings."""
+        unknown = sorted(
+            (set(decisions["first"]) | set(decisions["second"])) - set(settings.methods)
+        )
+        if unknown:
+            raise StudyError(
+                f"{path}: methods must be those of the protocol"
+                f" ({', '.join(settings.methods)}) (got {', '.join(unknown)})"
+            )
+        if not any(
+            len(pairing_rows(decisions, method, against)) for method, against in settings.pairings
+        ):
+            raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
+
+    def analyse(self, decisions: pd.DataFrame, settings: Settings, step: Step) -> StudyResults:
+        """Return preferences, models, scales, biases, trends and times."""
+        return analyse(decisions, settings, step=step)
+
+    def warnings(self, results: StudyResults) -> tuple[str, ...]:
+        """Return what is odd about the study as a whole."""
+        return results.warnings
+
+    def tables(self, _decisions: pd.DataFrame, results: StudyResults) -> Mapping[str, pd.DataFrame]:
+        """Return every comparison."""
+        rows = [vars(cell) | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
+        return {"preferences.csv": pd.DataFrame(rows)}
+
+    def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+        """Return the table of the program pwcmp."""
+        return {"pwcmp.csv": pwcmp_table(decisions)}
+
+    def counted(self, settings: Settings) -> str:
+        """Return how many methods are compared."""
+        return f"{len(settings.methods)} methods"
+
+    def lead(self, results: StudyResults, settings: Settings) -> Sequence[Block]:
+        """Return the primary comparison."""
+        return lead(results, settings)
+
+    def sections(self, results: StudyResults, settings: Settings) -> Sequence[Section]:
+        """Return preference, models, scale, people, checks."""
+        return sections(results, settings)
+
+    def figures(
+        self, decisions: pd.DataFrame, results: StudyResults, settings: Settings, *, simulated: bool
+    ) -> Sequence[ReportFigure]:
+        """Return the figures of all sections."""
+        return report_figures(decisions, results, settings, simulated=simulated)
+
+    def methods(
+        self,
+        _results: StudyResults,
+        settings: Settings,
+        *,
+        people: int,
+        decisions: int,
+        flow: Sequence[FlowStep],
+        version: str,
+    ) -> str:
+        """Return how preferences were analysed."""
+        return methods_paragraph(
+            settings, people=people, decisions=decisions, flow=flow, version=version
+        )
+
+    def sentences(self, results: StudyResults, settings: Settings) -> Sequence[str]:
+        """Return the primary comparison, every comparison, every model."""
+        found = []
+        if results.primary is not None:
+            primary = apa_preference(results.primary, settings, adjusted=False)
+            found.append("Primary comparison: " + primary)
+        found += [apa_preference(cell, settings, adjusted=True) for cell in results.table.cells]
+        return found + [
+            apa_model(method, against, fit, settings, size)
+            for method, against, size, fit in results.models
+        ]
+
+    def headline(self, results: StudyResults, settings: Settings) -> str:
+        """Return the primary comparison, or the first."""
+        first = results.primary or results.table.cells[0]
+        return apa_preference(first, settings, adjusted=results.primary is None)
+
+    def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
+        """Return the share to find, and how much people and scenes differ."""
+        return (
+            Assumption(
+                "rate",
+                0.5 + from_protocol(study).margin,
+                "true share in every comparison, averaged over people and scenes",
+                0.01,
+                0.99,
+            ),
+            Assumption(
+                "participant_sd",
+                DEFAULT_PARTICIPANT_SD,
+                "logit deviation between participants",
+                0.0,
+                5.0,
+            ),
+            Assumption("scene_sd", DEFAULT_SCENE_SD, "logit deviation between scenes", 0.0, 5.0),
+        )
+
+    def power(
+        self,
+        study: StudyProtocol,
+        assumed: Mapping[str, float],
+        *,
+        rng: np.random.Generator,
+        studies: int | None = None,
+        progress: Counted | None = None,
+    ) -> PowerReport:
+        """Simulate choices with random effects of participants and scenes."""
+        curve = power_curve(
+            from_protocol(study),
+            Assumptions(assumed["rate"], assumed["participant_sd"], assumed["scene_sd"]),
+            rng=rng,
+            studies=studies or POWER_STUDIES,
+            progress=progress,
+        )
+        return _power_report(curve)
+
+
+def _power_report(curve: PowerCurve) -> PowerReport:
+    assumed = curve.assumptions
+    shown = range(0, len(curve.participants), max(1, len(curve.participants) // 12))
+    places = sorted({*shown, *(i for i, n in enumerate(curve.participants) if n == curve.planned)})
+    rows = []
+    for index in places:
+        people = curve.participants[index]
+        rows.append(
+            (
+                f"{people} (planned)" if people == curve.planned else str(people),
+                *(
+                    f"{values[index]:.2f}"
+                    for values in (curve.primary, curve.each, curve.every, curve.equivalence)
+                ),
+                f"{curve.false_positives[index]:.3f}",
+            )
+        )
+    return PowerReport(
+        result=curve,
+        lead=(
+            f"{curve.studies} simulated studies; true share {assumed.rate:g}; deviations"
+            f" {assumed.participant_sd:g} (participants) and {assumed.scene_sd:g} (scenes) logits;"
+            f" alpha {curve.alpha:g}, {curve.family} comparisons"
+        ),
+        columns=(
+            "participants",
+            "primary",
+            "each of family",
+            "every",
+            "equivalent at .5",
+            "false positives",
+        ),
+        rows=tuple(rows),
+        legend=(
+            "primary: the primary comparison is significant, tested alone; each of family: one of"
+            " the comparisons, on average, after correction; every: all of them; equivalent at .5:"
+            f" were the share one half, it is shown to lie within ±{curve.margin:.2f} of it; false"
+            " positives: were it one half, the primary comparison is significant all the same"
+        ),
+        needed=tuple(
+            f"{name}, power {goal:.0%}:"
+            f" {f'more than {curve.participants[-1]}' if people is None else people} participants"
+            for name, goal, people in curve.needed
+        ),
+        warnings=curve.warnings,
+        draw=lambda width: power_plot(
+            curve.participants,
+            {
+                "primary comparison": curve.primary,
+                "every comparison": curve.every,
+                "equivalent, if rate is .5": curve.equivalence,
+            },
+            planned=curve.planned,
+            width_in=width,
+        ),
+    )

@@ -1,0 +1,264 @@
+"""How many participants does a protocol need? Simulation of its own design and test."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.special import expit
+
+from analysis.clustered import ClusteredShare, combine, holm, sign_flip_floor
+from analysis.power import default_participants, first_reaching, mean_logit
+from analysis.tasks.preference.settings import Comparison, Settings
+
+Floats = NDArray[np.float64]
+
+CHUNK = 500
+"""Studies simulated at once; bounds memory."""
+
+DEFAULT_PARTICIPANT_SD = 0.6
+DEFAULT_SCENE_SD = 0.4
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What the simulation takes for true.
+
+    `rate` is the population's mean share in every comparison; the deviations are of the random
+    effects of participants and scenes on the logit, drawn anew for every comparison.
+    """
+
+    rate: float
+    participant_sd: float = DEFAULT_PARTICIPANT_SD
+    scene_sd: float = DEFAULT_SCENE_SD
+
+
+@dataclass(frozen=True)
+class PowerCurve:
+    """Power by number of participants.
+
+    Attributes
+    ----------
+    participants : tuple of int
+    primary : ndarray
+        Chance that the primary comparison is significant (two-sided, alpha, alone).
+    each : ndarray
+        Mean chance of a comparison in the family after correction.
+    every : ndarray
+        Chance that all comparisons of the family are significant after correction.
+    equivalence : ndarray
+        Chance that the primary comparison is shown equivalent where the true rate is one half.
+    false_positives : ndarray
+        Chance of a significant primary comparison where the true rate is one half.
+    needed : tuple of (which power, goal, participants or None)
+    studies : int
+    """
+
+    participants: tuple[int, ...]
+    primary: Floats
+    each: Floats
+    every: Floats
+    equivalence: Floats
+    false_positives: Floats
+    needed: tuple[tuple[str, float, int | None], ...]
+    studies: int
+    assumptions: Assumptions
+    alpha: float
+    margin: float
+    family: int
+    planned: int | None
+    warnings: tuple[str, ...]
+
+    def standard_error(self, power: float) -> float:
+        """Return the Monte Carlo standard error of a power."""
+        return float(np.sqrt(max(power * (1.0 - power), 1e-9) / self.studies))
+
+
+def power_curve(
+    settings: Settings,
+    assumptions: Assumptions,
+    *,
+    rng: np.random.Generator,
+    participants: Sequence[int] | None = None,
+    studies: int = 2000,
+    progress: Callable[[int, int], None] | None = None,
+) -> PowerCurve:
+    """Simulate the protocol's design and analysis for growing numbers of participants.
+
+    Every simulated study is analysed at all numbers of participants at once: its first n
+    people are a study of n (the curves are smooth, and cost little more than one point).
+
+    Raises
+    ------
+    ValueError
+        If the rate is not in (0, 1), a deviation is negative, or the study has no comparison.
+    """
+    if not 0.0 < assumptions.rate < 1.0:
+        raise ValueError(f"rate must lie between 0 and 1 (got {assumptions.rate})")
+    if min(assumptions.participant_sd, assumptions.scene_sd) < 0:
+        raise ValueError("standard deviations must not be negative")
+    if not settings.comparisons:
+        raise ValueError("the study must declare comparisons (a protocol, not a plain table)")
+    sizes = tuple(participants or default_participants(settings.planned_participants))
+    picks = np.array(sizes) - 1
+    if picks.min() < 1:
+        raise ValueError(f"participants must be at least 2 (got {min(sizes)})")
+    null = Assumptions(0.5, assumptions.participant_sd, assumptions.scene_sd)
+    sums = np.zeros((5, len(sizes)))
+    done = 0
+    while done < studies:
+        batch = min(CHUNK, studies - done)
+        p, primary_p, _ = _batch(settings, assumptions, batch, picks, rng)
+        adjusted = holm(p) if settings.correction == "holm" else p
+        significant = adjusted < settings.alpha
+        sums[0] += (primary_p < settings.alpha).sum(axis=0)
+        sums[1] += significant.mean(axis=-1).sum(axis=0)
+        sums[2] += significant.all(axis=-1).sum(axis=0)
+        _, null_p, null_tost = _batch(settings, null, batch, picks, rng, primary_only=True)
+        sums[3] += (null_tost < settings.alpha).sum(axis=0)
+        sums[4] += (null_p < settings.alpha).sum(axis=0)
+        done += batch
+        if progress:
+            progress(done, studies)
+    power = sums / studies
+    curves = {"primary": power[0], "every comparison": power[2], "equivalence": power[3]}
+    needed = tuple(
+        (name, goal, first_reaching(sizes, curve, goal))
+        for name, curve in curves.items()
+        for goal in (0.8, 0.9)
+    )
+    scenes = min(len(entry.scenes) for entry in settings.comparisons)
+    notes = []
+    if scenes < 5 and assumptions.scene_sd > 0:
+        notes.append(
+            f"{scenes} scenes only: more participants cannot make up for scenes that differ"
+        )
+    if settings.test == "pooled":
+        notes.append("simulated with the participant-scene test, not the protocol's pooled one")
+    return PowerCurve(
+        participants=sizes,
+        primary=power[0],
+        each=power[1],
+        every=power[2],
+        equivalence=power[3],
+        false_positives=power[4],
+        needed=needed,
+        studies=studies,
+        assumptions=assumptions,
+        alpha=settings.alpha,
+        margin=settings.margin,
+        family=len(settings.comparisons),
+        planned=settings.planned_participants,
+        warnings=tuple(notes),
+    )
+
+
+def _batch(
+    settings: Settings,
+    assumptions: Assumptions,
+    studies: int,
+    picks: NDArray[np.intp],
+    rng: np.random.Generator,
+    *,
+    primary_only: bool = False,
+) -> tuple[Floats, Floats, Floats]:
+    """Simulate studies.
+
+    Returns p (studies, numbers of participants, comparisons) of the family, and p and TOST p
+    of the primary comparison (studies, numbers of participants).
+    """
+    people = int(picks.max()) + 1
+    family, parts = [], []
+    for entry in settings.comparisons:
+        is_primary = _is_primary(entry, settings)
+        if primary_only and not is_primary:
+            continue
+        votes = _votes(entry, assumptions, studies, people, rng)
+        if not primary_only:
+            family.append(_p(_prefix(votes, entry.repeats, picks), picks))
+        if is_primary:
+            parts.append((votes, entry.repeats))
+    # Sizes taken together are one comparison with more repeats.
+    together = np.sum([votes for votes, _ in parts], axis=0)
+    repeats = sum(count for _, count in parts)
+    primary = _prefix(together, repeats, picks, one_way=settings.test == "participant")
+    return (
+        np.stack(family, axis=-1) if family else np.zeros((studies, picks.size, 0)),
+        _p(primary, picks),
+        primary.equivalence_p(settings.margin),
+    )
+
+
+def _is_primary(entry: Comparison, settings: Settings) -> bool:
+    if settings.primary is None:
+        return entry is settings.comparisons[0]
+    method, against, size = settings.primary
+    return (entry.method, entry.against) == (method, against) and size in ("all", entry.size)
+
+
+def _votes(
+    entry: Comparison,
+    assumptions: Assumptions,
+    studies: int,
+    people: int,
+    rng: np.random.Generator,
+) -> Floats:
+    """Draw choices (studies, people, scenes) of one comparison."""
+    scenes = len(entry.scenes)
+    spread = float(np.hypot(assumptions.participant_sd, assumptions.scene_sd))
+    logit = mean_logit(assumptions.rate, spread) + assumptions.participant_sd * (
+        rng.standard_normal((studies, people, 1), dtype=np.float32)
+    )
+    logit = logit + assumptions.scene_sd * rng.standard_normal(
+        (studies, 1, scenes), dtype=np.float32
+    )
+    share = expit(logit)
+    votes = np.zeros(share.shape, dtype=np.float32)
+    for _ in range(entry.repeats):
+        votes += rng.random(share.shape, dtype=np.float32) < share
+    return votes.astype(np.float64)
+
+
+def _prefix(
+    votes: Floats, repeats: int, picks: NDArray[np.intp], *, one_way: bool = False
+) -> ClusteredShare:
+    """Return `two_way` of the first n people for every n, from running sums."""
+    scenes = votes.shape[-1]
+    rows = votes.sum(axis=-1)
+    total = np.cumsum(rows, axis=-1)[:, picks]
+    row_squares = np.cumsum(rows**2, axis=-1)[:, picks]
+    cell_squares = np.cumsum(np.einsum("ijk,ijk->ij", votes, votes), axis=-1)[:, picks]
+    columns = np.cumsum(votes, axis=1)[:, picks]
+    column_squares = np.einsum("ijk,ijk->ij", columns, columns)
+    people = (picks + 1).astype(np.float64)
+    trials = people * scenes * repeats
+    mean_square = total**2 / people
+    var_person = (row_squares - mean_square) / trials**2 * people / (people - 1.0)
+    if one_way or scenes == 1:
+        var_scene = var_cell = np.zeros_like(var_person)
+        scene_count = np.ones_like(people)
+    else:
+        var_scene = (column_squares - total**2 / scenes) / trials**2 * scenes / (scenes - 1.0)
+        residual = cell_squares - row_squares / scenes - column_squares / people
+        residual += mean_square / scenes
+        var_cell = residual / trials**2 * people * scenes / ((people - 1.0) * (scenes - 1.0))
+        scene_count = np.full_like(people, float(scenes))
+    return combine(
+        total / trials,
+        trials,
+        np.maximum(var_person, 0.0),
+        np.maximum(var_scene, 0.0),
+        np.maximum(var_cell, 0.0),
+        people,
+        scene_count,
+    )
+
+
+def _p(estimate: ClusteredShare, picks: NDArray[np.intp]) -> Floats:
+    """Two-sided p; where all answers agree, the sign-flip floor, as the analysis does."""
+    floor = np.array([sign_flip_floor(int(pick) + 1) for pick in picks])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(estimate.share - 0.5) / estimate.standard_error
+    p = 2.0 * stats.t.sf(np.where(estimate.standard_error > 0, ratio, 0.0), estimate.df)
+    return np.asarray(np.where(estimate.standard_error > 0, p, floor))

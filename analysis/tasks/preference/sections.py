@@ -1,0 +1,327 @@
+"""The sections of a report of preferences."""
+
+from markupsafe import Markup
+
+from analysis.models import ModelFit
+from analysis.preference import Preference
+from analysis.report.wording import big, grouped, number, p_number, p_text, share, share_range
+from analysis.tasks.blocks import (
+    Block,
+    Box,
+    Cautions,
+    Heading,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    strong,
+)
+from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
+from analysis.tasks.preference.settings import Settings
+from analysis.tasks.preference.study import SizeScale, StudyResults
+from analysis.tasks.preference.wording import apa_preference, comparison, scale_text, verdict
+
+_BF10 = Markup("BF<sub>10</sub>")
+
+
+def lead(results: StudyResults, settings: Settings) -> list[Block]:
+    """Return the primary comparison, where one was declared."""
+    primary = results.primary
+    if primary is None:
+        return []
+    text = Markup(
+        "Result: {}. Equivalence within ±{}: {}.\n"
+        "Sign-flip test of participants: {} (no smaller than {:.2g} with {} participants)."
+    ).format(
+        strong(verdict(primary, settings)),
+        share(primary.margin),
+        p_text(primary.equivalence_p),
+        p_text(primary.sign_flip_p),
+        primary.sign_flip_floor,
+        primary.participants,
+    )
+    return [
+        Box("Primary comparison", apa_preference(primary, settings, adjusted=False), text),
+        Cautions("When not to trust the primary comparison", primary.warnings),
+    ]
+
+
+def sections(results: StudyResults, settings: Settings) -> tuple[Section, ...]:
+    """Return every section of preferences, in reading order."""
+    return (
+        Section("preference", "Preference", "Preference", _preference(results, settings)),
+        Section("models", "Models", "Models", _models(results, settings)),
+        Section("scale", "Scale", "Scale", _scales(results, settings)),
+        Section(
+            "people",
+            "Participants and scenes",
+            "Participants and scenes",
+            (Picture("participants"), Picture("scenes")),
+        ),
+        Section(
+            "checks", "Order, learning, speed", "Order, learning, speed", _checks(results, settings)
+        ),
+    )
+
+
+def _name(cell: Preference, settings: Settings) -> str:
+    return comparison(cell.method, cell.against, cell.size, settings)
+
+
+def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+    table = results.table
+    cells = table.cells
+    level = f"{100 * cells[0].level:g} % limits"
+    adjusted = f", Holm-adjusted over {len(cells)}" if table.correction == "holm" else ""
+    margin = share(settings.margin)
+    shares = Table.of(
+        f"Every comparison, p by {cells[0].test}{adjusted}",
+        (
+            ("Comparison", "l c"),
+            ("Chosen", "n"),
+            ("Share", "strong"),
+            (level, "n"),
+            ("t(df)", "n"),
+            ("p", "n"),
+            ("p adj.", "n"),
+            ("h", ""),
+            ("OR", "n"),
+            (_BF10, "n"),
+            ("Result", "l"),
+        ),
+        [
+            (
+                _name(c, settings),
+                f"{c.chosen} / {c.trials}",
+                share(c.share),
+                share_range(c.lower, c.upper),
+                "none" if c.t is None or c.df is None else f"{number(c.t)} ({number(c.df, 1)})",
+                p_number(c.p),
+                p_number(c.p_adjusted),
+                number(c.cohens_h),
+                big(c.odds_ratio),
+                big(c.bayes_factor),
+                verdict(c, settings),
+            )
+            for c in cells
+        ],
+    )
+    beside = Table.of(
+        "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
+        (
+            ("Comparison", "l c"),
+            ("eff. n", ""),
+            ("Sign-flip p", "n"),
+            ("Floor", ""),
+            (f"TOST p (±{margin})", "n"),
+            ("SD of participants", ""),
+            ("Pooled exact p", "n"),
+            ("Clopper-Pearson", "n"),
+            (Markup("Pooled {}").format(_BF10), "n"),
+        ),
+        [
+            (
+                _name(c, settings),
+                f"{c.effective_n:.0f}",
+                p_number(c.sign_flip_p),
+                f"{c.sign_flip_floor:.2g}",
+                p_number(c.equivalence_p),
+                share(c.participant_sd),
+                p_number(c.exact_p),
+                share_range(c.exact_lower, c.exact_upper),
+                big(c.bayes_factor_pooled),
+            )
+            for c in cells
+        ],
+    )
+    return (
+        Picture("preference"),
+        shares,
+        Paragraph(
+            Markup(
+                "p adj. decides: p corrected for the number of comparisons. t(df): the share's"
+                " distance from .5 in standard errors. h (Cohen): size of that distance, .2 small,"
+                " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5. {}: how many"
+                " times likelier the data are with a preference than without one; below 1/3 they"
+                " speak for none."
+            ).format(_BF10),
+            muted=True,
+        ),
+        beside,
+        Paragraph(
+            "eff. n: so many independent trials would tell as much. Sign-flip: a test of the"
+            " participants' own shares that assumes no normal law; with so few people p cannot fall"
+            f" below the floor. TOST: a small p shows that the share lies within ±{margin} of .5,"
+            f" too near to matter. Clopper-Pearson: pooled exact {level}. The pooled tests take"
+            " trials as independent. They are not: at a participant SD of 0.5 logits they call"
+            " chance an effect more than twice as often as they say.",
+            muted=True,
+        ),
+        Cautions(
+            "When not to trust these comparisons",
+            tuple(grouped([(_name(c, settings), c.warnings) for c in cells])),
+        ),
+        Picture("forest"),
+    )
+
+
+def _models(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+    rows = []
+    for method, against, size, fit in results.models:
+        for place, c in enumerate(fit.coefficients):
+            first = place == 0
+            rows.append(
+                (
+                    comparison(method, against, size, settings) if first else "",
+                    "preference" if c.term == "Intercept" else "shown first",
+                    number(c.estimate),
+                    number(c.standard_error),
+                    number(c.statistic),
+                    p_number(c.p),
+                    big(c.odds_ratio),
+                    _spread(fit) if first else "",
+                )
+            )
+    return (
+        Table.of(
+            "Logit mixed models: crossed random intercepts, order of presentation as covariate",
+            (
+                ("Comparison", "l c"),
+                ("Term", "l"),
+                ("b", ""),
+                ("SE", ""),
+                ("z", ""),
+                ("p", "n"),
+                ("OR", ""),
+                ("Random SD", "l"),
+            ),
+            rows,
+        ),
+        Paragraph(
+            "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
+            ' scene in the middle; "shown first": how far b rises where that method was shown first'
+            " instead of second. Random SD: how far participants, and scenes, differ on the scale"
+            " of b.",
+            muted=True,
+        ),
+        Cautions(
+            "When not to trust these models",
+            tuple(
+                grouped(
+                    [
+                        (comparison(method, against, size, settings), fit.warnings)
+                        for method, against, size, fit in results.models
+                    ]
+                )
+            ),
+        ),
+    )
+
+
+def _spread(fit: ModelFit) -> str:
+    if fit.random_sd:
+        return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items())
+    return "none: " + ("Firth" if "Firth" in fit.method else "clustered")
+
+
+def _size(one: SizeScale, settings: Settings) -> str:
+    return "all sizes" if one.size == "all" else settings.label(one.size)
+
+
+def _scales(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+    blocks: list[Block] = [Picture("scale")]
+    for one in results.scales:
+        blocks += [
+            Heading("All sizes" if one.size == "all" else settings.label(one.size)),
+            _scores(one, settings),
+            _differences(one, settings),
+            Paragraph(scale_text(one, settings), muted=True),
+        ]
+    notes = [
+        (
+            _size(one, settings),
+            one.scale.warnings
+            + (one.intervals.warnings if one.intervals else ())
+            + one.observers.warnings
+            + one.warnings,
+        )
+        for one in results.scales
+    ]
+    return (*blocks, Cautions("When not to trust these scales", tuple(grouped(notes))))
+
+
+def _scores(one: SizeScale, settings: Settings) -> Table:
+    rows = []
+    for i, name in enumerate(one.scale.conditions):
+        limits, error = "none", "none"
+        if one.intervals is not None:
+            lower, upper = one.intervals.lower[i], one.intervals.upper[i]
+            limits = f"[{number(lower)}, {number(upper)}]"
+            error = number(one.intervals.standard_error[i])
+        rows.append((settings.label(name), number(one.scale.scores[i]), limits, error))
+    return Table.of(
+        "Thurstone Case V, mean zero",
+        (
+            ("Method", "l"),
+            ("JOD", "strong"),
+            (f"{100 * (1 - settings.alpha):g} % limits", "n"),
+            ("bootstrap SE", ""),
+        ),
+        rows,
+    )
+
+
+def _differences(one: SizeScale, settings: Settings) -> Table:
+    columns = [("Methods", "l"), ("JOD", "strong")]
+    if one.intervals is not None:
+        columns.append((f"{100 * (1 - settings.alpha):g} % limits", "n"))
+    columns += [("χ²(1)", ""), ("p", "n")]
+    rows = []
+    for c in one.contrasts:
+        row = [f"{settings.label(c.first)} - {settings.label(c.second)}", number(c.difference)]
+        if one.intervals is not None:
+            i, j = (one.scale.conditions.index(name) for name in (c.first, c.second))
+            lower = one.intervals.difference_lower[i, j]
+            upper = one.intervals.difference_upper[i, j]
+            row.append(f"[{number(lower)}, {number(upper)}]")
+        rows.append([*row, number(c.statistic, 1), p_number(c.p)])
+    return Table.of(
+        "Differences; limits by bootstrap, p by likelihood ratio (trials as independent)",
+        columns,
+        rows,
+    )
+
+
+def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+    biases = [bias for bias in (results.order, results.side) if bias is not None]
+    blocks: list[Block] = [
+        Picture("bias"),
+        Table.of(
+            "Order and side bias, against .5",
+            (
+                ("Alternative", "l"),
+                ("Trials", ""),
+                ("Share", ""),
+                ("Limits", "n"),
+                ("p", "n"),
+                ("Sign-flip p", "n"),
+            ),
+            [
+                (
+                    b.alternative,
+                    str(b.trials),
+                    share(b.share),
+                    share_range(b.lower, b.upper),
+                    p_number(b.p),
+                    p_number(b.sign_flip_p),
+                )
+                for b in biases
+            ],
+        ),
+        Cautions(
+            "About these shares", tuple(grouped([(b.alternative, b.warnings) for b in biases]))
+        ),
+        *learning_blocks(results.learning),
+        *reaction_blocks(results.reaction, "Size", settings.label),
+    ]
+    return tuple(blocks)

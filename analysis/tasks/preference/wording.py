@@ -1,0 +1,174 @@
+"""Preferences in words: APA style, ready to paste."""
+
+from collections.abc import Sequence
+
+from analysis.exclusions import FlowStep
+from analysis.models import ModelFit
+from analysis.preference import Preference
+from analysis.report.wording import (
+    big,
+    leading,
+    left_out_sentence,
+    number,
+    p_text,
+    share,
+    share_range,
+)
+from analysis.tasks.preference.settings import Settings
+from analysis.tasks.preference.study import SizeScale
+
+TESTS = {
+    "participant-scene": (
+        "a t test with standard errors clustered by participant and by scene (two-way"
+        " clustering, Cameron, Gelbach & Miller, 2011)"
+    ),
+    "participant": "a t test over participants' choice proportions",
+    "pooled": "an exact binomial test that takes trials as independent",
+}
+
+
+def comparison(method: str, against: str, size: str, settings: Settings) -> str:
+    """Return a comparison's name: ``A / B, small disocclusion``."""
+    pair = f"{settings.label(method)} / {settings.label(against)}"
+    if settings.sizes == ("all",):
+        return pair
+    return f"{pair}, {'all sizes' if size == 'all' else settings.label(size)}"
+
+
+def verdict(cell: Preference, settings: Settings) -> str:
+    """Say in plain words what a comparison shows."""
+    method, against = settings.label(cell.method), settings.label(cell.against)
+    return {
+        "preferred": f"{method} is preferred",
+        "rejected": f"{against} is preferred",
+        "equivalent": "equivalent",
+        "undecided": "undecided",
+    }[cell.verdict]
+
+
+def size_text(cell: Preference, settings: Settings) -> str:
+    """Return the size of a comparison in words."""
+    return "all sizes together" if cell.size == "all" else settings.label(cell.size)
+
+
+def apa_preference(cell: Preference, settings: Settings, *, adjusted: bool) -> str:
+    """Return one comparison as an APA sentence."""
+    p = cell.p_adjusted if adjusted else cell.p
+    correction = (
+        f" ({settings.correction.title()}-adjusted)"
+        if (adjusted and settings.correction != "none")
+        else ""
+    )
+    level = f"{100 * cell.level:g}% CI {share_range(cell.lower, cell.upper)}"
+    if cell.t is not None and cell.df is not None and "t" in cell.test.split():
+        test = f"t({cell.df:.1f}) = {cell.t:.2f}, {p_text(p)}{correction}"
+    else:
+        test = f"{cell.test}, {p_text(p)}{correction}"
+    text = (
+        f"{settings.label(cell.method)} was chosen over {settings.label(cell.against)}"
+        f" ({size_text(cell, settings)}) in {cell.chosen} of {cell.trials} trials,"
+        f" {share(cell.share)}, {level}, {test}, Cohen's h = {cell.cohens_h:.2f},"
+        f" OR = {big(cell.odds_ratio)} [{big(cell.odds_lower)}, {big(cell.odds_upper)}],"
+        f" BF10 = {big(cell.bayes_factor)}."
+    )
+    if cell.verdict == "equivalent":
+        text += (
+            f" The share was equivalent to .5 within ±{share(cell.margin)} (TOST,"
+            f" {p_text(cell.equivalence_p)})."
+        )
+    return text
+
+
+def apa_model(method: str, against: str, fit: ModelFit, settings: Settings, size: str) -> str:
+    """Return a mixed model's preference as an APA sentence."""
+    row = fit["Intercept"]
+    spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
+    where = "all sizes" if size == "all" else settings.label(size)
+    return (
+        f"{settings.label(method)} over {settings.label(against)} ({where}): b ="
+        f" {row.estimate:.2f}, SE = {row.standard_error:.2f}, z = {row.statistic:.2f},"
+        f" {p_text(row.p)}" + (f"; {spread}" if spread else "") + f" ({fit.method})."
+    )
+
+
+def methods_paragraph(
+    settings: Settings, *, people: int, decisions: int, flow: Sequence[FlowStep], version: str
+) -> str:
+    """Return the statistical methods as a paragraph ready to paste."""
+    text = (
+        f"We analysed {decisions} two-alternative forced choices of {people} participants"
+        f" comparing {len(settings.methods)} methods"
+        f" ({', '.join(settings.label(name) for name in settings.methods)})"
+    )
+    if settings.sizes != ("all",):
+        text += f" at {len(settings.sizes)} sizes of disocclusion"
+    text += ". "
+    if settings.protocol_sha256:
+        text += left_out_sentence(flow)
+    text += (
+        f"For every pairing{' and size' if settings.sizes != ('all',) else ''} the share of choices"
+        f" was compared with .5 by {TESTS[settings.test]}, two-sided, alpha ="
+        f" {leading(f'{settings.alpha:g}')}"
+    )
+    if settings.correction == "holm":
+        text += f", Holm-adjusted over {len(settings.pairings) * len(settings.sizes)} comparisons"
+    if settings.primary is not None:
+        text += ". The primary comparison was declared beforehand and is not adjusted"
+    text += (
+        ". Intervals are Wilson score intervals with the effective number of trials and t"
+        " quantiles. Participant-level sign-flip tests, pooled exact binomial tests, Bayes factors"
+        " (Rouder et al., 2009, of the clustered t, Cauchy prior of scale .707) and"
+        f" equivalence tests (two one-sided tests against ±{share(settings.margin)}) are given"
+        " beside. Logit mixed models had crossed random intercepts of participants and scenes"
+        " (Laplace approximation) and the order of presentation as a covariate. Quality in just"
+        " objectionable differences (JOD; 1 JOD = 75% of choices) was estimated by maximum"
+        " likelihood under Thurstone's Case V, with two-way bootstrap intervals over participants"
+        f" and scenes. Analyses were run with metamerlab {version}."
+    )
+    return text
+
+
+def scale_text(one: SizeScale, settings: Settings) -> str:
+    """Return what the checks of a scale say, in sentences."""
+    fitted = one.scale
+    parts = [
+        f"All equal: χ²({fitted.equal_df}) = {number(fitted.equal_statistic, 1)},"
+        f" {p_text(fitted.equal_p)}"
+    ]
+    if fitted.fit_df > 0:
+        parts[0] += (
+            f"; one axis suffices: χ²({fitted.fit_df}) = {number(fitted.deviance)},"
+            f" {p_text(fitted.fit_p)}"
+        )
+    parts[0] += " (likelihood ratios, trials as independent)."
+    found = one.transitivity
+    if found.triples:
+        parts.append(
+            f"Stochastic transitivity is violated by {found.weak} (weak), {found.moderate}"
+            f" (moderate), {found.strong} (strong) of {found.triples}"
+            f" triple{'s' * (found.triples != 1)}."
+        )
+    if one.agreement is not None:
+        parts.append(
+            f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
+            f" alike), χ²({number(one.agreement.df, 1)}) ="
+            f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
+        )
+    if one.triads:
+        circular = sum(result.circular > 0 for _, result in one.triads)
+        zeta = sum(result.zeta for _, result in one.triads) / len(one.triads)
+        parts.append(
+            f"{circular} of {len(one.triads)} participants contradict themselves in circles"
+            f" (mean Kendall's ζ = {number(zeta)}; 1: never)."
+        )
+    if one.observers.flagged:
+        parts.append(
+            "Participants who answer unlike the others (family-wise rate"
+            f" {leading(f'{settings.alpha:g}')}): {', '.join(one.observers.flagged)}."
+        )
+    else:
+        parts.append(
+            "No participant answers unlike the others (family-wise rate"
+            f" {leading(f'{settings.alpha:g}')})."
+        )
+    return " ".join(parts)

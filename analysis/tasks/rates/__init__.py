@@ -1,0 +1,5 @@
+"""What the analyses of tasks with right answers share: detection, identification, ABX."""
+
+from analysis.tasks.rates.task import RatesTask
+
+__all__ = ["RatesTask"]

@@ -1,0 +1,473 @@
+"""How many participants does a study of right answers need? Simulation of its cells and test."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.clustered import holm
+from analysis.plots import power_plot
+from analysis.power import default_participants, first_reaching
+from analysis.psychometric import sigmoid
+from analysis.rates import Influence, contrasts, share_influence, share_limits
+from analysis.tasks.base import Assumption, Counted, PowerReport
+from analysis.tasks.rates.settings import RateSettings, name_of
+from protocols.adaptive.section import AdaptiveLevels
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+from protocols.tasks.base import Cell
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STUDIES = 400
+SIZES = 6
+"""How many numbers of participants a curve shows; each costs as much as the others."""
+
+COMMON = 0.5
+"""Share of the variance between participants, and scenes, that all conditions have in common."""
+
+LAPSE = 0.02
+TRACKS = 60
+"""Adaptive tracks that are run to see how exact they are."""
+
+
+@dataclass(frozen=True)
+class CellDesign:
+    """What one participant meets, cell by cell.
+
+    Attributes
+    ----------
+    conditions : tuple of str
+        The baseline first.
+    condition, scene : ndarray (cells,)
+        Numbers of conditions and scenes.
+    place : ndarray (cells,)
+        Where the cell's level lies: 0 at the level where answers are worst, 1 at the best.
+    signal : ndarray (cells,) of bool
+        The right answer is the task's first.
+    by_scene : bool
+        The test respects scenes.
+    """
+
+    conditions: tuple[str, ...]
+    condition: Ints
+    scene: Ints
+    place: Floats
+    signal: NDArray[np.bool_]
+    repeats: int
+    by_scene: bool
+
+    @property
+    def noise_only(self) -> tuple[int, ...]:
+        """Conditions that never hold the signal, where others always do and share its noise."""
+        numbers = range(len(self.conditions))
+        held = [self.signal[self.condition == k] for k in numbers]
+        lacking = any(one.all() for one in held)
+        return tuple(k for k in numbers if lacking and not held[k].any())
+
+    def grid(self, counts: Floats, chosen: NDArray[np.bool_]) -> Floats:
+        """Sum counts (participants, cells) of chosen cells into (participants, scenes)."""
+        scene = self.scene if self.by_scene else 0 * self.scene
+        where = np.zeros((scene.size, int(scene.max()) + 1))
+        where[np.arange(scene.size), scene] = chosen
+        return np.asarray(counts @ where)
+
+
+Draw = Callable[[Floats, Floats, CellDesign, float], Floats]
+"""From d' and criterion (participants, cells), the design, and d' of the typical participant to the
+baseline, to the chance of the event that a task counts: an answer that is right, or in yes-no tasks
+the signal's answer."""
+Judge = Callable[[Floats, CellDesign, Sequence[int], RateSettings], Floats]
+"""From events (participants, cells) to p (numbers of participants, comparisons)."""
+
+
+@dataclass(frozen=True)
+class RatePower:
+    """Power by number of participants.
+
+    Attributes
+    ----------
+    participants : tuple of int
+    each : ndarray
+        Mean chance of a comparison with the baseline after correction.
+    every : ndarray
+        Chance that all of them are significant.
+    false_positives : ndarray
+        Chance that any of them is, where there is no difference.
+    comparisons : int
+        0: a single condition is tested against chance.
+    needed : tuple of (which power, goal, participants or None)
+    """
+
+    participants: tuple[int, ...]
+    each: Floats
+    every: Floats
+    false_positives: Floats
+    comparisons: int
+    needed: tuple[tuple[str, float, int | None], ...]
+    studies: int
+    assumptions: Mapping[str, float]
+    alpha: float
+    planned: int | None
+    warnings: tuple[str, ...]
+
+
+def assumptions(settings: RateSettings, scenes: int) -> tuple[Assumption, ...]:
+    """Return what a simulation takes for true, with values of ordinary studies."""
+    several = len(settings.values) > 1
+    if settings.adaptive:
+        return (
+            Assumption("difference", 0.1, "between thresholds, as a share of the range of levels"),
+            Assumption(
+                "width", 0.5, "of the psychometric function, as a share of that range", 0.01
+            ),
+            Assumption("participant_sd", 0.15, "of thresholds, as a share of that range"),
+            Assumption("interaction_sd", 0.07, "of a participant's deviation in a condition"),
+        )
+    found = [
+        Assumption("d_prime", 1.0, "sensitivity to the baseline, of the typical participant"),
+        *(
+            [Assumption("difference", 0.5, "what d' of every other condition has more", -10.0)]
+            if several
+            else []
+        ),
+        Assumption("participant_sd", 0.4, "deviation of d' between participants"),
+    ]
+    if scenes > 1:
+        found.append(Assumption("scene_sd", 0.2, "deviation of d' between scenes"))
+    if settings.level is not None:
+        found.append(Assumption("slope", 1.0, "how far d' rises over the range of levels"))
+    if settings.kind == "detection":
+        found.append(Assumption("criterion", 0.0, "towards no, in deviations of the noise", -5.0))
+        found.append(Assumption("criterion_sd", 0.4, "of the criterion between participants"))
+    return tuple(found)
+
+
+def cell_design(cells: Sequence[Cell], settings: RateSettings, repeats: int) -> CellDesign:
+    """Return the design of a study's cells.
+
+    Raises
+    ------
+    StudyError
+        If the study shows nothing.
+    """
+    if not cells:
+        raise StudyError("task: must show at least one condition (there is no stimulus for it)")
+    conditions = [cell.arrangements[0].condition for cell in cells]
+    names = [name_of(one.get(settings.by or "")) for one in conditions]
+    levels = np.array([_number(one.get(settings.level or "")) for one in conditions])
+    span = float(np.ptp(levels)) or 1.0
+    place = (levels - levels.min()) / span if settings.level is not None else 0.5 + 0.0 * levels
+    scenes = [cell.scene for cell in cells]
+    known = {name: number for number, name in enumerate(dict.fromkeys(scenes))}
+    first = settings.answers[0]
+    return CellDesign(
+        conditions=settings.values,
+        condition=np.array([settings.values.index(name) for name in names], dtype=np.int64),
+        scene=np.array([known[scene] for scene in scenes], dtype=np.int64),
+        place=1.0 - place if settings.falling else place,
+        signal=np.array([cell.arrangements[0].correct == first for cell in cells]),
+        repeats=repeats,
+        by_scene=settings.test == "participant-scene",
+    )
+
+
+def rate_power(
+    study: StudyProtocol,
+    settings: RateSettings,
+    assumed: Mapping[str, float],
+    draw: Draw,
+    judge: Judge,
+    *,
+    rng: np.random.Generator,
+    studies: int | None = None,
+    progress: Counted | None = None,
+) -> PowerReport:
+    """Simulate a study and its planned test for growing numbers of participants.
+
+    Every simulated study is analysed at all numbers of participants: its first n people are a
+    study of n.
+
+    Raises
+    ------
+    StudyError
+        If levels adapt and only one condition is shown: there is nothing to compare.
+    """
+    sizes = _thinned(default_participants(settings.planned_participants), settings)
+    count = studies or STUDIES
+    notes = []
+    if settings.adaptive:
+        simulate = _adaptive_studies(study, settings, assumed, sizes, rng)
+        notes.append(
+            f"a track's threshold is as exact as {TRACKS} simulated tracks of the study's own rule;"
+            " thresholds are compared by paired t tests, not by the report's mixed model"
+        )
+    else:
+        design = cell_design(
+            study.task.cells(study, study.main_scenes()), settings, study.design.repeats
+        )
+        scenes = np.unique(design.scene).size
+        if 1 < scenes < 5 and assumed.get("scene_sd", 0.0) > 0:
+            notes.append(
+                f"{scenes} scenes only: more participants cannot make up for scenes that differ"
+            )
+
+        def simulate(null: bool) -> Floats:
+            values = {**assumed, **(_nothing(settings) if null else {})}
+            events = _events(design, values, sizes[-1], draw, rng)
+            return judge(events, design, sizes, settings)
+
+    sums = np.zeros((3, len(sizes)))
+    comparisons = 0
+    for number in range(count):
+        significant = _significant(simulate(False), settings)
+        comparisons = significant.shape[1]
+        sums[0] += significant.mean(axis=1)
+        sums[1] += significant.all(axis=1)
+        sums[2] += _significant(simulate(True), settings).any(axis=1)
+        if progress:
+            progress(number + 1, count)
+    each, every, wrong = sums / count
+    curves = (
+        {"a comparison": each, "every comparison": every}
+        if comparisons > 1
+        else {"the comparison" if len(settings.values) > 1 else "better than chance": each}
+    )
+    found = RatePower(
+        participants=sizes,
+        each=each,
+        every=every,
+        false_positives=wrong,
+        comparisons=comparisons if len(settings.values) > 1 else 0,
+        needed=tuple(
+            (name, goal, first_reaching(sizes, curve, goal))
+            for name, curve in curves.items()
+            for goal in (0.8, 0.9)
+        ),
+        studies=count,
+        assumptions=dict(assumed),
+        alpha=settings.alpha,
+        planned=settings.planned_participants,
+        warnings=tuple(notes),
+    )
+    return _report(found, curves)
+
+
+def tabulated(share: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+    """Return a function of d' that looks its values up; d' below 0 counts as 0."""
+    d_prime = np.linspace(0.0, 12.0, 2401)
+    values = share(d_prime)
+    return lambda found: np.interp(found, d_prime, values)
+
+
+def judge_shares(
+    events: Floats, design: CellDesign, sizes: Sequence[int], settings: RateSettings
+) -> Floats:
+    """Test shares of right answers against the baseline's, or a single one against chance."""
+    right, shown = _grids(events, design)
+
+    def compare(people: int) -> list[float]:
+        if len(design.conditions) == 1:
+            _, _, p = share_limits(right[0][:people], shown[0][:people], chance=settings.chance)
+            return [float(p)]
+        moved = {
+            name: share_influence(right[k][:people], shown[k][:people])
+            for k, name in enumerate(design.conditions)
+        }
+        return _p_values("share correct", moved)
+
+    return np.array([compare(people) for people in sizes])
+
+
+def _p_values(measure: str, moved: dict[str, Influence]) -> list[float]:
+    return [one.p for one in contrasts(measure, moved, reference=next(iter(moved)))]
+
+
+def compare_influences(
+    measure: str, moved_of: Callable[[int], dict[str, Influence]], sizes: Sequence[int]
+) -> Floats:
+    """Test conditions against the first, or a single one against 0, at each number of people."""
+
+    def compare(people: int) -> list[float]:
+        moved = moved_of(people)
+        if len(moved) == 1:
+            (only,) = moved.values()
+            return [float(only.estimate().p_value())]
+        return _p_values(measure, moved)
+
+    return np.array([compare(people) for people in sizes])
+
+
+def _grids(events: Floats, design: CellDesign) -> tuple[list[Floats], list[Floats]]:
+    """Return events and trials (participants, scenes) of each condition."""
+    shown = np.full(events.shape, float(design.repeats))
+    chosen = [design.condition == k for k in range(len(design.conditions))]
+    return [design.grid(events, one) for one in chosen], [design.grid(shown, one) for one in chosen]
+
+
+def _events(
+    design: CellDesign,
+    assumed: Mapping[str, float],
+    people: int,
+    draw: Draw,
+    rng: np.random.Generator,
+) -> Floats:
+    """Draw how often the event happens (participants, cells)."""
+    conditions, scenes = len(design.conditions), int(design.scene.max()) + 1
+    yes_no_noise = design.noise_only if "criterion" in assumed else ()
+
+    def effects(units: int, sd: float) -> Floats:
+        shared = rng.standard_normal((units, 1))
+        own = rng.standard_normal((units, conditions))
+        return np.asarray(sd * (np.sqrt(COMMON) * shared + np.sqrt(1.0 - COMMON) * own))
+
+    typical = np.full(design.condition.size, assumed["d_prime"])
+    compared = [k for k in range(conditions) if k not in yes_no_noise]
+    typical += assumed.get("difference", 0.0) * (design.condition != compared[0])
+    typical += assumed.get("slope", 0.0) * (design.place - 0.5)
+    d = typical + effects(people, assumed["participant_sd"])[:, design.condition]
+    d = d + effects(scenes, assumed.get("scene_sd", 0.0))[design.scene, design.condition]
+    criterion = np.full(d.shape, assumed.get("criterion", 0.0))
+    criterion += effects(people, assumed.get("criterion_sd", 0.0))[:, design.condition]
+    chance = draw(d, criterion, design, assumed["d_prime"])
+    return rng.binomial(design.repeats, chance).astype(np.float64)
+
+
+def _significant(p_values: Floats, settings: RateSettings) -> NDArray[np.bool_]:
+    adjusted = holm(p_values) if settings.correction == "holm" else p_values
+    return np.asarray(adjusted < settings.alpha)
+
+
+def _nothing(settings: RateSettings) -> dict[str, float]:
+    """Return the assumptions that hold where there is nothing to find."""
+    if len(settings.values) > 1:
+        return {"difference": 0.0}
+    return {"d_prime": 0.0, "slope": 0.0, "participant_sd": 0.0, "scene_sd": 0.0}
+
+
+def _thinned(sizes: Sequence[int], settings: RateSettings) -> tuple[int, ...]:
+    """Return a few of the numbers of participants, the planned one among them."""
+    places = np.unique(np.linspace(0, len(sizes) - 1, SIZES).round().astype(int))
+    planned = settings.planned_participants
+    wanted = {sizes[place] for place in places} | ({planned} if planned and planned > 1 else set())
+    return tuple(sorted(wanted))
+
+
+def _adaptive_studies(
+    study: StudyProtocol,
+    settings: RateSettings,
+    assumed: Mapping[str, float],
+    sizes: Sequence[int],
+    rng: np.random.Generator,
+) -> Callable[[bool], Floats]:
+    """Return a function that simulates one study of thresholds, with or without a difference."""
+    conditions = len(settings.values)
+    if conditions < 2:
+        raise StudyError(
+            f"analysis.by: {settings.by!r} must have two values, or there is no difference of"
+            " thresholds to find"
+        )
+    errors = _track_errors(study, settings, assumed, rng)
+
+    def simulate(null: bool) -> Floats:
+        people = sizes[-1]
+        own = assumed["participant_sd"] * rng.standard_normal((people, 1))
+        own = own + assumed["interaction_sd"] * rng.standard_normal((people, conditions))
+        found = own + rng.choice(errors, (people, conditions))
+        found[:, 1:] += 0.0 if null else assumed["difference"]
+        gaps = found[:, 1:] - found[:, :1]
+        p = [stats.ttest_1samp(gaps[:n], 0.0, axis=0).pvalue for n in sizes]
+        return np.array(p)
+
+    return simulate
+
+
+def _track_errors(
+    study: StudyProtocol,
+    settings: RateSettings,
+    assumed: Mapping[str, float],
+    rng: np.random.Generator,
+) -> Floats:
+    """Return estimated minus true thresholds of a condition's tracks, as shares of the range.
+
+    The study's own rule chooses levels for simulated observers. A threshold is the most likely one
+    where width, guess and lapse rate are known; tracks of one condition are averaged.
+    """
+    rule = study.task.adaptation
+    if not isinstance(rule, AdaptiveLevels):
+        raise StudyError(f"task.adaptive: no simulation of power is known for {rule!r}")
+    levels = np.array(rule.levels(study))
+    low, span = float(levels[0]), float(np.ptp(levels))
+    width = (-1.0 if settings.falling else 1.0) * assumed["width"]
+    candidates = np.linspace(-0.5, 1.5, 401)
+
+    def chance(place: Floats | float, threshold: Floats | float) -> Floats:
+        rise = sigmoid(np.asarray(place - np.asarray(threshold)), 0.0, width, "gauss")
+        return np.asarray(settings.chance + (1.0 - settings.chance - LAPSE) * rise)
+
+    errors = []
+    for _ in range(TRACKS):
+        true = 0.5 + assumed["participant_sd"] * float(rng.standard_normal())
+        history: list[tuple[float, bool]] = []
+        likelihood = np.zeros(candidates.size)
+        for _ in range(rule.trials):
+            level = rule.next_level(study, history)
+            place = (level - low) / span
+            right = bool(rng.random() < float(chance(place, true)))
+            history.append((level, right))
+            share = chance(place, candidates)
+            likelihood += np.log(share if right else 1.0 - share)
+        errors.append(float(candidates[int(np.argmax(likelihood))]) - true)
+    each = max(1, rule.trials_of(study) // (rule.trials * len(settings.values)))
+    return np.array(errors) / float(np.sqrt(each))
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
+    assumed = ", ".join(f"{name} {value:g}" for name, value in found.assumptions.items())
+    several = found.comparisons > 1
+    columns = ["participants", *curves, "false positives"]
+    rows = []
+    for place, people in enumerate(found.participants):
+        rows.append(
+            (
+                f"{people} (planned)" if people == found.planned else str(people),
+                *(f"{curve[place]:.2f}" for curve in curves.values()),
+                f"{found.false_positives[place]:.3f}",
+            )
+        )
+    tested = (
+        f"{found.comparisons} comparison{'s' * several} with the baseline"
+        if found.comparisons
+        else "one condition against chance"
+    )
+    legend = (
+        "a comparison: one with the baseline is significant, on average, after correction; every"
+        " comparison: all are; "
+        if several
+        else ""
+    )
+    return PowerReport(
+        result=found,
+        lead=f"{found.studies} simulated studies; {assumed}; alpha {found.alpha:g}, {tested}",
+        columns=tuple(columns),
+        rows=tuple(rows),
+        legend=legend
+        + "false positives: were there nothing to find, any test is significant all the same. Other"
+        " numbers of participants were not tried",
+        needed=tuple(
+            f"{name}, power {goal:.0%}:"
+            f" {f'more than {found.participants[-1]}' if people is None else people} participants"
+            for name, goal, people in found.needed
+        ),
+        warnings=found.warnings,
+        draw=lambda width: power_plot(
+            found.participants, curves, planned=found.planned, width_in=width
+        ),
+    )

@@ -1,0 +1,213 @@
+"""What the analyses of tasks with right answers need to know of a study."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import pandas as pd
+from pydantic import Field
+
+from analysis.ideal_observer import AbxRule
+from analysis.tasks.base import TableOptions
+from protocols.adaptive.section import AdaptiveLevels
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+from protocols.suggest import did_you_mean
+from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.single import RightOrWrong
+from protocols.units import Scalar
+
+Test = Literal["participant-scene", "participant"]
+EVERYTHING = "all"
+"""Name of the condition where nothing is compared."""
+
+
+class RatesOptions(TableOptions):
+    """What a table of right and wrong answers may be told."""
+
+    by: str | None = None
+    """The column whose values are compared; left out: `method`, if there is one."""
+    baseline: Scalar | None = None
+    """The value of `by` that the others are compared with; left out: the first in order."""
+    level: str | None = None
+    """A column of numbers along which answers get better or worse."""
+    falling: bool = False
+    """Answers get worse as `level` rises."""
+    test: Test = "participant-scene"
+    """Whose variation the inference respects."""
+    correction: Literal["holm", "none"] = "holm"
+    """Over all comparisons with the baseline."""
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Level of every test."""
+
+
+@dataclass(frozen=True)
+class RateSettings:
+    """Names and rules of the analysis of right and wrong answers.
+
+    Attributes
+    ----------
+    by : str or None
+        The column whose values are compared, and `values` in order, the baseline first.
+    answers : tuple of str
+        All that can be answered; empty where a table does not say.
+    alternatives : int
+        How many answers there are: chance is 1 / alternatives.
+    adaptive : bool
+        Levels were chosen from the answers: shares of right answers say nothing, thresholds do.
+    rule : str
+        ABX: how participants are taken to decide.
+    """
+
+    study: str
+    title: str
+    kind: str
+    by: str | None
+    values: tuple[str, ...]
+    level: str | None
+    falling: bool
+    adaptive: bool
+    answers: tuple[str, ...]
+    alternatives: int
+    labels: Mapping[str, str]
+    test: Test
+    correction: str
+    alpha: float
+    planned_participants: int | None
+    planned_trials: int | None
+    protocol_sha256: str | None
+    rule: AbxRule = "differencing"
+
+    @property
+    def baseline(self) -> str:
+        """The value that the others are compared with."""
+        return self.values[0]
+
+    @property
+    def chance(self) -> float:
+        """Share of right answers by guessing."""
+        return 1.0 / self.alternatives
+
+    @property
+    def confidence(self) -> float:
+        """Coverage of limits."""
+        return 1.0 - self.alpha
+
+    def label(self, name: str) -> str:
+        """Return what reports print for a value of a condition."""
+        return self.labels.get(name, name)
+
+
+def name_of(value: object) -> str:
+    """Return a condition's value as text: ``5`` for 5 and for 5.0."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def common_settings(study: StudyProtocol) -> RateSettings:
+    """Return the settings that a protocol fixes.
+
+    Values of `by` that no trial shows, such as a standard, are left out.
+    """
+    analysis, task = study.analysis, study.task
+    if not (isinstance(analysis, RatesAnalysis) and isinstance(task, RightOrWrong)):
+        raise TypeError(f"a task with right answers is needed (got task {task.kind!r})")
+    cells = task.cells(study, study.main_scenes())
+    shown = {name_of(cell.arrangements[0].condition.get(analysis.by)) for cell in cells}
+    values = list(dict.fromkeys(map(name_of, study.stimuli.values(analysis.by))))
+    if analysis.baseline is not None:
+        values.sort(key=lambda value: value != name_of(analysis.baseline))
+    rule = task.adaptation
+    level = analysis.level
+    falling = analysis.falling
+    if isinstance(rule, AdaptiveLevels):
+        level = level or rule.column
+        falling = bool(getattr(rule, "falling", falling))
+    return RateSettings(
+        study=study.study.name,
+        title=study.study.title,
+        kind=analysis.kind,
+        by=analysis.by,
+        values=tuple(value for value in values if value in shown),
+        level=level,
+        falling=falling,
+        adaptive=rule is not None,
+        answers=task.answers(),
+        alternatives=len(task.answers()),
+        labels=dict(study.stimuli.labels()),
+        test=analysis.test,
+        correction=analysis.correction,
+        alpha=analysis.alpha,
+        planned_participants=study.study.participants,
+        planned_trials=rule.trials_of(study) if rule else len(cells) * study.design.repeats,
+        protocol_sha256=study.sha256,
+    )
+
+
+def common_settings_of_table(
+    decisions: pd.DataFrame, name: str, kind: str, options: RatesOptions, answers: tuple[str, ...]
+) -> RateSettings:
+    """Return the settings of a table without a protocol.
+
+    Raises
+    ------
+    StudyError
+        If the table does not have a column or value that the options name.
+    """
+    by = options.by or ("method" if "method" in decisions else None)
+    for key, column in (("by", by), ("level", options.level)):
+        if column is not None and column not in decisions:
+            raise StudyError(
+                f"--set {key}={column}: must name a column of the table"
+                f" ({', '.join(map(str, decisions.columns))})"
+                f"{did_you_mean(column, list(map(str, decisions.columns)))}"
+            )
+    values = [EVERYTHING]
+    if by is not None:
+        found = decisions[by].drop_duplicates()
+        values = [name_of(value) for value in found.sort_values(kind="stable").tolist()]
+    if options.baseline is not None:
+        first = name_of(options.baseline)
+        if first not in values:
+            raise StudyError(
+                f"--set baseline={first}: must be a value of {by!r} ({', '.join(values)})"
+                f"{did_you_mean(first, values)}"
+            )
+        values.sort(key=lambda value: value != first)
+    return RateSettings(
+        study=name,
+        title=name,
+        kind=kind,
+        by=by,
+        values=tuple(values),
+        level=options.level,
+        falling=options.falling,
+        adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
+        answers=answers,
+        alternatives=len(answers),
+        labels={},
+        test=options.test,
+        correction=options.correction,
+        alpha=options.alpha,
+        planned_participants=None,
+        planned_trials=None,
+        protocol_sha256=None,
+    )
+
+
+def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
+    """Return the decisions as the statistics take them.
+
+    Returns
+    -------
+    DataFrame
+        All columns of the decisions, ``correct`` as 0 and 1, and ``condition``: the value of `by`
+        as text. Without ``scene`` where the test respects participants only, or there is none.
+    """
+    rows = decisions.copy()
+    rows["correct"] = pd.to_numeric(rows["correct"]).astype(int)
+    rows["condition"] = EVERYTHING if settings.by is None else rows[settings.by].map(name_of)
+    if "scene" in rows and (settings.test == "participant" or (rows["scene"] == "").all()):
+        rows = rows.drop(columns="scene")
+    return rows.reset_index(drop=True)

@@ -1,0 +1,123 @@
+"""Tables of right and wrong answers: read from CSV, and written beside a report."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.columns import decided
+from analysis.rates import Difference
+from analysis.tasks.rates.settings import RatesOptions
+from analysis.tasks.rates.study import RateResults
+from analysis.trials_csv import read_trials
+from protocols.columns import Column
+
+ANSWERS = (
+    Column("expected", "text", "", "The right answer"),
+    Column("answer", "text", "", "The answer given"),
+    Column("correct", "0/1", "", "1: the answer was right"),
+    Column("track", "text", "", "Adaptive track; empty: levels were constant"),
+)
+_ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
+
+
+def read_answers(
+    path: Path, mapping: Mapping[str, str], options: RatesOptions, answers: Sequence[str]
+) -> pd.DataFrame:
+    """Read trials of any tool as decisions.
+
+    Returns
+    -------
+    DataFrame
+        As `analysis.trials_csv.read_trials`, and what tidy decisions have beside.
+
+    Raises
+    ------
+    StudyError
+        With the column, line and value at fault.
+    """
+    wanted = [name for name in (options.by,) if name is not None]
+    levels = [name for name in (options.level,) if name is not None]
+    rows = read_trials(path, mapping, conditions=wanted, levels=levels, answers=answers)
+    # What was mapped is there under our name; it need not be there twice.
+    used = {options.by, options.level, *mapping}
+    rows = rows.drop(
+        columns=[name for name in mapping.values() if name in rows and name not in used]
+    )
+    count = len(rows)
+    defaults = pd.DataFrame(
+        {
+            "session": rows["participant"],
+            "simulated": 0,
+            "trial": [f"row-{number}" for number in range(1, count + 1)],
+            "kind": "main",
+            "included": 1,
+            "exclusion": "",
+        }
+    )
+    rows = rows.join(defaults[[name for name in defaults if name not in rows]])
+    return rows[[column.name for column in answer_columns(rows)]]
+
+
+def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
+    """Return the columns of a table that was read: ours first, those of its conditions between."""
+    ours = decided((), ANSWERS)
+    known = {column.name for column in ours}
+    condition = tuple(
+        Column(str(name), "value", "", "Column of the table's conditions")
+        for name in decisions.columns
+        if name not in known
+    )
+    return tuple(
+        column
+        for column in decided(condition, ANSWERS)
+        if column.name in decisions or column.name in _ALWAYS
+    )
+
+
+def result_tables(results: RateResults) -> dict[str, pd.DataFrame]:
+    """Return rates, comparisons, counts by level and thresholds, by file name."""
+    tables = {
+        "rates.csv": _frame(results.rates),
+        "comparisons.csv": _differences(results),
+    }
+    if results.counts:
+        tables["levels.csv"] = pd.DataFrame(
+            [
+                {"condition": name, "level": x, "right": right, "trials": trials}
+                for name, one in results.counts.items()
+                for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
+            ]
+        )
+    if results.thresholds is not None:
+        tables["thresholds.csv"] = pd.DataFrame(
+            [
+                {
+                    "condition": one.condition,
+                    "participant": who,
+                    "threshold": value,
+                    "lower": lower,
+                    "upper": upper,
+                }
+                for one in results.thresholds.thresholds
+                for who, value, lower, upper in (
+                    ("", one.value, one.lower, one.upper),
+                    *((name, own, None, None) for name, own in one.individual.items()),
+                )
+            ]
+        )
+    return tables
+
+
+def _differences(results: RateResults) -> pd.DataFrame:
+    columns = list(Difference.__dataclass_fields__)
+    return pd.DataFrame([vars(one) for one in results.comparisons], columns=columns)
+
+
+def _frame(found: Sequence[object]) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {k: "; ".join(v) if isinstance(v, tuple) else v for k, v in vars(one).items()}
+            for one in found
+        ]
+    )

@@ -1,0 +1,210 @@
+"""Results of tasks with right answers in words: APA style, ready to paste."""
+
+import math
+
+from analysis.critical_scaling import CriticalScaling
+from analysis.detection import (
+    Discrimination,
+    DiscriminationResults,
+    Measure,
+    YesNo,
+    YesNoResults,
+)
+from analysis.learning import Trend
+from analysis.models import ModelFit
+from analysis.power_tasks import TaskPower
+from analysis.rates import Difference, Rate
+from analysis.report.wording import leading, number, p_text, share, share_range
+from analysis.thresholds import ThresholdModel
+
+
+def apa_rate(rate: Rate, *, name: str = "") -> str:
+    """Return the share of right answers of one condition as a sentence."""
+    who = name or rate.condition
+    return (
+        f"In condition {who}, {rate.count} of {rate.trials} answers were correct,"
+        f" {share(rate.share)}, {_level(rate.level)} {share_range(rate.lower, rate.upper)},"
+        f" {p_text(rate.p)} against chance ({share(rate.chance)};"
+        f" {_people(rate.participants, rate.scenes)})."
+    )
+
+
+def apa_yes_no(one: YesNo, *, name: str = "") -> str:
+    """Return d', criterion and bias of one condition as sentences."""
+    who = name or one.condition
+    bias = one.bias
+    said = (
+        f'"{one.bias_answer}" was answered in {share(bias.share)} of trials,'
+        f" {_level(bias.level)} {share_range(bias.lower, bias.upper)}, {p_text(bias.p)}"
+    )
+    if one.d_prime is None or one.criterion is None:
+        return f"In condition {who}, {said} (signal and noise were not both shown: no d')."
+    return (
+        f"In condition {who}, d' = {_measure(one.d_prime)}; c = {_measure(one.criterion)}; {said}."
+    )
+
+
+def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str:
+    """Return d' of one condition of an identification or ABX task as a sentence."""
+    right = one.correct
+    return (
+        f"In condition {name or one.condition}, d' = {number(one.d_prime)},"
+        f" {_level(right.level)} {_range(one.lower, one.upper)} ({rule}), from"
+        f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
+        f" ({share(right.chance)})."
+    )
+
+
+def apa_difference(one: Difference) -> str:
+    """Return the difference of two conditions as a sentence."""
+    ratio = one.difference / max(one.standard_error, 1e-12)
+    text = (
+        f"{one.first} minus {one.second}: {number(one.difference)} in {one.measure},"
+        f" {_level(one.level)} {_range(one.lower, one.upper)},"
+        f" t({one.df:.1f}) = {number(ratio)}, {p_text(one.p)}"
+    )
+    if abs(one.p_adjusted - one.p) > 1e-12:
+        text += f" ({p_text(one.p_adjusted)} Holm-adjusted)"
+    return text + "."
+
+
+def apa_thresholds(model: ThresholdModel, *, unit: str = "") -> str:
+    """Return the thresholds of all conditions as a sentence."""
+    after = f" {unit}" if unit else ""
+    parts = [
+        f"{one.condition} {_digits(one.value)}{after}"
+        + (
+            f", {_level(model.level)} [{_digits(one.lower)}, {_digits(one.upper)}]"
+            if one.lower is not None and one.upper is not None
+            else " (no limits)"
+        )
+        for one in model.thresholds
+    ]
+    spread = f"participants SD = {_digits(model.participant_sd)}"
+    if len(model.thresholds) > 1:
+        spread += f", participants x conditions SD = {_digits(model.interaction_sd)}"
+    if model.scene_sd:
+        spread += f", scenes SD = {_digits(model.scene_sd)}"
+    scale = " of ln threshold" if model.logarithmic else ""
+    return (
+        f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
+        f" together; guess rate {share(model.guess)}, lapse rate {leading(f'{model.lapse:.3f}')}):"
+        f" {'; '.join(parts)} ({spread}{scale})."
+    )
+
+
+def apa_critical(fit: CriticalScaling) -> str:
+    """Return a critical scaling as a sentence."""
+
+    def limits(ends: tuple[float, float] | None) -> str:
+        if ends is None:
+            return "no limits"
+        return f"{_level(fit.level)} [{_digits(ends[0])}, {_digits(ends[1])}]"
+
+    who = "one participant" if fit.participants == 1 else f"{fit.participants} participants"
+    laws = {
+        "distance": "d'² = gain² (1 - s_c²/s²)",
+        "published": "d' = gain (1 - s_c²/s²), as Freeman and Simoncelli fitted it",
+    }
+    text = (
+        f"Critical scaling of condition {fit.condition} ({who}, ABX by the {fit.rule} rule,"
+        f" {laws[fit.law]}): s_c = {_digits(fit.critical)}, {limits(fit.critical_limits)};"
+        f" gain = {_digits(fit.gain)}, {limits(fit.gain_limits)}"
+    )
+    if fit.participants > 1:
+        text += f"; SD of ln s_c = {number(fit.critical_sd)}, of ln gain = {number(fit.gain_sd)}"
+    return f"{text}; lapse rate {leading(f'{fit.lapse:.3f}')}."
+
+
+def apa_term(fit: ModelFit, term: str) -> str:
+    """Return one coefficient of a model of right answers as a sentence."""
+    row = fit[term]
+    law = "z" if row.df is None else f"t({row.df:.0f})"
+    return (
+        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
+        f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
+    )
+
+
+def apa_trend(found: Trend) -> str:
+    """Return whether an outcome changed over the sitting as a sentence."""
+    return (
+        f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
+        f" [{number(found.lower)}, {number(found.upper)}], over {found.participants} participants,"
+        f" t({found.df:.0f}), {p_text(found.p)}; all trials pooled: Spearman's rho ="
+        f" {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
+    )
+
+
+def apa_power(found: TaskPower) -> str:
+    """Return what a power simulation says as a sentence."""
+    parts = [
+        f"{share(value)} with {design.participants} participants, {design.scenes}"
+        f" scene{'s' * (design.scenes != 1)} and {design.repeats}"
+        f" repeat{'s' * (design.repeats != 1)}"
+        for design, value in zip(found.designs, found.power, strict=True)
+    ]
+    alpha = leading(f"{found.alpha:g}")
+    return f"Power at alpha = {alpha} ({found.studies} studies simulated): {'; '.join(parts)}."
+
+
+def methods_yes_no(results: YesNoResults) -> str:
+    """Return how a yes-no task was analysed, ready to paste."""
+    return (
+        "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
+        f" condition's table{_correction(results.correction)}. Limits and tests, also between"
+        " conditions, are t with standard errors clustered by participant and scene (two-way,"
+        " Cameron, Gelbach & Miller, 2011, of each trial's influence on z); shares have Wilson"
+        " limits with the effective number of trials, and p from the same score test. Tests"
+        " between conditions are Holm-adjusted."
+    )
+
+
+def methods_discrimination(results: DiscriminationResults) -> str:
+    """Return how d' of an identification or ABX task was made, ready to paste."""
+    return (
+        f"d' ({results.rule}) was taken from each condition's share of correct answers"
+        f"{_correction(results.correction)}; its limits are those of the share (Wilson, effective"
+        " number of trials clustered by participant and scene), mapped to d'. Conditions were"
+        " compared as shares correct, Holm-adjusted."
+    )
+
+
+def _correction(correction: str) -> str:
+    return (
+        ", with one trial at chance added to every rate of every condition (log-linear correction,"
+        " Hautus, 1995)"
+        if correction == "log-linear"
+        else ", without correction"
+    )
+
+
+def _measure(one: Measure) -> str:
+    df = "" if math.isinf(one.df) else f"({one.df:.1f})"
+    ratio = one.value / max(one.standard_error, 1e-12)
+    return (
+        f"{number(one.value)}, {_level(one.level)} {_range(one.lower, one.upper)},"
+        f" {'t' if df else 'z'}{df} = {number(ratio)}, {p_text(one.p)}"
+    )
+
+
+def _level(level: float) -> str:
+    return f"{100 * level:g}% CI"
+
+
+def _range(lower: float, upper: float) -> str:
+    return f"[{_end(lower)}, {_end(upper)}]"
+
+
+def _end(value: float) -> str:
+    return ("∞" if value > 0 else "-∞") if math.isinf(value) else number(value)
+
+
+def _digits(value: float) -> str:
+    """Return a level in three significant digits."""
+    return f"{value:.3g}"
+
+
+def _people(participants: int, scenes: int) -> str:
+    text = f"{participants} participant{'s' * (participants != 1)}"
+    return text if scenes < 2 else f"{text}, {scenes} scenes"

@@ -1,0 +1,348 @@
+"""Thresholds by condition with participants (and scenes) as random: one model of all trials."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from analysis.cells import checked, conditions, grid
+from analysis.clustered import holm
+from analysis.glmm import CrossedFit, fit_crossed
+from analysis.psychometric import LINKS, WIDTH_EDGE, Shape
+from analysis.rates import Difference
+from analysis.response import Response
+
+Floats = NDArray[np.float64]
+
+FEW_PARTICIPANTS = 5
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """One condition's threshold in the population, and the width of its curve.
+
+    `value` is where the rise from guessing to lapsing is half done, in units of the level.
+    `width` is the distance from 5 to 95 % of the rise (a ratio where levels are logarithmic);
+    negative where performance falls with the level. Limits are None where the model has no
+    proper maximum. `individual` holds each participant's own, drawn towards the mean.
+    """
+
+    condition: str
+    value: float
+    lower: float | None
+    upper: float | None
+    width: float
+    individual: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class ThresholdModel:
+    """Psychometric functions of all conditions, fitted together.
+
+    Attributes
+    ----------
+    thresholds : tuple of Threshold
+    contrasts : tuple of Difference
+        Differences of thresholds; of their natural logarithms where levels are logarithmic.
+    guess, lapse : float
+        Shared by all.
+    participant_sd, interaction_sd, scene_sd : float
+        Of thresholds (of their logarithms): between participants, of a participant's deviation
+        in one condition (0 with a single condition), between scenes (0 without).
+    """
+
+    shape: Shape
+    logarithmic: bool
+    thresholds: tuple[Threshold, ...]
+    contrasts: tuple[Difference, ...]
+    guess: float
+    lapse: float
+    participant_sd: float
+    interaction_sd: float
+    scene_sd: float
+    log_likelihood: float
+    level: float
+    trials: int
+    participants: int
+    warnings: tuple[str, ...]
+
+    def __getitem__(self, condition: str) -> Threshold:
+        return {one.condition: one for one in self.thresholds}[condition]
+
+    def curve(self, condition: str, x: Floats) -> Floats:
+        """Return the chance of a right answer of the typical participant at levels `x`."""
+        one = self[condition]
+        return np.asarray(self._curve(one, np.array([one.value]), x)[0])
+
+    def average(self, condition: str, x: Floats) -> Floats:
+        """Return the mean of the participants' chances at `x`: what all answers together follow."""
+        one = self[condition]
+        return np.asarray(self._curve(one, np.array(list(one.individual.values())), x).mean(axis=0))
+
+    def _curve(self, one: Threshold, values: Floats, x: Floats) -> Floats:
+        response = Response(LINKS[self.shape], self.guess, self.lapse)
+        gap = _axis(x, self.logarithmic) - _axis(values, self.logarithmic)[:, None]
+        width = np.sign(one.width) * np.log(abs(one.width)) if self.logarithmic else one.width
+        return response.share(gap * _span(response) / width, (self.guess, self.lapse))
+
+
+def fit_thresholds(
+    trials: pd.DataFrame,
+    level_column: str,
+    by: Sequence[str] = (),
+    *,
+    guess: float | None = 0.5,
+    lapse: float | None = None,
+    shape: Shape = "gauss",
+    logarithmic: bool = False,
+    own_widths: bool = False,
+    scenes: bool = False,
+    correct: str = "correct",
+    reference: str | None = None,
+    level: float = 0.95,
+) -> ThresholdModel:
+    """Fit psychometric functions whose thresholds vary between participants.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per decided trial
+        ``participant``, `level_column` (a number), `correct` (0/1), the columns `by`.
+    guess, lapse : float or None
+        Shared rates; None fits one, drawn towards small rates (`response.RATE_PRIOR`).
+    logarithmic : bool
+        Thresholds vary, and the curve is symmetric, on the logarithm of the level. Needed for
+        ``weibull``.
+    own_widths : bool
+        Each condition has its own width; else all share one.
+    scenes : bool
+        Scenes are drawn from many too (column ``scene``).
+    reference : str, optional
+        Condition that the others are compared with; left out, all pairs.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, there are fewer than two participants or levels, or levels that
+        have no logarithm.
+
+    Notes
+    -----
+    p = guess + (1 - guess - lapse) F(eta), eta = (x - threshold) / scale, where the threshold is
+    the condition's mean plus a participant's deviation, plus the deviation of that participant
+    in that condition, plus a scene's: a mixed model with random intercepts, fitted by Laplace's
+    method (`glmm.fit_crossed`). Limits and tests: delta method on its covariance with t of
+    participants - 1, because so many people and not so many trials tell the mean. A model
+    without the participant x condition deviation would call differences too often.
+    """
+    rows = checked(trials, (level_column, correct), by)
+    raw = pd.to_numeric(rows[level_column], errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isfinite(raw)):
+        raise ValueError(f"column {level_column!r} must hold numbers, in every row")
+    if not rows[correct].isin((0, 1)).all():
+        raise ValueError(f"column {correct!r} must hold 0 and 1 only, in every row")
+    if shape == "weibull" and not logarithmic:
+        raise ValueError("the Weibull function needs logarithmic=True")
+    if logarithmic and np.any(raw <= 0):
+        raise ValueError(f"column {level_column!r} must be positive to have a logarithm")
+    places = grid(rows)
+    if len(places.participants) < 2 or np.unique(raw).size < 2:
+        raise ValueError(
+            "trials must hold two participants and two levels at least"
+            f" (found {len(places.participants)} and {np.unique(raw).size})"
+        )
+    x = _axis(raw, logarithmic)
+    centre, spread = float(x.mean()), float(x.std())
+    names, condition = _conditions(rows, by)
+    if reference is not None and reference not in names:
+        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    place = (condition[:, None] == np.arange(len(names))).astype(np.float64)
+    scaled = (x - centre) / spread
+    steep = place * scaled[:, None] if own_widths else scaled[:, None]
+    design = np.column_stack([place, steep])
+    person = places.person
+    groups, kinds = [person], ["participant"]
+    if len(names) > 1:
+        pair = np.unique(person * len(names) + condition, return_inverse=True)[1]
+        groups.append(pair.astype(np.int64))
+        kinds.append("interaction")
+    if scenes and len(places.scenes) > 1:
+        groups.append(places.scene)
+        kinds.append("scene")
+    response = Response(LINKS[shape], guess, lapse)
+    y = rows[correct].to_numpy(dtype=np.float64)
+    start = _pooled(design, y, response)
+    fit = fit_crossed(design, y, groups, response=response, start=start)
+    slopes = np.broadcast_to(fit.beta[len(names) :], len(names))
+    notes = _notes(fit, slopes, len(places.participants))
+    place_of = centre - spread * fit.beta[: len(names)] / slopes
+    gradient = _gradient(fit.beta, len(names), own_widths, fit.covariance.shape[0]) * spread
+    covariance = gradient @ fit.covariance @ gradient.T
+    df = len(places.participants) - 1
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * np.sqrt(np.diag(covariance).clip(min=0))
+    ends = (place_of - reach, place_of + reach) if fit.converged else None
+    typical = float(np.mean(np.abs(slopes)))
+    sd = {kind: float(value) * spread / typical for kind, value in zip(kinds, fit.sd, strict=True)}
+    back = np.exp if logarithmic else np.asarray
+    widths = _span(response) * spread / slopes
+    own = _individual(fit, groups, kinds, condition, len(places.participants), len(names))
+    found = tuple(
+        Threshold(
+            condition=name,
+            value=float(back(place_of[k])),
+            lower=None if ends is None else float(back(ends[0][k])),
+            upper=None if ends is None else float(back(ends[1][k])),
+            width=float(np.sign(widths[k]) * np.exp(abs(widths[k])) if logarithmic else widths[k]),
+            individual={
+                who: float(back(place_of[k] - spread * own[i, k] / slopes[k]))
+                for i, who in enumerate(places.participants)
+                if np.isfinite(own[i, k])
+            },
+        )
+        for k, name in enumerate(names)
+    )
+    outside = [
+        name
+        for k, name in enumerate(names)
+        if not x[condition == k].min() <= place_of[k] <= x[condition == k].max()
+    ]
+    if outside:
+        notes.append(f"the threshold of {', '.join(outside)} lies outside the levels shown")
+    return ThresholdModel(
+        shape=shape,
+        logarithmic=logarithmic,
+        thresholds=found,
+        contrasts=_contrasts(names, place_of, covariance, df, level, reference, logarithmic)
+        if fit.converged
+        else (),
+        guess=fit.guess,
+        lapse=fit.lapse,
+        participant_sd=sd["participant"],
+        interaction_sd=sd.get("interaction", 0.0),
+        scene_sd=sd.get("scene", 0.0),
+        log_likelihood=fit.log_likelihood,
+        level=level,
+        trials=len(rows),
+        participants=len(places.participants),
+        warnings=tuple(notes),
+    )
+
+
+def _conditions(rows: pd.DataFrame, by: Sequence[str]) -> tuple[list[str], NDArray[np.int64]]:
+    parts = conditions(rows, by)
+    number = np.zeros(len(rows), dtype=np.int64)
+    for k, (_, part) in enumerate(parts):
+        number[part.index.to_numpy()] = k
+    return [name for name, _ in parts], number
+
+
+def _axis(x: Floats, logarithmic: bool) -> Floats:
+    x = np.asarray(x, dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(x)) if logarithmic else x
+
+
+def _span(response: Response) -> float:
+    """Return how far eta goes while F rises from 5 to 95 %."""
+    return response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)
+
+
+def _pooled(design: Floats, y: Floats, response: Response) -> Floats:
+    """Return the coefficients that fit best where all participants are alike."""
+    rates = response.rates(response.start())
+    ones = np.ones_like(y)
+
+    def loss(beta: Floats) -> tuple[float, Floats]:
+        eta = design @ beta
+        value = -response.log_likelihood(eta, y, ones, rates) + 1e-3 * float(beta @ beta)
+        return value, -design.T @ response.slope(eta, y, ones, rates)[0] + 2e-3 * beta
+
+    # Performance may rise or fall with the level: a start on each side of flat.
+    conditions_of = np.all((design == 0) | (design == 1), axis=0)
+    starts = [np.where(conditions_of, 0.0, sign) for sign in (-1.0, 1.0)]
+    found = [optimize.minimize(loss, start, jac=True, method="BFGS") for start in starts]
+    return np.asarray(min(found, key=lambda one: float(one.fun)).x, dtype=np.float64)
+
+
+def _gradient(beta: Floats, count: int, own_widths: bool, size: int) -> Floats:
+    """Return derivatives of -intercept / slope in all parameters (conditions, parameters)."""
+    gradient = np.zeros((count, size))
+    for k in range(count):
+        at = count + (k if own_widths else 0)
+        gradient[k, k] = -1.0 / beta[at]
+        gradient[k, at] = beta[k] / beta[at] ** 2
+    return gradient
+
+
+def _individual(
+    fit: CrossedFit,
+    groups: Sequence[NDArray[np.int64]],
+    kinds: Sequence[str],
+    condition: NDArray[np.int64],
+    people: int,
+    count: int,
+) -> Floats:
+    """Return each participant's deviation of eta in each condition; NaN where not shown."""
+    own = np.full((people, count), np.nan)
+    shift = fit.random[0][groups[0]]
+    if "interaction" in kinds:
+        shift = shift + fit.random[1][groups[1]]
+    own[groups[0], condition] = shift
+    return own
+
+
+def _contrasts(
+    names: Sequence[str],
+    value: Floats,
+    covariance: Floats,
+    df: int,
+    level: float,
+    reference: str | None,
+    logarithmic: bool,
+) -> tuple[Difference, ...]:
+    pairs = [
+        (i, j)
+        for i in range(len(names))
+        for j in range(len(names))
+        if (i < j if reference is None else names[j] == reference and i != j)
+    ]
+    if not pairs:
+        return ()
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
+    first, second = np.array(pairs).T
+    gap = value[first] - value[second]
+    variance = covariance[first, first] + covariance[second, second]
+    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
+    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
+    adjusted = holm(p)
+    return tuple(
+        Difference(
+            measure="ln threshold" if logarithmic else "threshold",
+            first=names[i],
+            second=names[j],
+            difference=float(gap[k]),
+            standard_error=float(error[k]),
+            lower=float(gap[k] - reach * error[k]),
+            upper=float(gap[k] + reach * error[k]),
+            level=level,
+            df=float(df),
+            p=float(p[k]),
+            p_adjusted=float(adjusted[k]),
+        )
+        for k, (i, j) in enumerate(pairs)
+    )
+
+
+def _notes(fit: CrossedFit, slopes: Floats, people: int) -> list[str]:
+    notes = []
+    if not fit.converged:
+        notes.append("the model has no proper maximum: thresholds have no limits")
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {people} participants: limits of thresholds are a rough guide")
+    if np.unique(np.sign(slopes)).size > 1:
+        notes.append("performance rises with the level in some conditions and falls in others")
+    if fit.sd[0] < 1e-3:
+        notes.append("no variance of thresholds between participants was found (sd 0)")
+    return notes

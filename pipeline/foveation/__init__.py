@@ -1,0 +1,1 @@
+"""Foveated pictures: metamers of the periphery, and what they are compared with."""

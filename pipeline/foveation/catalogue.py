@@ -1,0 +1,290 @@
+"""The conditions by class: parameters checked and kept, the work done by the modules beside.
+
+Keyword-only parameters of a class are the parameters of its condition. Those of pooling are the
+same for all: `law`, the law's constant (`scaling`, `alpha` or `rate`), `fovea_deg`; see
+`pooling.make_pooling`.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.errors import InputError
+from pipeline.foveation import displacement, enhancement, reference
+from pipeline.foveation.condition import Look, Picture
+from pipeline.foveation.displacement import DisplacementSettings
+from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.pooling import Pooling, make_pooling
+from pipeline.foveation.settings import MetamerSettings
+from pipeline.image_file import from_integers, read_pixels, three_channels
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from pipeline.foveation.gpu import FoveationPass
+
+ENHANCED_RATE = 1.40
+"""Arcmin per degree of the blurs that are enhanced, unless a law is given: Beyond Blur's widest."""
+
+
+class _Plain:
+    """A condition that numpy alone makes."""
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:  # noqa: ARG002
+        return None
+
+
+class Reference(_Plain):
+    """The picture itself."""
+
+    def apply(self, picture: Picture, look: Look) -> Picture:  # noqa: ARG002
+        return picture.copy()
+
+
+class Blur(_Plain):
+    """Every pixel is its pool's mean."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+    ) -> None:
+        self.pooling = make_pooling(
+            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
+        )
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.gpu import BlurPass
+
+        return BlurPass(ctx, geometry, self.pooling)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        return reference.blur(picture, look.pools(self.pooling))
+
+
+class Metamer(_Plain):
+    """Noise with every pool's moments; see `MetamerSettings`."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+        chroma: str = "follow",
+        residual: str = "kept",
+        noise: float = 1.0,
+        levels: int = 5,
+    ) -> None:
+        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
+        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)  # type: ignore[arg-type]
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
+        from pipeline.foveation.gpu import MetamerPass
+
+        if self.settings.chroma == "full":
+            return None
+        return MetamerPass(ctx, geometry, self.settings)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        return reference.metamer(
+            picture,
+            look.pools(self.settings.pooling),
+            self.settings,
+            look.seed,
+            noise_shift_px=look.noise_shift_px,
+        )
+
+
+class NoiseEnhanced(_Plain):
+    """A blur, and noise where the eye detects detail that it cannot resolve."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+        strength: float = 1.0,
+    ) -> None:
+        self.pooling = _blur_to_enhance(law, scaling, alpha, rate, fovea_deg)
+        self.strength = _checked("strength", strength, 0, 16)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        return enhancement.noise_enhanced(
+            picture, look.pools(self.pooling), look.seed, strength=self.strength
+        )
+
+
+class ContrastEnhanced(_Plain):
+    """A blur whose local contrast is restored."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+        strength: float = 1.0,
+    ) -> None:
+        self.pooling = _blur_to_enhance(law, scaling, alpha, rate, fovea_deg)
+        self.strength = _checked("strength", strength, 0, 2)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        return enhancement.contrast_enhanced(
+            picture, look.pools(self.pooling), strength=self.strength
+        )
+
+
+class Eidolon(_Plain):
+    """The picture displaced at random; see `DisplacementSettings`."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+        reach: float = 0.35,
+        smoothness: float = 0.5,
+    ) -> None:
+        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
+        self.settings = DisplacementSettings(pooling, reach, smoothness)
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.displacement_gpu import DisplacementPass
+
+        return DisplacementPass(ctx, geometry, self.settings, match=False)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        pooling = self.settings.pooling
+        return displacement.eidolon(
+            picture,
+            look.pools(pooling),
+            self.settings,
+            look.seed,
+            field_pools=look.field_pools(pooling),
+            shift_px=look.noise_shift_px,
+        )
+
+
+class WarpedMetamer(_Plain):
+    """The picture displaced at random, and given its pools' moments again."""
+
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        scaling: float | None = None,
+        alpha: float | None = None,
+        rate: float | None = None,
+        fovea_deg: float = 1.0,
+        reach: float = 0.35,
+        smoothness: float = 0.5,
+        levels: int = 5,
+    ) -> None:
+        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
+        self.settings = DisplacementSettings(pooling, reach, smoothness, levels)
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.displacement_gpu import DisplacementPass
+
+        return DisplacementPass(ctx, geometry, self.settings, match=True)
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        pooling = self.settings.pooling
+        return displacement.warped_metamer(
+            picture,
+            look.pools(pooling),
+            self.settings,
+            look.seed,
+            field_pools=look.field_pools(pooling),
+            shift_px=look.noise_shift_px,
+        )
+
+
+class FilesOnDisk(_Plain):
+    """Pictures made elsewhere: ``FOLDER/000000.png``, ``000001.png``, ... by frame number.
+
+    The fovea is theirs as well: what made them answers for it.
+
+    Parameters
+    ----------
+    path : Path
+        A folder of images of integers, named by number.
+
+    Raises
+    ------
+    NotADirectoryError, FileNotFoundError
+        If there is no such folder.
+    InputError
+        If it holds no numbered image, or one number twice.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._files: dict[int, Path] = {}
+        for file in sorted(path.iterdir()):
+            if not (file.is_file() and file.stem.isdecimal()):
+                continue
+            number = int(file.stem)
+            if number in self._files:
+                raise InputError(
+                    f"{path}: must hold each picture once (number {number} is in"
+                    f" {self._files[number].name} and in {file.name})"
+                )
+            self._files[number] = file
+        if not self._files:
+            raise InputError(
+                f"{path}: must hold pictures named 000000.png, 000001.png, ... (has none)"
+            )
+
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        file = self._files.get(look.frame)
+        if file is None:
+            raise InputError(
+                f"{self.path}: must hold picture {look.frame:06d}"
+                f" (has {len(self._files)}, from {min(self._files)} to {max(self._files)})"
+            )
+        pixels = read_pixels(file)
+        if pixels.data.dtype.kind != "u":
+            raise InputError(f"{file}: must hold integers, such as a PNG of 8 or 16 bits")
+        found = from_integers(three_channels(file, pixels))
+        if found.shape != picture.shape:
+            raise InputError(
+                f"{file}: must be {picture.shape[1]} x {picture.shape[0]} px as the picture"
+                f" (is {found.shape[1]} x {found.shape[0]})"
+            )
+        return found
+
+
+def _blur_to_enhance(
+    law: str | None,
+    scaling: float | None,
+    alpha: float | None,
+    rate: float | None,
+    fovea_deg: float,
+) -> Pooling:
+    if law is None and scaling is None and alpha is None and rate is None:
+        rate = ENHANCED_RATE
+    return make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
+
+
+def _checked(name: str, value: float, least: float, most: float) -> float:
+    if not (least <= value <= most and math.isfinite(value)):
+        raise InputError(f"{name} must lie in {least}..{most} (got {value})")
+    return value

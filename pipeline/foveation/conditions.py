@@ -1,0 +1,287 @@
+"""Every condition under a name, and `foveate`: one call for stills, panoramas, pairs and clips.
+
+To add a condition, write its class (in catalogue.py, or a module of its own) and add one line to
+`CONDITIONS`. Keyword-only parameters of the class are the condition's parameters.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.foveation.condition import Condition, Look, Picture, check_picture
+from pipeline.foveation.geometry import Flat, Geometry, Viewing
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from pipeline.foveation.gpu import FoveationPass
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One condition: its name, what it is, where its class lives."""
+
+    name: str  # a trailing colon: a path follows
+    summary: str
+    target: str  # module:class, imported when the condition is made
+
+    @property
+    def takes_path(self) -> bool:
+        return self.name.endswith(":")
+
+    @property
+    def shown_name(self) -> str:
+        """The name as a user writes it."""
+        return f"{self.name}FOLDER" if self.takes_path else self.name
+
+    def load(self) -> type[Any]:
+        """Import and return the class."""
+        module, _, attribute = self.target.partition(":")
+        return cast(type[Any], getattr(importlib.import_module(module), attribute))
+
+
+_CATALOGUE = "pipeline.foveation.catalogue"
+CONDITIONS = tuple(
+    Entry(name, summary, target if ":" in target else f"{_CATALOGUE}:{target}")
+    for name, summary, target in (
+        ("reference", "the picture itself", "Reference"),
+        ("blur", "each pixel is the mean of its pool", "Blur"),
+        ("metamer", "noise with each pool's moments (Walton et al. 2021)", "Metamer"),
+        ("noise-enhanced", "a blur and noise (Tariq et al. 2022)", "NoiseEnhanced"),
+        ("contrast-enhanced", "a blur, contrast restored (Patney et al. 2016)", "ContrastEnhanced"),
+        ("eidolon", "displaced at random (Koenderink et al. 2017)", "Eidolon"),
+        ("warped-metamer", "displaced, with each pool's moments", "WarpedMetamer"),
+        (
+            "energy-metamer",
+            "pooled energies matched by descent (torch, minutes)",
+            "pipeline.foveation.energy:EnergyMetamer",
+        ),
+        ("files:", "pictures made elsewhere", "FilesOnDisk"),
+    )
+)
+
+
+def condition_names() -> list[str]:
+    """Return every condition's name as a user writes it."""
+    return [entry.shown_name for entry in CONDITIONS]
+
+
+def check_condition_name(name: str) -> Entry:
+    """Return the entry that `name` means; nothing of the condition is imported.
+
+    Raises
+    ------
+    InputError
+        If there is no such condition, with the nearest name; or if its folder is missing.
+    """
+    for entry in CONDITIONS:
+        if entry.takes_path and name.startswith(entry.name):
+            if name == entry.name:
+                raise InputError(f"method {name!r} must name a folder: {entry.shown_name}")
+            return entry
+        if name == entry.name:
+            return entry
+    near = difflib.get_close_matches(
+        name.lower().replace("_", "-"), [entry.name for entry in CONDITIONS], n=1
+    )
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise InputError(f"method must be one of {', '.join(condition_names())} (got {name!r}{hint})")
+
+
+def condition_parameters(name: str) -> dict[str, Any]:
+    """Return the parameters of the condition `name` with their defaults."""
+    signature = inspect.signature(check_condition_name(name).load())
+    return {
+        parameter.name: parameter.default
+        for parameter in signature.parameters.values()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+
+
+def create_condition(name: str, parameters: Mapping[str, Any] | None = None) -> Condition:
+    """Make the condition called `name`.
+
+    Parameters
+    ----------
+    name : str
+        One of `condition_names`; ``FOLDER`` stands for a path.
+    parameters : mapping, optional
+        Of `condition_parameters`; the rest keep their defaults.
+
+    Raises
+    ------
+    InputError
+        If the condition or a parameter is unknown (with the nearest name), or a value is of
+        another type or out of range.
+    """
+    entry = check_condition_name(name)
+    known = condition_parameters(name)
+    given = dict(parameters or {})
+    for key, value in given.items():
+        if key not in known:
+            offered = ", ".join(known) or "none"
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"parameters of {name} are: {offered} (got {key!r}{hint})")
+        _check_type(key, value, known[key])
+    leading = (Path(name.removeprefix(entry.name)),) if entry.takes_path else ()
+    return cast(Condition, entry.load()(*leading, **given))
+
+
+def _check_type(key: str, value: object, default: object) -> None:
+    accepted: tuple[type, ...]
+    if key == "law":
+        accepted = (str, type(None))
+    elif default is None:
+        accepted = (int, float, type(None))
+    else:
+        accepted = (int, float) if isinstance(default, float) else (type(default),)
+    if not isinstance(value, accepted) or (isinstance(value, bool) != isinstance(default, bool)):
+        wanted = " or ".join(kind.__name__ for kind in accepted if kind is not type(None))
+        raise InputError(f"parameter {key} must be {wanted} (got {value!r})")
+
+
+def foveate(
+    picture: NDArray[np.floating],
+    gaze_px: tuple[float, float],
+    *,
+    viewing: Viewing | None = None,
+    method: str = "metamer",
+    seed: int = 0,
+    frame: int = 0,
+    noise_shift_px: NDArray[np.floating] | None = None,
+    field_gaze_px: tuple[float, float] | None = None,
+    ctx: moderngl.Context | None = None,
+    **parameters: Any,
+) -> Picture:
+    """Show a picture to an eye that looks at `gaze_px`.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3)
+        Encoded R'G'B' in [0, 1], any floating type, any size from 1x1.
+    gaze_px : (x, y)
+        Pixels from the upper left corner, x right, y down; also off the picture.
+    viewing : Flat or Equirectangular, optional
+        How it is looked at; by default flat and 40 degrees wide. A panorama goes on at its other
+        side, without a seam.
+    method : str
+        One of `condition_names`.
+    seed : int
+        Of noise or displacement, from 0 to 2**63 - 1. Both pictures of a stereo pair, and all
+        frames of a clip, share one.
+    frame : int
+        Number of the picture in its clip; only ``files:FOLDER`` asks for it.
+    noise_shift_px : ndarray of shape (H, W, 2), optional
+        How far the surface at each pixel has moved since noise was laid on it. By default noise
+        stays on the screen. For the second picture of a pair give each pixel's disparity (its x in
+        this picture less its x in the other) and 0, for a clip what `carried` returns.
+    field_gaze_px : (x, y), optional
+        The gaze that displacements follow, by default `gaze_px`; for a live gaze what `SteadyGaze`
+        says, so that nothing swims.
+    ctx : moderngl.Context, optional
+        Work on the GPU, where the condition can; without it numpy does.
+    **parameters
+        Of the method; see `condition_parameters`.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W, 3)
+        In [0, 1]. Up to `fovea_deg` around the gaze it is the picture, bit for bit.
+
+    Raises
+    ------
+    InputError
+        Naming what must hold and what was found.
+
+    Notes
+    -----
+    For many pictures of one size build a `Foveator` once.
+    """
+    image = check_picture(picture)
+    foveator = Foveator(
+        (image.shape[0], image.shape[1]), viewing=viewing, method=method, ctx=ctx, **parameters
+    )
+    try:
+        return foveator(
+            image,
+            gaze_px,
+            seed=seed,
+            frame=frame,
+            noise_shift_px=noise_shift_px,
+            field_gaze_px=field_gaze_px,
+        )
+    finally:
+        foveator.release()
+
+
+class Foveator:
+    """One condition for pictures of one size: what `foveate` builds anew for each call.
+
+    Parameters
+    ----------
+    size : (height, width)
+        Of the pictures.
+    viewing, method, ctx, parameters
+        See `foveate`.
+
+    Attributes
+    ----------
+    passes : FoveationPass or None
+        With a context, for conditions that run on the GPU: takes and returns textures.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        *,
+        viewing: Viewing | None = None,
+        method: str = "metamer",
+        ctx: moderngl.Context | None = None,
+        **parameters: Any,
+    ) -> None:
+        self.method = method
+        self.geometry: Geometry = (viewing or Flat()).of(size[1], size[0])
+        self.condition = create_condition(method, parameters)
+        self.passes: FoveationPass | None = None
+        if ctx is not None:
+            self.passes = self.condition.on_gpu(ctx, self.geometry)
+
+    def __call__(
+        self,
+        picture: NDArray[np.floating],
+        gaze_px: tuple[float, float],
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        noise_shift_px: NDArray[np.floating] | None = None,
+        field_gaze_px: tuple[float, float] | None = None,
+    ) -> Picture:
+        """Show one picture; see `foveate`."""
+        image = check_picture(picture)
+        size = (self.geometry.height_px, self.geometry.width_px)
+        if image.shape[:2] != size:
+            raise InputError(
+                f"picture must be {size[1]} x {size[0]} px, as this foveator was built"
+                f" (got {image.shape[1]} x {image.shape[0]})"
+            )
+        look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
+        if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
+            return self.passes.apply(image, look)
+        return self.condition.apply(image, look)
+
+    def release(self) -> None:
+        """Free what is held on the GPU."""
+        if self.passes is not None:
+            self.passes.release()
+            self.passes = None

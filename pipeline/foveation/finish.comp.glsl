@@ -1,0 +1,153 @@
+#version 430
+// Finish: the last push, noise on top of it, faded in beyond the fovea and clipped; the fovea is
+// copied. A call makes 2x2 pixels, which share what weighs their noise.
+// Twin: shaped_noise() and finished() in reference.py. Change both or neither.
+
+#constant TILE        // work-group edge, 2x2 pixels
+#constant FADE_SHARE  // of the fovea's radius: over it what is changed fades in
+#constant NOISE       // 1: add noise; 0: the blur of equal pooling
+#constant BASE        // 1: the picture is pooled at all
+
+#include "pools.glsl"
+#if NOISE
+#include "ycbcr.glsl"
+#endif
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+layout(binding = 0) uniform sampler2D source;
+layout(rgba32f, binding = 0) uniform writeonly image2D target;
+#if BASE
+layout(binding = 1) uniform sampler2D coarse;  // chosen, linear
+#endif
+
+#if NOISE
+#constant LEVELS
+#constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
+layout(binding = 2) uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
+// A layer a level. On the screen three texels in a row hold 2x2 pixels each: high, along x, along y.
+// Carried: a texel is a place, rgb the bands.
+layout(binding = 3) uniform sampler2DArray noise;
+uniform float noise_scale;
+#if CARRIED
+#constant TEXELS_PER_PX
+layout(binding = 4) uniform sampler2D shift_px;
+uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
+#endif
+
+#constant NOISE_ROWS     // of places, a power of two
+#constant NOISE_COLUMNS  // a power of two, or so many that no pixel lies beyond
+
+// Within the noise, which goes on at its borders.
+ivec2 wrapped(ivec2 texel) {
+    int mask = (NOISE_COLUMNS & (NOISE_COLUMNS - 1)) == 0 ? NOISE_COLUMNS - 1 : -1;
+    return texel & ivec2(mask, NOISE_ROWS - 1);
+}
+
+vec4 noise_at(ivec2 texel, int level) { return texelFetch(noise, ivec3(wrapped(texel), level), 0); }
+
+#if CARRIED
+// Where a pixel's noise lies, and how much each of four texels there counts.
+struct Spot { ivec2 corner; vec4 share, lag; };
+
+Spot spot_of(ivec2 pixel) {
+    vec2 at = float(TEXELS_PER_PX) * (vec2(pixel) - texelFetch(shift_px, pixel, 0).rg);
+    vec2 part = at - floor(at), rest = 1.0 - part;
+    vec4 w = vec4(rest.x * rest.y, part.x * rest.y, rest.x * part.y, part.x * part.y);
+    vec4 lag = 2.0 * vec4(w.x * w.y + w.z * w.w, w.x * w.z + w.y * w.w, w.x * w.w, w.y * w.z);
+    return Spot(ivec2(floor(at)), w, lag);
+}
+
+// Interpolated noise has less variance, which is given back. See look_up() in synthesis/.
+vec3 noise_of(Spot spot, int level) {
+    vec4 w = spot.share;
+    vec3 bands = (w.x * noise_at(spot.corner, level) + w.y * noise_at(spot.corner + ivec2(1, 0), level)
+                  + w.z * noise_at(spot.corner + ivec2(0, 1), level)
+                  + w.w * noise_at(spot.corner + 1, level)).rgb;
+    vec3 variance = dot(w, w) + vec3(dot(spot.lag, lag_correlation[3 * level]),
+                                     dot(spot.lag, lag_correlation[3 * level + 1]),
+                                     dot(spot.lag, lag_correlation[3 * level + 2]));
+    return bands * inversesqrt(variance);
+}
+#endif
+#endif
+
+void store(ivec2 pixel, ivec2 size, vec3 change) {
+    if (any(greaterThanEqual(pixel, size))) return;
+    vec4 own = texelFetch(source, pixel, 0);
+    vec2 place = vec2(pixel) + 0.5;
+    Place seen = seen_at(place);
+    float away = seen.eccentricity_deg - fovea_deg;
+    float fade = fovea_deg > 0.0 ? clamp(away / (FADE_SHARE * fovea_deg), 0.0, 1.0) : float(away > 0.0);
+    vec3 changed = own.rgb;
+#if BASE
+    vec2 within = 0.5 * place / vec2((size + 1) / 2);
+    changed = mix(own.rgb, textureLod(coarse, within, 0.0).rgb, beyond_lod(pool_at(seen), 0));
+#endif
+    vec3 result = clamp(own.rgb + fade * (changed + change - own.rgb), 0.0, 1.0);
+    imageStore(target, pixel, vec4(fade > 0.0 ? result : own.rgb, own.a));
+}
+
+void main() {
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), first = 2 * cell;
+    ivec2 size = textureSize(source, 0);
+    if (any(greaterThanEqual(first, size))) return;
+#if NOISE
+    vec4 luma = vec4(0.0), blue_chroma = vec4(0.0), red_chroma = vec4(0.0);  // of 2x2 pixels
+    vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
+    vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
+#if LEVELS > 4
+    vec4 more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
+#endif
+#if CARRIED
+    Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
+    Spot at_c = spot_of(first + ivec2(0, 1)), at_d = spot_of(first + 1);
+#else
+    ivec2 own_noise = ivec2(3, 1) * wrapped(cell);
+#endif
+#if CARRIED
+#define SHAPED(level)                                                                  \
+    vec4(dot(w.xyz, noise_of(at_a, level)), dot(w.xyz, noise_of(at_b, level)),         \
+         dot(w.xyz, noise_of(at_c, level)), dot(w.xyz, noise_of(at_d, level)))
+#else
+#define SHAPED(level)                                                                  \
+    (w.x * texelFetch(noise, ivec3(own_noise, level), 0)                               \
+     + w.y * texelFetch(noise, ivec3(own_noise + ivec2(1, 0), level), 0)               \
+     + w.z * texelFetch(noise, ivec3(own_noise + ivec2(2, 0), level), 0))
+#endif
+#define ADD_LEVEL(level, slope)                                      \
+    {                                                                \
+        vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);   \
+        vec4 shaped = SHAPED(level);                                 \
+        luma += shaped;                                              \
+        blue_chroma += w.a * shaped;                                 \
+        red_chroma += (slope) * shaped;                              \
+    }
+    ADD_LEVEL(0, red.x)
+#if LEVELS > 1
+    ADD_LEVEL(1, red.y)
+#endif
+#if LEVELS > 2
+    ADD_LEVEL(2, red.z)
+#endif
+#if LEVELS > 3
+    ADD_LEVEL(3, red.w)
+#endif
+#if LEVELS > 4
+    ADD_LEVEL(4, more_red.x)
+#endif
+#if LEVELS > 5
+    ADD_LEVEL(5, more_red.y)
+#endif
+    mat3 colour = noise_scale * RGB_FROM_YCBCR;
+    store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));
+    store(first + ivec2(1, 0), size, colour * vec3(luma.y, blue_chroma.y, red_chroma.y));
+    store(first + ivec2(0, 1), size, colour * vec3(luma.z, blue_chroma.z, red_chroma.z));
+    store(first + 1, size, colour * vec3(luma.w, blue_chroma.w, red_chroma.w));
+#else
+    store(first, size, vec3(0.0));
+    store(first + ivec2(1, 0), size, vec3(0.0));
+    store(first + ivec2(0, 1), size, vec3(0.0));
+    store(first + 1, size, vec3(0.0));
+#endif
+}

@@ -1,0 +1,231 @@
+"""Where the pixels of a picture lie for the eye: directions, eccentricity, pixels per degree.
+
+A `Viewing` says how pictures are looked at, whatever their size; `Viewing.of` binds it to a size.
+Positions are (x, y) in pixels, x right, y down, the first pixel's centre at (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+Floats: TypeAlias = NDArray[np.float64]
+
+WIDEST_FLAT_DEG = 180.0
+
+
+class Geometry(Protocol):
+    """A picture of a known size before an eye."""
+
+    @property
+    def width_px(self) -> int: ...
+
+    @property
+    def height_px(self) -> int: ...
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the right border goes on at the left one."""
+        ...
+
+    def directions(self, x: Floats, y: Floats) -> Floats:
+        """Unit vectors from the eye to positions of one shape (...): (..., 3)."""
+        ...
+
+    def px_per_deg(self, x: Floats, y: Floats) -> Floats:
+        """Geometric mean of the densities of pixels along the two axes there."""
+        ...
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A flat picture, the eye before its centre, on the normal through it.
+
+    Exactly one of the two is given; without either the picture is 40 degrees wide.
+
+    Parameters
+    ----------
+    width_deg : float, optional
+        Visual angle of the picture's whole width, in (0, 180).
+    distance_px : float, optional
+        Distance of the eye in pixels: millimetres over the width of a pixel.
+    centre_px : (x, y), optional
+        Where the normal through the eye meets the picture; by default the middle.
+
+    Raises
+    ------
+    InputError
+        If both are given, or a value is out of range.
+    """
+
+    width_deg: float | None = None
+    distance_px: float | None = None
+    centre_px: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.width_deg is not None and self.distance_px is not None:
+            raise InputError("a flat viewing takes width_deg or distance_px (got both)")
+        if self.width_deg is not None and not 0 < self.width_deg < WIDEST_FLAT_DEG:
+            raise InputError(
+                f"width_deg of a flat picture must lie between 0 and 180 (got {self.width_deg});"
+                " use an equirectangular viewing for a panorama"
+            )
+        if self.distance_px is not None and not 0 < self.distance_px < math.inf:
+            raise InputError(f"distance_px must be positive and finite (got {self.distance_px})")
+        if self.centre_px is not None:
+            check_point(self.centre_px, "centre_px")
+
+    def of(self, width_px: int, height_px: int) -> FlatGeometry:
+        """Bind this viewing to pictures of one size."""
+        check_edges(width_px, height_px)
+        distance_px = self.distance_px
+        if distance_px is None:
+            half_rad = math.radians((40.0 if self.width_deg is None else self.width_deg) / 2)
+            distance_px = width_px / 2 / math.tan(half_rad)
+        centre_px = self.centre_px or (width_px / 2, height_px / 2)
+        return FlatGeometry(width_px, height_px, distance_px, centre_px)
+
+
+@dataclass(frozen=True)
+class Equirectangular:
+    """A whole panorama: 360 degrees of longitude along x, 180 of latitude along y."""
+
+    def of(self, width_px: int, height_px: int) -> EquirectangularGeometry:
+        """Bind this viewing to pictures of one size.
+
+        Raises
+        ------
+        InputError
+            If the size is not 2:1.
+        """
+        check_edges(width_px, height_px)
+        if width_px != 2 * height_px:
+            raise InputError(
+                "an equirectangular panorama must be twice as wide as high"
+                f" (got {width_px} x {height_px} px)"
+            )
+        return EquirectangularGeometry(width_px, height_px)
+
+
+Viewing: TypeAlias = Flat | Equirectangular
+
+
+@dataclass(frozen=True)
+class FlatGeometry:
+    """A flat picture of a known size; see `Flat`."""
+
+    width_px: int
+    height_px: int
+    distance_px: float
+    centre_px: tuple[float, float]
+
+    @property
+    def wraps(self) -> bool:
+        return False
+
+    def directions(self, x: Floats, y: Floats) -> Floats:
+        across, down = x - self.centre_px[0], y - self.centre_px[1]
+        rays = np.stack(np.broadcast_arrays(across, down, self.distance_px), axis=-1)
+        return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+    def px_per_deg(self, x: Floats, y: Floats) -> Floats:
+        """At an angle t off the normal d / cos(t)^2 along the radius and d / cos(t) across it."""
+        cosine = self.directions(x, y)[..., 2]
+        return np.asarray(math.radians(1) * self.distance_px * cosine**-1.5)
+
+
+@dataclass(frozen=True)
+class EquirectangularGeometry:
+    """A panorama of a known size; see `Equirectangular`."""
+
+    width_px: int
+    height_px: int
+
+    @property
+    def wraps(self) -> bool:
+        return True
+
+    def directions(self, x: Floats, y: Floats) -> Floats:
+        longitude = (x / self.width_px - 0.5) * (2 * np.pi)
+        latitude = self._latitude(y)
+        level = np.cos(latitude)
+        rays = (np.sin(longitude) * level, -np.sin(latitude), np.cos(longitude) * level)
+        return np.stack(np.broadcast_arrays(*rays), axis=-1)
+
+    def px_per_deg(self, x: Floats, y: Floats) -> Floats:
+        """W / 360 along a meridian, W / 360 / cos(latitude) along a parallel."""
+        level = np.maximum(np.cos(self._latitude(y)), self.least_cosine)
+        return np.asarray(np.broadcast_arrays(self.width_px / 360 / np.sqrt(level), x)[0])
+
+    @property
+    def least_cosine(self) -> float:
+        """Of the latitude, a quarter of a pixel from a pole: there a parallel is a point."""
+        return math.sin(np.pi / 4 / self.height_px)
+
+    def _latitude(self, y: Floats) -> Floats:
+        return np.asarray((0.5 - np.clip(y / self.height_px, 0, 1)) * np.pi)
+
+
+def pixel_centres(geometry: Geometry, halvings: int = 0) -> tuple[Floats, Floats]:
+    """Positions of the texels of a picture halved so often: x of shape (1, w), y of (h, 1)."""
+    step = 1 << halvings
+    columns, rows = -(-geometry.width_px // step), -(-geometry.height_px // step)
+    x, y = ((np.arange(count, dtype=np.float64) + 0.5) * step for count in (columns, rows))
+    return x[None, :], y[:, None]
+
+
+def eccentricity_deg(
+    geometry: Geometry, gaze_px: tuple[float, float], x: Floats, y: Floats
+) -> Floats:
+    """Angle between the gaze and the directions of positions.
+
+    Parameters
+    ----------
+    gaze_px : (x, y)
+        Anywhere on the picture's plane, also off the picture; see `check_gaze`.
+    """
+    rays = geometry.directions(x, y)
+    gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))
+    sine = np.linalg.norm(np.cross(rays, gaze), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(sine, rays @ gaze)))
+
+
+def check_gaze(geometry: Geometry, gaze_px: tuple[float, float]) -> tuple[float, float]:
+    """Return the gaze as two floats.
+
+    Raises
+    ------
+    InputError
+        If it is not two finite numbers, or on a panorama lies beyond a pole.
+    """
+    x, y = check_point(gaze_px, "gaze_px")
+    if geometry.wraps:
+        if not 0 <= y <= geometry.height_px:
+            raise InputError(
+                f"gaze_px on a panorama must have y from 0 to {geometry.height_px} (got {y})"
+            )
+        x %= geometry.width_px
+    return x, y
+
+
+def check_point(point: tuple[float, float], name: str) -> tuple[float, float]:
+    """Require two finite numbers."""
+    try:
+        x, y = (float(value) for value in point)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be two numbers, x and y in pixels (got {point!r})") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f"{name} must be finite (got {point!r})")
+    return x, y
+
+
+def check_edges(width_px: int, height_px: int) -> None:
+    """Require a picture of at least one pixel."""
+    if min(width_px, height_px) < 1:
+        raise InputError(f"a picture must have at least 1 x 1 px (got {width_px} x {height_px})")

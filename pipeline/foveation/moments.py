@@ -1,0 +1,172 @@
+"""Pooled moments of the pyramid's bands, and the variance that a metamer owes to each.
+
+A coefficient b of luma has the moments b and b^2, one with chroma c the product b c. They are
+averaged over 2x2 coefficients, halved like the picture, and chosen at the level of detail of their
+own pyramid level: level k pools ``sigma / 2^k`` coefficients. The variance is E[b^2] - E[b]^2, both
+at one level of detail (mixing variances would forget how far two pools' means lie apart).
+
+What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools are wide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour import ycbcr_from_rgb
+from pipeline.features.reference import fitted_kernels
+from pipeline.foveation.chain import band, enlarge, halve, halve_box, select
+from pipeline.foveation.lod import Pools
+
+Floats = NDArray[np.float64]
+
+BLOCK_HALVINGS = 2  # a block is 4x4 pixels
+SMALLEST_VARIANCE = 2.0**-20
+"""Added to variances that are divided by: a quarter of an 8-bit step, squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class LevelMoments:
+    """Of one pyramid level, at the texels of one resolution; arrays (h, w, ...).
+
+    `square`, `mean` (3 bands): of luma. `cross` (2): luma times Cb and Cr, summed over bands.
+    `chroma_square` (3 bands, 2): of Cb and Cr.
+    """
+
+    square: Floats
+    mean: Floats
+    cross: Floats
+    chroma_square: Floats
+
+    @property
+    def variance(self) -> Floats:
+        return np.maximum(self.square - self.mean**2, 0)
+
+    def packed(self) -> Floats:
+        """One array (h, w, 14)."""
+        flat = self.chroma_square.reshape(*self.square.shape[:2], 6)
+        return np.concatenate([self.square, self.mean, self.cross, flat], axis=2)
+
+    @staticmethod
+    def unpacked(values: Floats) -> LevelMoments:
+        square, mean, cross, flat = np.split(values, (3, 6, 8), axis=2)
+        return LevelMoments(square, mean, cross, flat.reshape(*flat.shape[:2], 3, 2))
+
+
+def coefficient_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
+    """Moments of the single coefficients of a level, packed: (h, w, 14)."""
+    ycc = ycbcr_from_rgb(low_rgb).astype(np.float64)
+    kernels = fitted_kernels().bands()
+    bands = np.stack([band(ycc, kernel, wraps=wraps) for kernel in kernels], axis=2)
+    luma, chroma = bands[..., 0], bands[..., 1:]
+    cross = (luma[..., None] * chroma).sum(axis=2)
+    return LevelMoments(luma**2, luma, cross, chroma**2).packed()
+
+
+def moment_chain(low_rgb: Floats, count: int, *, wraps: bool) -> list[Floats]:
+    """A level's moments at the next `count` resolutions below it, packed."""
+    chain = [halve_box(coefficient_moments(low_rgb, wraps=wraps))]
+    while len(chain) < count:
+        chain.append(halve(chain[-1], wraps=wraps))
+    return chain
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What noise has to give each block of 4x4 pixels; arrays (h, w, ...).
+
+    `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
+    `remainders` (levels * 3, 2): variance of Cb and Cr that does not.
+    """
+
+    variances: Floats
+    slopes: Floats
+    remainders: Floats
+
+
+def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wanted:
+    """Pool the moments of each level of a chain, and say what is lost.
+
+    Parameters
+    ----------
+    lows : sequence of ndarray
+        The picture (R'G'B') and its halvings.
+    """
+    wraps, count = pools.geometry.wraps, len(lows) - 1
+    found = [
+        level_wanted(moment_chain(lows[level], count - level, wraps=wraps), pools, level)
+        for level in range(levels)
+    ]
+    variances, slopes, remainders = (list(parts) for parts in zip(*found, strict=True))
+    return Wanted(
+        np.concatenate(variances, axis=2), np.stack(slopes, axis=2), np.concatenate(remainders, 2)
+    )
+
+
+def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:
+    """One level's share of `Wanted`. `chain[i]` lies at resolution ``level + 1 + i``."""
+    wraps = pools.geometry.wraps
+    lod = pools.lod(BLOCK_HALVINGS, level)
+    # Blocks are coarser than the finest level's first moments, finer than those of the third.
+    skipped = skipped_moments(level, len(chain))
+    chosen = select(
+        chain[skipped:],
+        lambda halvings: pools.lod(level + halvings, level),
+        first=1 + skipped,
+        wraps=wraps,
+    )
+    finer = level + 1 + skipped - BLOCK_HALVINGS
+    chosen = enlarge(chosen, lod.shape, finer, wraps=wraps)
+    moments = LevelMoments.unpacked(chosen)
+    variance = moments.variance
+    if skipped:
+        # The law of total variance stands in for the means of four small pools.
+        small = halve_box(LevelMoments.unpacked(chain[0]).variance)
+        share = np.clip(lod - 1, 0, 1)[..., None]
+        between = np.maximum(variance - small, 0)
+        variance = (1 - share) * small + share * variance + share * (1 - share) * between
+    lost = _lost(lod)[..., None]
+    energy = moments.square.sum(axis=2, keepdims=True) + SMALLEST_VARIANCE
+    slopes = moments.cross / energy
+    chroma = moments.chroma_square.sum(axis=2)
+    rest = np.maximum(chroma - slopes * moments.cross, 0) / (chroma + SMALLEST_VARIANCE)
+    remainder = moments.chroma_square * rest[:, :, None] * lost[..., None]
+    return variance * lost, slopes, remainder
+
+
+def _lost(lod: Floats) -> Floats:
+    """Share of a coefficient's energy that mixing it with its pool's mean takes."""
+    return np.asarray(1 - (1 - np.clip(lod, 0, 1)) ** 2)
+
+
+def band_variances(
+    lows: Sequence[Floats], pools: Pools, level: int, *, halvings: int = 0
+) -> Floats:
+    """Pooled variance of luma in a level's bands: (h, w, 3).
+
+    Parameters
+    ----------
+    lows : sequence of ndarray
+        The low band that the level splits, and its halvings.
+    halvings : int
+        At its coefficients by default, or at the texels of the first halving (1).
+    """
+    wraps = pools.geometry.wraps
+    chain = moment_chain(lows[0], len(lows) - 1, wraps=wraps)
+    skipped = skipped_moments(level, len(chain))
+    chosen = select(
+        chain[skipped:],
+        lambda chained: pools.lod(level + chained, level),
+        first=1 + skipped,
+        wraps=wraps,
+    )
+    chosen = enlarge(chosen, lows[halvings].shape[:2], 1 + skipped - halvings, wraps=wraps)
+    return LevelMoments.unpacked(chosen).variance
+
+
+def skipped_moments(level: int, count: int) -> int:
+    """How many of a level's `count` chained moments are finer than blocks; one is always left."""
+    return max(0, min(BLOCK_HALVINGS - level - 1, count - 1))

@@ -1,0 +1,144 @@
+"""How wide the eye pools, by eccentricity: laws, and presets with published constants.
+
+A law gives the deviation f(e) of a pooling Gaussian. Inside the fovea, up to `fovea_deg`, nothing
+is pooled, and beyond it variances differ by the law's: ``sigma(e)^2 = f(e)^2 - f(fovea)^2``. So
+the level of detail, which goes with the variance, rises from 0 without a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+FWHM = 2.354820045
+"""Full width at half maximum of a Gaussian, in deviations."""
+ELLIPSE_SHARE = 0.443
+"""Half the root of pi / 4: see `Pooling`, law `quadratic`."""
+
+Law = Literal["linear", "quadratic", "rate"]
+# law: its constant's name, default, what it is
+LAWS: dict[str, tuple[str, float, str]] = {
+    "linear": ("scaling", 0.25, "full width at half maximum over eccentricity"),
+    "quadratic": ("alpha", 0.2, "widths grow with the eccentricity squared"),
+    "rate": ("rate", 0.35, "arcmin of deviation per degree of eccentricity"),
+}
+# preset: law, constant. Freeman and Simoncelli 2011 for v1 and v2; the paper's library for authors.
+PRESETS: dict[str, tuple[Law, float]] = {
+    "v1": ("linear", 0.25),
+    "v2": ("linear", 0.46),
+    "authors": ("quadratic", 0.2),
+}
+DEFAULT_PRESET = "v1"
+
+
+@dataclass(frozen=True)
+class Pooling:
+    """Deviation of the pooling Gaussian by eccentricity.
+
+    Parameters
+    ----------
+    law : str
+        ``linear``: ``constant * e / 2.355`` (`constant` is F&S's scaling);
+        ``quadratic``: ``0.443 * constant * e^2`` in radians (Walton et al.'s library: the side of
+        a square with the area of an ellipse of diameters ``constant * e^2``, halved);
+        ``rate``: ``constant * e`` with `constant` in arcmin per degree.
+    constant : float
+        Of the law, above 0.
+    fovea_deg : float
+        Up to here nothing is pooled, at least 0.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown or a number out of range.
+    """
+
+    law: Law = "linear"
+    constant: float = 0.25
+    fovea_deg: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.law not in LAWS:
+            raise InputError(f"law must be one of {', '.join(LAWS)} (got {self.law!r})")
+        if not 0 < self.constant < math.inf:
+            raise InputError(
+                f"{LAWS[self.law][0]} must be positive and finite (got {self.constant})"
+            )
+        if not 0 <= self.fovea_deg < 180:
+            raise InputError(f"fovea_deg must lie in 0..180 (got {self.fovea_deg})")
+
+    @property
+    def slope(self) -> float:
+        """Degrees of deviation per degree, or per degree squared with law ``quadratic``."""
+        return {
+            "linear": self.constant / FWHM,
+            "quadratic": ELLIPSE_SHARE * self.constant * math.radians(1),
+            "rate": self.constant / 60,
+        }[self.law]
+
+    @property
+    def power(self) -> int:
+        """Of the eccentricity: 1, or 2 with law ``quadratic``."""
+        return 2 if self.law == "quadratic" else 1
+
+    def sigma_deg(self, eccentricity_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Deviation in degrees, of the shape of `eccentricity_deg`."""
+        beyond = np.maximum(eccentricity_deg, self.fovea_deg) ** (2 * self.power)
+        return np.asarray(self.slope * np.sqrt(beyond - self.fovea_deg ** (2 * self.power)))
+
+    def scaled(self, share: float) -> Pooling:
+        """The same law with deviations `share` times as wide."""
+        return Pooling(self.law, self.constant * share, self.fovea_deg)
+
+    def __str__(self) -> str:
+        return f"{self.law}, {LAWS[self.law][0]} {self.constant:g}, fovea {self.fovea_deg:g} deg"
+
+
+def make_pooling(
+    law: str | None = None,
+    *,
+    scaling: float | None = None,
+    alpha: float | None = None,
+    rate: float | None = None,
+    fovea_deg: float = 1.0,
+) -> Pooling:
+    """Make a law from a preset or from the law's own constant.
+
+    Parameters
+    ----------
+    law : str, optional
+        A preset or a law. Left out: the law of the constant that is given, else `v1`.
+    scaling, alpha, rate : float, optional
+        The constant of `linear`, `quadratic` and `rate`; at most one, and none with a preset.
+
+    Raises
+    ------
+    InputError
+        If names and constants do not fit.
+    """
+    constants = {"scaling": scaling, "alpha": alpha, "rate": rate}
+    given = {name: value for name, value in constants.items() if value is not None}
+    if len(given) > 1:
+        raise InputError(f"at most one of scaling, alpha, rate is given (got {', '.join(given)})")
+    if law is None:
+        owner = {LAWS[name][0]: name for name in LAWS}
+        law = owner[next(iter(given))] if given else DEFAULT_PRESET
+    if law in PRESETS:
+        if given:
+            raise InputError(
+                f"law {law!r} fixes its constant (got {next(iter(given))} too);"
+                f" use law {PRESETS[law][0]!r}"
+            )
+        return Pooling(*PRESETS[law], fovea_deg=fovea_deg)
+    if law not in LAWS:
+        raise InputError(f"law must be one of {', '.join([*PRESETS, *LAWS])} (got {law!r})")
+    own, default, _ = LAWS[law]
+    if given and own not in given:
+        raise InputError(f"law {law!r} takes {own} (got {next(iter(given))})")
+    return Pooling(law, given.get(own, default), fovea_deg)  # type: ignore[arg-type]

@@ -1,0 +1,79 @@
+#version 430
+// Pull: low-pass and halve the picture, make its bands' moments, and halve all older moments.
+// Twin: chain_of() in chain.py, moment_chain() in moments.py. Change both or neither.
+
+#constant TILE    // work-group edge, texels
+#constant WRAPS   // 1: the picture goes on at its other side
+#constant OWN     // 1: this resolution is a pyramid level: make its bands' moments
+#constant OLDER   // pyramid levels whose moments there are already
+
+#include "lowpass.glsl"
+#if OWN
+#include "bands.glsl"
+#endif
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+layout(binding = 0) uniform sampler2D fine;                     // W x H: R'G'B'
+layout(rgba32f, binding = 0) uniform writeonly image2D coarse;  // ceil(W / 2) x ceil(H / 2)
+// Two layers a level. Even: squares of luma's bands, a: luma times Cb, summed over bands. Odd:
+// means of luma's bands, a: luma times Cr.
+#if OLDER
+layout(binding = 1) uniform sampler2DArray fine_moments;
+#endif
+#if OLDER || OWN
+layout(rgba32f, binding = 1) uniform writeonly image2DArray coarse_moments;
+#endif
+
+struct Row { vec4 a, b, c, d; };
+
+Row row_at(ivec4 x, int y) {
+    return Row(texelFetch(fine, ivec2(x.x, y), 0), texelFetch(fine, ivec2(x.y, y), 0),
+               texelFetch(fine, ivec2(x.z, y), 0), texelFetch(fine, ivec2(x.w, y), 0));
+}
+
+vec4 outer(Row r) { return low_outer(r.a, r.b, r.c, r.d); }
+vec4 inner(Row r) { return low_inner(r.a, r.b, r.c, r.d); }
+
+#if OLDER
+vec4 moments_row(ivec4 x, int y, int layer, bool is_outer) {
+    vec4 a = texelFetch(fine_moments, ivec3(x.x, y, layer), 0);
+    vec4 b = texelFetch(fine_moments, ivec3(x.y, y, layer), 0);
+    vec4 c = texelFetch(fine_moments, ivec3(x.z, y, layer), 0);
+    vec4 d = texelFetch(fine_moments, ivec3(x.w, y, layer), 0);
+    return is_outer ? low_outer(a, b, c, d) : low_inner(a, b, c, d);
+}
+#endif
+
+void main() {
+    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(texel, imageSize(coarse)))) return;
+    ivec2 size = textureSize(fine, 0);
+    ivec4 x = neighbours(2 * texel.x - 1, size.x, WRAPS == 1);
+    ivec4 y = neighbours(2 * texel.y - 1, size.y, false);
+    Row r0 = row_at(x, y.x), r1 = row_at(x, y.y), r2 = row_at(x, y.z), r3 = row_at(x, y.w);
+    imageStore(coarse, texel, outer(r0) + inner(r1) + inner(r2) + outer(r3));
+#if OWN
+    Window w = Window(Four(r0.a, r0.b, r0.c, r0.d), Four(r1.a, r1.b, r1.c, r1.d),
+                      Four(r2.a, r2.b, r2.c, r2.d), Four(r3.a, r3.b, r3.c, r3.d));
+    ChildBands b = child_bands(w, lessThan(2 * texel + 1, size));
+    vec3 square = vec3(0.0), mean = vec3(0.0);
+    vec2 cross_sum = vec2(0.0);
+#define ADD(child) {                                                                        \
+        vec3 luma = vec3(b.child.high.x, b.child.along_x.x, b.child.along_y.x);             \
+        square += luma * luma;                                                              \
+        mean += luma;                                                                       \
+        cross_sum += luma.x * b.child.high.yz + luma.y * b.child.along_x.yz + luma.z * b.child.along_y.yz; \
+    }
+    ADD(a) ADD(b) ADD(c) ADD(d)
+    imageStore(coarse_moments, ivec3(texel, 2 * OLDER), 0.25 * vec4(square, cross_sum.x));
+    imageStore(coarse_moments, ivec3(texel, 2 * OLDER + 1), 0.25 * vec4(mean, cross_sum.y));
+#endif
+#if OLDER
+    for (int layer = 0; layer < 2 * OLDER; ++layer) {
+        vec4 sum = moments_row(x, y.x, layer, true) + moments_row(x, y.y, layer, false)
+                 + moments_row(x, y.z, layer, false) + moments_row(x, y.w, layer, true);
+        imageStore(coarse_moments, ivec3(texel, layer), sum);
+    }
+#endif
+}

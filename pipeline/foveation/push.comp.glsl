@@ -1,0 +1,46 @@
+#version 430
+// Push: choose each texel's level of detail, from a resolution's own and the coarser one's choice.
+// In place. Twin: select() in chain.py. Change both or neither.
+
+#constant TILE    // work-group edge, texels
+#constant BASE    // 1: the picture takes part
+#constant LAYERS  // pyramid levels whose moments take part
+
+#include "pools.glsl"
+
+layout(local_size_x = TILE, local_size_y = TILE) in;
+
+uniform ivec2 fine_size;
+uniform int halvings;  // of this resolution
+#if BASE
+layout(rgba32f, binding = 0) uniform image2D fine;
+layout(binding = 0) uniform sampler2D coarse;  // linear
+#endif
+#if LAYERS
+layout(rgba32f, binding = 1) uniform image2DArray fine_moments;  // see pull.comp.glsl
+layout(binding = 1) uniform sampler2DArray coarse_moments;       // linear
+#endif
+
+void main() {
+    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(texel, fine_size))) return;
+    vec2 place = vec2(texel) + 0.5;
+    float pool = pool_at(seen_at(place * float(1 << halvings)));
+    // A texel's place in the coarser one, whose last texel may reach beyond an odd border.
+    vec2 within = 0.5 * place / vec2((fine_size + 1) / 2);
+#if BASE
+    float share = beyond_lod(pool, halvings);
+    vec4 own = imageLoad(fine, texel);
+    imageStore(fine, texel, mix(own, textureLod(coarse, within, 0.0), share));
+#endif
+#if LAYERS
+    for (int level = 0; level < LAYERS; ++level) {
+        float chosen = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
+        for (int layer = 2 * level; layer < 2 * level + 2; ++layer) {
+            vec4 below = textureLod(coarse_moments, vec3(within, float(layer)), 0.0);
+            vec4 own_moments = imageLoad(fine_moments, ivec3(texel, layer));
+            imageStore(fine_moments, ivec3(texel, layer), mix(own_moments, below, chosen));
+        }
+    }
+#endif
+}

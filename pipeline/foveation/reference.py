@@ -1,0 +1,171 @@
+"""Metamers of the periphery in numpy, and the blur of equal pooling.
+
+Walton, Kuffner dos Anjos, Friston, Swapp, Akşit, Steed and Ritschel 2021, "Beyond Blur: Real-time
+Ventral Metamers for Foveated Rendering", sections 3.1 to 3.4; what they leave open is settled as
+docs/foveation.md says. Arrays are (row, column, channel), encoded R'G'B'.
+
+Twin: gpu.py and the shaders beside it. Change both or neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour import RGB_FROM_YCBCR
+from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
+from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.lod import Pools
+from pipeline.foveation.moments import Wanted, wanted_by_blocks
+from pipeline.foveation.noise_plane import noise_plane
+from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.settings import MetamerSettings
+from pipeline.synthesis.mixing import fitted_mixing, spectral_gains
+
+Floats = NDArray[np.float64]
+
+AIM = 1.0
+"""Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A metamer on its way. `base`, `noise` (H, W, 3): R'G'B'; `wanted`: by blocks."""
+
+    base: Floats
+    noise: Floats
+    wanted: Wanted
+
+
+def blur(picture: NDArray[np.floating], pools: Pools) -> NDArray[np.float32]:
+    """Average every pixel's pool: the blur of a pooling law, the fovea untouched.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    pools : Pools
+        Of a geometry of this size.
+    """
+    return finished(picture, blurred(picture, pools), pools)
+
+
+def metamer(
+    picture: NDArray[np.floating],
+    pools: Pools,
+    settings: MetamerSettings,
+    seed: int,
+    *,
+    noise_shift_px: NDArray[np.floating] | None = None,
+) -> NDArray[np.float32]:
+    """Replace what pools average away by noise of the same statistics.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    pools : Pools
+        Of a geometry of this size.
+    noise_shift_px : ndarray of shape (H, W, 2), optional
+        Where surfaces have moved since noise was laid on them; by default it lies on the screen.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W, 3)
+        In [0, 1]; in the fovea bit for bit the picture.
+    """
+    parts = metamer_parts(picture, pools, settings, seed, noise_shift_px=noise_shift_px)
+    return finished(picture, parts.base + parts.noise, pools)
+
+
+def metamer_parts(
+    picture: NDArray[np.floating],
+    pools: Pools,
+    settings: MetamerSettings,
+    seed: int,
+    *,
+    noise_shift_px: NDArray[np.floating] | None = None,
+) -> Parts:
+    """Base and noise, before they are added, faded and clipped."""
+    geometry = pools.geometry
+    count = chain_length(geometry.width_px, geometry.height_px)
+    levels = min(settings.levels, count)
+    lows = chain_of(picture.astype(np.float64), count, wraps=geometry.wraps)
+    deepest = levels if settings.residual == "kept" else count
+    base = select(lows[: deepest + 1], pools.lod, wraps=geometry.wraps)
+    wanted = wanted_by_blocks(lows, pools, levels)
+    channels = 3 if settings.chroma == "full" else 1
+    plane = noise_plane(
+        picture.shape[:2], seed, levels, channels, wraps=geometry.wraps, shift_px=noise_shift_px
+    )
+    ycc = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
+    return Parts(base, settings.noise * ycc @ RGB_FROM_YCBCR.T, wanted)
+
+
+def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
+    """The blur before it is faded in: what all bands' means and the residual's add up to."""
+    geometry = pools.geometry
+    count = chain_length(geometry.width_px, geometry.height_px)
+    chain = chain_of(picture.astype(np.float64), count, wraps=geometry.wraps)
+    return select(chain, pools.lod, wraps=geometry.wraps)
+
+
+def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Floats:
+    """Weigh each band's noise by the deviation that its pool has lost: Y'CbCr, (H, W, 3).
+
+    Weights are found for blocks of 4x4 pixels, and interpolated at 2x2, which share them.
+    """
+    overlap = fitted_mixing(levels).overlap
+    size = plane.shape[:2]
+
+    def at_pixels(blocks: Floats) -> Floats:
+        halves = -(-size[0] // 2), -(-size[1] // 2)
+        return twice(enlarge(blocks, halves, 1, wraps=wraps), size)
+
+    def deviations(variances: Floats) -> Floats:
+        # Gains go on more smoothly than variances: one for 2x2 blocks.
+        gains = spectral_gains(halve_box(variances), overlap, aim=AIM)
+        return np.sqrt(variances) * twice(gains, variances.shape[:2])
+
+    bands = plane[:, :, 0] * at_pixels(deviations(wanted.variances))
+    by_level = bands.reshape(*size, levels, 3).sum(axis=3)
+    ycc = np.zeros((*size, 3))
+    ycc[..., 0] = by_level.sum(axis=2)
+    if chroma == "luma":
+        return ycc
+    slopes = at_pixels(wanted.slopes.reshape(*wanted.slopes.shape[:2], -1))
+    ycc[..., 1:] = (by_level[..., None] * slopes.reshape(*size, levels, 2)).sum(axis=2)
+    if chroma == "full":
+        for channel in (1, 2):
+            own = at_pixels(deviations(wanted.remainders[..., channel - 1]))
+            ycc[..., channel] += (plane[:, :, channel] * own).sum(axis=2)
+    return ycc
+
+
+def twice(image: Floats, size: tuple[int, int]) -> Floats:
+    """Give each of 2x2 pixels the same value."""
+    return image.repeat(2, axis=0).repeat(2, axis=1)[: size[0], : size[1]]
+
+
+def finished(picture: NDArray[np.floating], changed: Floats, pools: Pools) -> NDArray[np.float32]:
+    """Fade what has changed in beyond the fovea, clip it, and copy the fovea bit for bit."""
+    fade = pools.fade()[..., None]
+    result = np.clip(picture + fade * (changed - picture), 0, 1).astype(np.float32)
+    return np.where(fade > 0, result, picture.astype(np.float32))
+
+
+def clipped_share(picture: NDArray[np.floating], changed: Floats, pools: Pools) -> float:
+    """Share of samples beyond the fovea that leave [0, 1] before they are clipped."""
+    fade = pools.fade()[..., None]
+    result = picture + fade * (changed - picture)
+    outside = (fade > 0) & ((result < 0) | (result > 1))
+    return float(outside.sum() / max(1, 3 * (fade > 0).sum()))
+
+
+def pools_of(
+    geometry: Geometry, gaze_px: tuple[float, float], pooling: Pooling | None = None
+) -> Pools:
+    """Pools with the default law `v1` unless another is given."""
+    return Pools(geometry, gaze_px, pooling or Pooling())

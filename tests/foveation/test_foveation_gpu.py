@@ -1,0 +1,208 @@
+"""Foveation on the GPU against its twin."""
+
+import numpy as np
+import pytest
+from skimage import data
+
+from pipeline.errors import InputError
+from pipeline.foveation.condition import Look
+from pipeline.foveation.conditions import Foveator, foveate
+from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
+from pipeline.foveation.displacement_gpu import DisplacementPass
+from pipeline.foveation.geometry import Equirectangular, Flat
+from pipeline.foveation.gpu import BlurPass, MetamerPass
+from pipeline.foveation.pooling import Pooling, make_pooling
+from pipeline.foveation.reference import blur, metamer
+from pipeline.foveation.settings import MetamerSettings
+from pipeline.gl.texture import create_texture, read_back, texture_from
+
+# Pools of half a pixel up to some 30, seen with every sort of border.
+VIEWS = [
+    ((96, 96), Flat(40), (48.0, 48.0)),
+    ((129, 200), Flat(90), (30.0, 100.0)),
+    ((77, 64), Flat(40), (-90.0, 500.0)),
+    ((100, 200), Equirectangular(), (190.0, 20.0)),
+    ((9, 13), Flat(100), (2.0, 2.0)),
+    ((1, 1), Flat(40), (9.0, 9.0)),
+]
+# Noise and its weights are half floats: each is off by at most 2^-11 of itself (Mesa truncates),
+# and noise is at most 4 deviations of .25.
+TOLERANCE = 2 * 4 * 0.25 * 2.0**-11
+PLAIN_TOLERANCE = 0.1 / 255  # all else is float32
+
+
+def photograph(size):
+    picture = data.astronaut().astype(np.float32) / 255
+    return np.ascontiguousarray(picture[60 : 60 + size[0], 120 : 120 + size[1]])
+
+
+@pytest.fixture
+def run(gl_context):
+    """Give a function that runs a pass once, and frees it."""
+
+    def apply(make, geometry, picture, gaze_px, **look):
+        made = make(gl_context, geometry)
+        result = made.apply(picture, Look(geometry, gaze_px, **look))
+        made.release()
+        return result
+
+    return apply
+
+
+@pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
+def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
+    geometry, pooling = viewing.of(size[1], size[0]), make_pooling("authors")
+    picture = photograph(size)
+    found = run(lambda ctx, g: BlurPass(ctx, g, pooling), geometry, picture, gaze_px)
+    wanted = blur(picture, Look(geometry, gaze_px).pools(pooling))
+    np.testing.assert_allclose(found, wanted, atol=PLAIN_TOLERANCE)
+
+
+@pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
+def test_metamer_on_gpu_matches_reference(run, size, viewing, gaze_px):
+    geometry, settings = viewing.of(size[1], size[0]), MetamerSettings()
+    picture = photograph(size)
+    look = Look(geometry, gaze_px, seed=4)
+    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=4)
+    wanted = metamer(picture, look.pools(settings.pooling), settings, 4)
+    np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    "switches",
+    [
+        {"chroma": "luma"},
+        {"residual": "pooled"},
+        {"noise": 0.5},
+        {"levels": 1},
+        {"levels": 6},
+        {"pooling": Pooling("linear", 0.46, 0.0)},
+    ],
+)
+def test_every_switch_on_gpu_matches_reference(run, switches):
+    size, gaze_px = (150, 170), (20.0, 140.0)
+    geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings(**switches)
+    picture = photograph(size)
+    look = Look(geometry, gaze_px, seed=1)
+    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=1)
+    wanted = metamer(picture, look.pools(settings.pooling), settings, 1)
+    np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
+@pytest.mark.parametrize("match", [False, True])
+def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, match):
+    geometry, settings = viewing.of(size[1], size[0]), DisplacementSettings()
+    picture = photograph(size)
+    field_gaze_px = (gaze_px[0] + 3, gaze_px[1])
+    look = Look(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
+    found = run(
+        lambda ctx, g: DisplacementPass(ctx, g, settings, match=match),
+        geometry,
+        picture,
+        gaze_px,
+        seed=4,
+        field_gaze_px=field_gaze_px,
+    )
+    wanted = (warped_metamer if match else eidolon)(
+        picture,
+        look.pools(settings.pooling),
+        settings,
+        4,
+        field_pools=look.field_pools(settings.pooling),
+    )
+    # Places are known to some 1e-5 px, and a picture's edge is one step of it a pixel.
+    np.testing.assert_allclose(found, wanted, atol=0.5 / 255)
+
+
+def test_carried_displacement_is_left_to_numpy(gl_context, rng):
+    picture, shift = photograph((40, 40)), rng.random((40, 40, 2))
+    foveator = Foveator((40, 40), method="eidolon", ctx=gl_context)
+    drawn = foveator(picture, (-20, 0), noise_shift_px=shift)
+    foveator.release()
+    plain = foveate(picture, (-20, 0), method="eidolon", noise_shift_px=shift)
+    assert (drawn == plain).all()
+
+
+def test_carried_noise_on_gpu_matches_reference(run, rng):
+    size, gaze_px = (80, 100), (-30.0, 10.0)
+    geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings()
+    shift = rng.uniform(-300, 300, (*size, 2)).astype(np.float32)
+    picture = photograph(size)
+    look = Look(geometry, gaze_px, seed=1, noise_shift_px=shift)
+    found = run(
+        lambda ctx, g: MetamerPass(ctx, g, settings),
+        geometry,
+        picture,
+        gaze_px,
+        seed=1,
+        noise_shift_px=shift,
+    )
+    wanted = metamer(picture, look.pools(settings.pooling), settings, 1, noise_shift_px=shift)
+    # Interpolated at places that float32 knows to 3e-5 px.
+    np.testing.assert_allclose(found, wanted, atol=1 / 255)
+
+
+def test_fovea_bits_are_the_pictures_on_gpu(run):
+    size, gaze_px = (128, 128), (64.0, 50.0)
+    geometry = Flat(40).of(128, 128)
+    settings = MetamerSettings(Pooling("linear", 0.5, 3.0))
+    picture = photograph(size)
+    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px)
+    inside = Look(geometry, gaze_px).pools(settings.pooling).eccentricity_deg() < 2.999
+    assert inside.sum() > 200
+    assert (found[inside] == picture[inside]).all()
+
+
+@pytest.mark.parametrize("edge", [128, 200])
+def test_passes_are_two_per_halving_and_one(gl_context, edge):
+    geometry = Flat(40).of(edge, edge)
+    made = MetamerPass(gl_context, geometry, MetamerSettings())
+    halvings = int(np.ceil(np.log2(edge))) - 3
+    assert made.dispatches == 2 * halvings + 1
+    made.release()
+
+
+def test_a_call_makes_no_object_and_seeds_and_gazes_come_back(gl_context, gl_watch):
+    geometry, picture = Flat(40).of(96, 96), photograph((96, 96))
+    made = MetamerPass(gl_context, geometry, MetamerSettings())
+    source = texture_from(gl_context, np.dstack([picture, picture[..., :1]]), "rgba32f")
+    target = create_texture(gl_context, (96, 96), "rgba32f")
+
+    def show(gaze_px, seed):
+        made(source, target, gaze_px, seed=seed)
+        return read_back(target)
+
+    first = show((-40, 10), 1)
+    watch = gl_watch()
+    other = show((-10, 90), 2)
+    again = show((-40, 10), 1)
+    assert not watch.gained()
+    assert (first == again).all()
+    assert np.abs(first - other).max() > 0.05
+    assert (first[..., 3] == picture[..., 0]).all()  # alpha
+    for thing in (made, source, target):
+        thing.release()
+
+
+def test_another_texture_size_is_refused(gl_context):
+    made = BlurPass(gl_context, Flat(40).of(20, 30), Pooling())
+    wrong = create_texture(gl_context, (30, 20), "rgba32f")
+    with pytest.raises(InputError, match="source must be 20x30"):
+        made(wrong, wrong, (1, 1))
+    wrong.release()
+    made.release()
+
+
+@pytest.mark.parametrize("name", ["reference", "blur", "eidolon"])
+def test_the_one_call_takes_a_context_whether_or_not_the_condition_uses_it(gl_context, name):
+    picture = photograph((40, 48))
+    plain = foveate(picture, (5, 5), method=name, seed=1)
+    drawn = foveate(picture, (5, 5), method=name, seed=1, ctx=gl_context)
+    np.testing.assert_allclose(drawn, plain, atol=1 / 255)
+
+
+def test_full_chroma_is_left_to_numpy(gl_context):
+    foveator = Foveator((32, 32), method="metamer", ctx=gl_context, chroma="full")
+    assert foveator.passes is None
+    foveator.release()

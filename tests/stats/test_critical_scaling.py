@@ -1,0 +1,126 @@
+"""Critical scaling of ABX: the two laws, recovery, coverage, comparisons, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.critical_scaling import (
+    critical_scaling,
+    critical_scalings,
+    fit_person,
+    scaling_d_prime,
+)
+from analysis.simulated_tasks import TaskDesign, simulate_abx
+
+SCALINGS = list(np.geomspace(0.06, 0.6, 8))
+
+
+def study(rng, critical=0.2, *, people=10, repeats=18, **more):
+    return simulate_abx(
+        TaskDesign(people, 1, repeats),
+        {"v1": critical},
+        rng,
+        scalings=SCALINGS,
+        **{"interaction_sd": 0.0, **more},
+    )
+
+
+def test_both_laws_by_hand():
+    """Twice the critical scaling: d'^2 = 16 (1 - 1/4), or d' = 4 (1 - 1/4); 0 up to it."""
+    scaling = np.array([0.1, 0.2, 0.4])
+
+    np.testing.assert_allclose(scaling_d_prime(scaling, 0.2, 4.0), [0, 0, 4 * np.sqrt(0.75)])
+    np.testing.assert_allclose(scaling_d_prime(scaling, 0.2, 4.0, "published"), [0, 0, 3])
+    with pytest.raises(ValueError, match="distance"):
+        scaling_d_prime(scaling, 0.2, 4.0, "squared")
+
+
+@pytest.mark.parametrize("law", ["distance", "published"])
+@pytest.mark.parametrize("rule", ["differencing", "independent"])
+def test_one_persons_critical_scaling_is_recovered(rng, rule, law):
+    rows = study(rng, people=1, repeats=400, critical_sd=0.0, gain_sd=0.0, rule=rule, law=law)
+    fit = fit_person(rows, rule=rule, law=law)
+
+    assert fit.critical == pytest.approx(0.2, rel=0.12)
+    assert fit.gain == pytest.approx(4.0, rel=0.2)
+    assert fit.critical_limits[0] < fit.critical < fit.critical_limits[1]
+    assert fit.critical_limits[1] / fit.critical_limits[0] < 1.5
+    assert fit.participants == 1
+
+
+@pytest.mark.parametrize("law", ["distance", "published"])
+def test_limits_of_the_typical_critical_scaling_cover(rng, proof_count, law):
+    """10 people x 8 scalings x 18: coverage .93 or more; bias below a tenth of the spread."""
+    studies = proof_count(100)
+    covered, errors = [], []
+    for _ in range(studies):
+        fit = critical_scaling(study(rng, law=law), law=law)
+        assert fit.critical_limits is not None
+        covered.append(fit.critical_limits[0] <= 0.2 <= fit.critical_limits[1])
+        errors.append(np.log(fit.critical / 0.2))
+
+    assert np.mean(covered) >= 0.93 - 3.5 * np.sqrt(0.05 * 0.95 / studies)
+    # The law goes from its foot to three quarters of its height over ln 2.
+    assert abs(np.mean(errors)) < 0.1 * np.log(2) + 3.5 * 0.1 / np.sqrt(studies)
+
+
+def test_participants_have_their_own_critical_scaling(rng):
+    rows = study(rng, repeats=60, critical_sd=0.5, gain_sd=0.0)
+    fit = critical_scaling(rows)
+    own = {
+        who: fit_person(part, limits=False).critical for who, part in rows.groupby("participant")
+    }
+
+    assert fit.critical_sd == pytest.approx(0.5, abs=0.3)
+    assert list(fit.individual) == list(own)
+    drawn = np.log([fit.individual[who][0] for who in own])
+    alone = np.log(list(own.values()))
+    assert np.corrcoef(drawn, alone)[0, 1] > 0.9
+
+
+def test_the_mean_curve_follows_the_answers_of_all(rng):
+    rows = study(rng, people=12, repeats=60, critical_sd=0.4)
+    fit = critical_scaling(rows)
+    share = rows.groupby("scaling")["correct"].mean()
+
+    np.testing.assert_allclose(fit.average_share(share.index.to_numpy()), share, atol=0.05)
+    assert fit.share(np.array([0.01]))[0] == pytest.approx(0.5)
+    assert fit.d_prime(np.array([0.01]))[0] == 0.0
+
+
+def test_two_models_with_different_critical_scalings_are_told_apart(rng):
+    rows = simulate_abx(
+        TaskDesign(8, 1, 20), {"luminance": 0.1, "v1": 0.25}, rng, scalings=SCALINGS
+    )
+    fits, (gap,) = critical_scalings(rows, ("method",), samples=300, rng=np.random.default_rng(1))
+
+    assert [fit.condition for fit in fits] == ["luminance", "v1"]
+    assert (gap.first, gap.second, gap.measure) == ("luminance", "v1", "ln s_c")
+    assert gap.upper < 0
+    assert gap.p < 0.01
+    for fit in fits:
+        assert fit.critical_limits[0] < fit.critical_limits[1]
+    with pytest.raises(ValueError, match="needs rng"):
+        critical_scalings(rows, ("method",), samples=300)
+
+
+def test_people_who_never_see_a_difference_are_said_to(rng):
+    fit = critical_scaling(study(rng, 5.0, people=6))
+
+    assert any("hardly a difference was seen" in note for note in fit.warnings)
+    assert not any("hardly" in note for note in critical_scaling(study(rng)).warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.drop(columns="scaling"), "missing"),
+        (lambda r: r.assign(scaling=-1.0), "positive"),
+        (lambda r: r.assign(scaling=0.2), "two scalings"),
+        (lambda r: r[r["participant"] == "P001"], "two participants"),
+    ],
+)
+def test_tables_without_critical_scaling_are_refused(rng, change, message):
+    with pytest.raises(ValueError, match=message):
+        critical_scaling(change(study(rng, people=3, repeats=2)))

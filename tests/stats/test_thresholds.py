@@ -1,0 +1,166 @@
+"""Thresholds with participants as random: recovery, coverage, comparisons, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.models import glmm_logit
+from analysis.simulated_tasks import TaskDesign, simulate_identification
+from analysis.thresholds import fit_thresholds
+
+LEVELS = list(np.linspace(-3, 3, 7))
+
+
+def study(rng, thresholds=None, *, people=12, repeats=8, **more):
+    chosen = {"a": 0.0, "b": 0.0} if thresholds is None else thresholds
+    options = {"levels": LEVELS, "width": 3.0, "participant_sd": 0.6, "interaction_sd": 0.3}
+    return simulate_identification(
+        TaskDesign(people, 1, repeats), chosen, rng, **{**options, **more}
+    )
+
+
+def test_without_guesses_and_lapses_it_is_the_logit_mixed_model(rng):
+    """Threshold = -intercept / slope; delta-method limits by hand."""
+    rows = study(rng, {"a": 0.4}, alternatives=2, lapse=0.0, shape="logistic")
+    model = fit_thresholds(rows, "level", guess=0.0, lapse=0.0, shape="logistic")
+    glmm = glmm_logit("correct ~ 1 + level", rows, groups=("participant",))
+    slope = glmm["level"].estimate
+
+    assert model["all"].value == pytest.approx(-glmm["Intercept"].estimate / slope, abs=1e-4)
+    assert model["all"].width == pytest.approx(2 * np.log(19) / slope, abs=1e-3)
+    assert model.log_likelihood == pytest.approx(glmm.log_likelihood, abs=1e-5)
+    assert model.participant_sd == pytest.approx(glmm.random_sd["participant"] / slope, abs=1e-3)
+
+
+def test_thresholds_deviations_and_lapses_are_recovered(rng):
+    rows = study(rng, {"a": -0.5, "b": 0.5}, people=40, repeats=20, lapse=0.03)
+    model = fit_thresholds(rows, "level", ("method",))
+
+    assert model["a"].value == pytest.approx(-0.5, abs=0.3)
+    assert model["b"].value == pytest.approx(0.5, abs=0.3)
+    assert model["a"].width == pytest.approx(3.0, abs=0.4)
+    assert model.participant_sd == pytest.approx(0.6, abs=0.25)
+    assert model.interaction_sd == pytest.approx(0.3, abs=0.2)
+    assert model.lapse == pytest.approx(0.03, abs=0.015)
+    (gap,) = model.contrasts
+    assert (gap.first, gap.second) == ("a", "b")
+    assert gap.upper < 0
+    assert gap.lower < -1.0 < gap.upper
+
+
+def test_limits_of_thresholds_cover_and_equal_thresholds_rarely_differ(rng, proof_count):
+    """12 people x 3 conditions x 7 levels x 8: coverage .93 to .97, false positives to .06."""
+    studies = proof_count(120)
+    covered, wrong, values, without = [], [], [], 0
+    for _ in range(studies):
+        model = fit_thresholds(study(rng, {"a": 0.0, "b": 0.0, "c": 0.0}), "level", ("method",))
+        values += [one.value for one in model.thresholds]
+        if not model.contrasts:
+            without += 1
+            continue
+        covered += [one.lower <= 0.0 <= one.upper for one in model.thresholds]
+        wrong += [one.p < 0.05 for one in model.contrasts]
+    # Three conditions of one study share its people: they count as little more than one.
+    slack = 3.5 * np.sqrt(0.05 * 0.95 / studies)
+
+    assert without <= 0.05 * studies + 1
+    assert 0.93 - slack <= np.mean(covered) <= 0.97 + slack
+    assert np.mean(wrong) <= 0.06 + slack
+    assert abs(np.mean(values)) < 0.1 + 3.5 * 0.25 / np.sqrt(studies)
+
+
+def test_each_participant_has_a_threshold_near_their_own(rng):
+    rows = study(rng, {"a": 0.0}, people=10, repeats=60, participant_sd=1.0, interaction_sd=0.0)
+    model = fit_thresholds(rows, "level")
+    share = rows.groupby("participant")["correct"].mean()
+    own = pd.Series(dict(model["all"].individual))
+
+    assert list(own.index) == list(share.index)
+    assert own.corr(share, method="spearman") < -0.9
+    assert own.std() == pytest.approx(model.participant_sd, rel=0.35)
+
+
+def test_performance_that_falls_has_a_negative_width_and_the_curve_follows_the_data(rng):
+    rows = study(
+        rng,
+        {"a": 17.0, "b": 14.0},
+        levels=[5, 10, 15, 20, 25],
+        width=-12.0,
+        repeats=40,
+        participant_sd=2.0,
+        interaction_sd=1.0,
+    )
+    model = fit_thresholds(rows, "level", ("method",), reference="b")
+
+    assert model["a"].width < 0
+    assert model.contrasts[0].first == "a"
+    for name, part in rows.groupby("method"):
+        right = part.groupby("level")["correct"].mean()
+        np.testing.assert_allclose(
+            model.average(str(name), right.index.to_numpy(float)), right, atol=0.06
+        )
+    typical = model.curve("a", np.array([model["a"].value]))[0]
+    assert typical == pytest.approx(0.5 + 0.5 * (0.5 - model.lapse))
+
+
+@pytest.mark.parametrize("shape", ["gauss", "weibull"])
+def test_logarithmic_levels_give_thresholds_on_their_own_axis(rng, shape):
+    levels = np.geomspace(0.5, 8, 7)
+    rows = study(
+        rng, {"a": np.log(2.0)}, levels=np.log(levels), width=1.8, repeats=40, participant_sd=0.2
+    )
+    rows["level"] = np.exp(rows["level"])
+    model = fit_thresholds(rows, "level", shape=shape, logarithmic=True)
+
+    assert model["all"].value == pytest.approx(2.0, rel=0.2)
+    assert 0 < model["all"].lower < model["all"].value < model["all"].upper
+    if shape == "gauss":
+        assert np.log(model["all"].width) == pytest.approx(1.8, abs=0.6)
+
+
+def test_a_guess_rate_can_be_fitted(rng):
+    rows = study(rng, {"a": 0.0}, alternatives=8, people=20, repeats=40, interaction_sd=0.0)
+
+    assert fit_thresholds(rows, "level", guess=None).guess == pytest.approx(0.125, abs=0.05)
+
+
+def test_each_condition_can_have_its_own_width(rng):
+    steep = study(rng, {"steep": 0.0}, width=1.5, repeats=40)
+    flat = study(rng, {"flat": 0.0}, width=6.0, repeats=40)
+    model = fit_thresholds(pd.concat([steep, flat]), "level", ("method",), own_widths=True)
+
+    assert model["flat"].width > 2 * model["steep"].width
+
+
+def test_scenes_that_differ_widen_limits(rng):
+    rows = simulate_identification(
+        TaskDesign(10, 6, 6), {"a": 0.0}, rng, levels=LEVELS, width=3.0, scene_sd=0.8
+    )
+    without = fit_thresholds(rows, "level")
+    model = fit_thresholds(rows, "level", scenes=True)
+
+    assert model.scene_sd == pytest.approx(0.8, abs=0.5)
+    assert model["all"].upper - model["all"].lower > 1.5 * (
+        without["all"].upper - without["all"].lower
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "message"),
+    [
+        (lambda r: r.drop(columns="level"), {}, "missing"),
+        (lambda r: r.assign(level="high"), {}, "must hold numbers"),
+        (lambda r: r.assign(level=1.0), {}, "two levels at least"),
+        (lambda r: r[r["participant"] == "P001"], {}, "two participants"),
+        (lambda r: r.assign(correct=2), {}, "0 and 1"),
+        (lambda r: r, {"logarithmic": True}, "must be positive"),
+        (lambda r: r, {"shape": "weibull"}, "logarithmic=True"),
+        (lambda r: r, {"by": ("method",), "reference": "x"}, "reference must be one of"),
+    ],
+)
+def test_tables_without_thresholds_are_refused(rng, change, options, message):
+    rows = study(rng, people=3, repeats=2)
+    with pytest.raises(ValueError, match=message):
+        fit_thresholds(change(rows), "level", **options)

@@ -1,0 +1,132 @@
+"""Sentences about tasks with right answers say what the results hold."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from analysis.critical_scaling import critical_scaling, fit_person
+from analysis.detection import abx, identification, yes_no
+from analysis.learning import trend
+from analysis.models import glm_logit
+from analysis.power_tasks import power_of_task
+from analysis.rates import correct_rates
+from analysis.simulated_tasks import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
+from analysis.tasks.rates import wording as say
+from analysis.thresholds import fit_thresholds
+
+
+@pytest.fixture(scope="module")
+def told():
+    rng = np.random.default_rng(3)
+    return simulate_yes_no(TaskDesign(10, 4, 4), {"blur": 1.5, "ours": 0.2}, rng)
+
+
+def test_a_rate_says_count_limits_and_chance(told):
+    (rate, _) = correct_rates(told, ("method",), chance=0.5)
+    text = say.apa_rate(rate, name="Blur")
+
+    assert text.startswith(f"In condition Blur, {rate.count} of {rate.trials} answers were correct")
+    assert f"{rate.share:.2f}".lstrip("0") in text
+    assert "95% CI [." in text
+    assert "against chance (.50; 10 participants, 4 scenes)" in text
+
+
+def test_yes_no_says_sensitivity_criterion_and_bias(told):
+    found = yes_no(told, ("method",), signal="inconsistent", bias_answer="consistent")
+    one = found["blur"]
+    text = say.apa_yes_no(one)
+
+    assert f"d' = {one.d_prime.value:.2f}, 95% CI" in text
+    assert f"t({one.d_prime.df:.1f}) = " in text
+    assert '"consistent" was answered in' in text
+    assert "log-linear" in say.methods_yes_no(found)
+    control = told[(told["method"] == "ours") & (told["expected"] == "consistent")]
+    alone = yes_no(control, signal="inconsistent")["all"]
+    assert "not both shown: no d'" in say.apa_yes_no(alone)
+    one_person = yes_no(told[told["participant"] == "P001"], signal="inconsistent")["all"]
+    assert "z = " in say.apa_yes_no(one_person)
+
+
+def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
+    found = yes_no(told, ("method",), signal="inconsistent").d_prime_contrasts[0]
+    text = say.apa_difference(found)
+
+    assert text.startswith(f"blur minus ours: {found.difference:.2f} in d', 95% CI [")
+    assert "Holm" not in text
+    rows = simulate_identification(
+        TaskDesign(6, 2, 6),
+        {"a": 0.0, "b": 0.5, "c": 1.0},
+        np.random.default_rng(1),
+        levels=[0.0],
+        width=2.0,
+    )
+    three = identification(rows, ("method",), alternatives=2).contrasts
+    assert any("Holm-adjusted" in say.apa_difference(one) for one in three)
+
+
+def test_abx_says_its_rule_and_an_endless_limit():
+    rows = simulate_abx(
+        TaskDesign(8, 1, 10),
+        {"v1": 0.1},
+        np.random.default_rng(2),
+        scalings=[0.05, 0.9],
+        gain=30.0,
+        lapse=0.0,
+    )
+    found = abx(rows, ("scaling",), rule="independent")
+    text = say.apa_discrimination(found["0.9"], found.rule)
+
+    assert "ABX, independent rule" in text
+    assert "∞]" in text
+    assert "mapped to d'" in say.methods_discrimination(found)
+
+
+def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
+    rng = np.random.default_rng(4)
+    rows = simulate_identification(
+        TaskDesign(6, 1, 12),
+        {"a": 14.0, "b": 17.0},
+        rng,
+        levels=[5, 10, 15, 20, 25],
+        width=-12.0,
+        participant_sd=2.0,
+        interaction_sd=1.0,
+    )
+    text = say.apa_thresholds(fit_thresholds(rows, "level", ("method",)), unit="deg")
+    assert re.search(r"a 1\d\.\d deg, 95% CI \[\d", text)
+    assert "participants x conditions SD" in text
+    assert "lapse rate .0" in text
+
+    match = simulate_abx(TaskDesign(6, 1, 15), {"v1": 0.2}, rng, scalings=[0.06, 0.12, 0.25, 0.5])
+    assert "SD of ln s_c" in say.apa_critical(critical_scaling(match))
+    one = fit_person(match[match["participant"] == "P001"], law="published")
+    assert "one participant" in say.apa_critical(one)
+    assert "Freeman and Simoncelli" in say.apa_critical(one)
+
+
+def test_models_trends_and_power_are_sentences(told):
+    fit = glm_logit("logit(correct) ~ 1 + method", told, cluster=["participant"])
+    assert "t(9) = " in say.apa_term(fit, "method[T.ours]")
+    assert "z = " in say.apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
+    text = say.apa_trend(trend(told, "correct"))
+    assert "Spearman's rho" in text
+    assert "over 10 participants" in text
+    power = power_of_task(
+        lambda design, rng: simulate_yes_no(design, {"a": 3.0}, rng),
+        lambda rows: correct_rates(rows, chance=0.5)[0].p,
+        [TaskDesign(8, 1, 10)],
+        rng=np.random.default_rng(1),
+        studies=5,
+    )
+    assert say.apa_power(power) == (
+        "Power at alpha = .05 (5 studies simulated): 1.00 with 8 participants, 1 scene and"
+        " 10 repeats."
+    )
