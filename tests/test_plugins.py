@@ -81,22 +81,39 @@ class Above(PairTask):
     "builder": """
 import numpy as np
 
-from stimuli.recipes.frames import FrameBuilder
+from protocols.manifest import Clip, cache_key
+from stimuli.png import encode_bytes
+from stimuli.recipes.taken import TakingBuilder
+from stimuli.worker import RendererInfo
 
 
-class PatchBuilder(FrameBuilder):
-    origin = "lab patches"
-    modules = ("lab_package.builder",)
+class PatchBuilder(TakingBuilder):
+    renderer = RendererInfo("", "lab patches", "")
+
+    @property
+    def recipe(self):
+        return self.protocol.stimuli
+
+    @property
+    def wanted(self):
+        return self.recipe.pool()
 
     def _grey(self, stimulus):
-        return self.protocol.stimuli.greys[stimulus.condition["method"]]
+        return self.recipe.greys[stimulus.condition["method"]]
 
-    def inputs(self, stimulus):
-        return {"grey": self._grey(stimulus)}
+    def key(self, stimulus):
+        return cache_key({"grey": self._grey(stimulus), "edge_px": self.recipe.edge_px})
 
-    def frames(self, stimulus):
-        edge = self.protocol.stimuli.edge_px
-        yield np.full((edge, edge, 3), self._grey(stimulus), np.uint8)
+    def encoded(self, stimulus):
+        edge = self.recipe.edge_px
+        yield encode_bytes(np.full((edge, edge, 3), self._grey(stimulus), np.uint8))
+
+    def record(self, stimulus, key, hashes):
+        return Clip(
+            name=stimulus.name, condition=dict(stimulus.condition), width_px=self.recipe.edge_px,
+            height_px=self.recipe.edge_px, fps=1.0, bit_depth=8, seed=0, parameters={},
+            cache_key=key, frames_sha256=hashes,
+        )
 """,
     "fill": '''
 import numpy as np
