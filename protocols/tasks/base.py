@@ -197,7 +197,7 @@ class Task(Model):
                 yield Problem(
                     f"{place}.{column}",
                     f"must be a value that the stimuli have ({listed}) (got {value!r})"
-                    f"{did_you_mean(str(value), map(str, known))}",
+                    + (did_you_mean(value, map(str, known)) if isinstance(value, str) else ""),
                 )
 
 
