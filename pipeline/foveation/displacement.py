@@ -292,7 +292,7 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
 
     What each band adds is multiplied by the root of the variance of luma that its pool should have
     over the one it has, from 1/2 to 2; the mean of each pool, over all levels, is replaced. The
-    finest level has one factor for all bands of 2x2 pixels: there more would cost most and give least.
+    finest level has one factor for 2x2 pixels: there, more would cost most and give least.
     """
     geometry = pools.geometry
     wraps = geometry.wraps

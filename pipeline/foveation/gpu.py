@@ -47,7 +47,8 @@ from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.synthesis.noise import TILE as NOISE_EDGE
 
 TILE = 8  # work-group edge
-NOISE_FORMAT, NOISE_DTYPE = "rgba32f", np.float32
+# Half floats: memory is what the last pass waits for, and noise tells no more.
+NOISE_FORMAT, NOISE_DTYPE = "rgba16f", np.float16
 
 Size = tuple[int, int]
 
@@ -364,7 +365,7 @@ class MetamerPass(FoveationPass):
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
         self._overlap = ctx.buffer(overlap.tobytes())
         self._others.append(self._overlap)
-        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4))
+        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
         self._gains = self._keep(
             self._pooled.compile(
                 ctx,

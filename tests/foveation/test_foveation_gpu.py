@@ -25,7 +25,10 @@ VIEWS = [
     ((9, 13), Flat(100), (2.0, 2.0)),
     ((1, 1), Flat(40), (9.0, 9.0)),
 ]
-TOLERANCE = 0.1 / 255  # the issue demands 1 / 255; measured .01
+# Noise and its weights are half floats: each is off by at most 2^-11 of itself (Mesa truncates),
+# and noise is at most 4 deviations of .25.
+TOLERANCE = 2 * 4 * 0.25 * 2.0**-11
+PLAIN_TOLERANCE = 0.1 / 255  # all else is float32
 
 
 def photograph(size):
@@ -52,7 +55,7 @@ def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
     picture = photograph(size)
     found = run(lambda ctx, g: BlurPass(ctx, g, pooling), geometry, picture, gaze_px)
     wanted = blur(picture, Look(geometry, gaze_px).pools(pooling))
-    np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
+    np.testing.assert_allclose(found, wanted, atol=PLAIN_TOLERANCE)
 
 
 @pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
