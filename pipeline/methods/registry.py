@@ -52,6 +52,11 @@ METHODS = tuple(
             "pipeline.methods.metameric:Metameric",
         ),
         (
+            "metameric-paper",
+            "the same as its paper prints it, without what was found since",
+            "pipeline.methods.metameric:MetamericPaper",
+        ),
+        (
             "push-pull-depth",
             "push-pull that keeps to the background",
             "pipeline.methods.metameric:PushPullDepth",
