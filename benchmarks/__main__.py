@@ -10,6 +10,8 @@ BENCHMARKS = {
     "warp": "the warp against a plain copy of its frame",
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
+    "thin": "what is one pixel thin, through the warp, on the built-in scenes",
+    "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",

@@ -10,15 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from benchmarks.output import PagePart, file_to_write
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS
-from pipeline.quality import Quality
+from pipeline.quality import Quality, interior
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
 from stimuli.one_frame import Choice, warp_and_fill
@@ -28,6 +25,7 @@ from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pai
 PAIRS = {
     "teddy": ("middlebury2003_teddy", "im2.png", "disp2.pgm", "im6.png", 4.0),
     "aloe": ("middlebury2006_aloe", "aloeL.jpg", "aloeGT.png", "aloeR.jpg", 1.0),
+    "tsukuba": ("middlebury2001_tsukuba", "imL.png", "groundtruth.png", "imR.png", 16.0),
 }
 VARIANTS = [
     Choice("background-extension", {"continuation": continuation, "inset_px": inset_px})
@@ -36,13 +34,6 @@ VARIANTS = [
 ]
 RESULTS = Path(__file__).parent / "results" / "quality.json"
 PART = PagePart("quality table")
-
-
-def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Keep the holes that do not touch the image's border."""
-    labels, _ = ndimage.label(hole, np.ones((3, 3)))
-    at_border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    return hole & ~np.isin(labels, at_border)
 
 
 def warped_pair(ctx: moderngl.Context, pair: StereoPair) -> WarpedFrame:

@@ -20,7 +20,7 @@ from rich.progress import track
 from scipy import ndimage
 
 from benchmarks.output import file_to_write
-from benchmarks.quality import interior, pairs, warped_pair
+from benchmarks.quality import pairs, warped_pair
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
 from pipeline.frame import SourceFrame, WarpedFrame
@@ -33,7 +33,7 @@ from pipeline.inpaint.reference import (
     means_and_variances,
 )
 from pipeline.methods.metameric import Metameric
-from pipeline.quality import Quality, evaluate
+from pipeline.quality import Quality, evaluate, interior
 from pipeline.synthesis.lacking import noise_variances
 from pipeline.synthesis.noise import noise_bands
 from pipeline.synthesis.reference import inpainted_statistics, shaped_noise

@@ -44,6 +44,17 @@ class Quality:
     band_error: float
 
 
+def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Keep the holes, (H, W), that do not touch the frame's border, not even by a corner.
+
+    What enters at the border lies beside what no view saw, and says more about the framing than
+    about the fill.
+    """
+    labels, _ = ndimage.label(hole, np.ones((3, 3)))
+    at_border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    return hole & ~np.isin(labels, at_border)
+
+
 def evaluate(
     filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]
 ) -> Quality:

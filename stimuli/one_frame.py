@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
-from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate
+from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
@@ -36,11 +36,16 @@ class Choice:
 
 @dataclass(frozen=True)
 class Filled:
-    """One fill, and its quality inside the holes where the truth is known."""
+    """One fill, and its quality where the truth is known.
+
+    `quality` is that of the holes that do not touch the frame's border, or of what a mask
+    selects; `quality_all` that of all holes, or of the same mask.
+    """
 
     choice: Choice
     colour: NDArray[np.float32]
     quality: Quality | None
+    quality_all: Quality | None
 
 
 def warp_and_fill(
@@ -60,7 +65,7 @@ def warp_and_fill(
     truth : ndarray of float32, shape (H, W, 3), optional
         What the target view shows: fills are measured against it.
     truth_mask : ndarray of bool, shape (H, W), optional
-        Where to measure; by default in all holes.
+        Where to measure; by default in interior holes, and in all.
 
     Raises
     ------
@@ -75,7 +80,8 @@ def warp_and_fill(
         target_depth_m=frame.target_depth_m,
         settings=settings or WarpSettings(),
     )
-    mask = warped.hole if truth_mask is None else warped.hole & truth_mask
+    everywhere = warped.hole if truth_mask is None else warped.hole & truth_mask
+    inside = interior(warped.hole) if truth_mask is None else everywhere
     results = []
     for choice in choices:
         method = create_method(choice.name, ctx, choice.parameters)
@@ -83,7 +89,8 @@ def warp_and_fill(
             colour = method.fill(warped, seed)
         finally:
             method.release()
-        results.append(Filled(choice, colour, _measure(colour, truth, mask)))
+        quality, quality_all = (_measure(colour, truth, mask) for mask in (inside, everywhere))
+        results.append(Filled(choice, colour, quality, quality_all))
     return warped, results
 
 
@@ -104,10 +111,11 @@ def comparison(
         tiles.append(("truth", pictures.of_colour(truth)))
     for fill in fills:
         label = fill.choice.label
-        if fill.quality is not None:
+        quality = fill.quality or fill.quality_all
+        if quality is not None:
             label += (
-                f"\nPSNR {fill.quality.psnr_db:.2f} dB, SSIM {fill.quality.ssim:.3f},"
-                f" band error {fill.quality.band_error:.3f}"
+                f"\nPSNR {quality.psnr_db:.2f} dB, SSIM {quality.ssim:.3f},"
+                f" band error {quality.band_error:.3f}"
             )
         tiles.append((label, pictures.of_colour(fill.colour)))
     return pictures.sheet(tiles)

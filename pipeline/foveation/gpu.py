@@ -7,7 +7,7 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import moderngl
 import numpy as np
@@ -47,7 +47,8 @@ from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.synthesis.noise import TILE as NOISE_EDGE
 
 TILE = 8  # work-group edge
-NOISE_FORMAT, NOISE_DTYPE = "rgba32f", np.float32
+# Half floats: memory is what the last pass waits for, and noise tells no more.
+NOISE_FORMAT, NOISE_DTYPE = "rgba16f", np.float16
 
 Size = tuple[int, int]
 
@@ -98,7 +99,14 @@ class FoveationPass:
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
     noise). A call binds and dispatches `dispatches` times, and reads nothing back.
+
+    Attributes
+    ----------
+    carries_noise : bool
+        Whether a call takes `noise_shift_px`.
     """
+
+    carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry) -> None:
         self.ctx = ctx
@@ -357,7 +365,7 @@ class MetamerPass(FoveationPass):
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
         self._overlap = ctx.buffer(overlap.tobytes())
         self._others.append(self._overlap)
-        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4))
+        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
         self._gains = self._keep(
             self._pooled.compile(
                 ctx,

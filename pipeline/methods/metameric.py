@@ -1,4 +1,4 @@
-"""`metameric` and `push-pull-depth`: fills that depth guides; see `pipeline.synthesis`."""
+"""`metameric`, `metameric-paper` and `push-pull-depth`: fills that depth guides."""
 
 from abc import ABC, abstractmethod
 from typing import Generic, Protocol, TypeVar
@@ -13,6 +13,8 @@ from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.methods.method import composite
+from pipeline.printed.gpu import PrintedPass
+from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings, Texture
 
@@ -153,3 +155,28 @@ class PushPullDepth(_Guided[GuidedBasePass]):
     def _run(self, filler: GuidedBasePass, z_near_m: float, seed: int) -> None:  # noqa: ARG002
         image, depth_m, _ = self._textures
         filler(image, depth_m, z_near_m)
+
+
+class MetamericPaper(_Guided[PrintedPass]):
+    """Kuffner dos Anjos et al. 2022 as printed. Parameters: see `PrintedSettings`.
+
+    `z_near_m` as for `metameric`.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        *,
+        levels: int = PrintedSettings.levels,
+        gamma: float = PrintedSettings.gamma,
+        depth_threshold: float = PrintedSettings.depth_threshold,
+        z_near_m: float = 0.0,
+    ) -> None:
+        super().__init__(ctx, z_near_m)
+        self._settings = PrintedSettings(levels, gamma, depth_threshold)
+
+    def _build(self, size: tuple[int, int]) -> PrintedPass:
+        return PrintedPass(self._ctx, size, self._settings)
+
+    def _run(self, filler: PrintedPass, z_near_m: float, seed: int) -> None:
+        filler(*self._textures, z_near_m=z_near_m, seed=seed)

@@ -1,5 +1,5 @@
 // The mesh that the warp draws: one quad between every four neighbouring vertices.
-// Twin: moved_mesh(), with_strips(), coverage() and inside() in warp/reference.py.
+// Twin: moved_mesh(), with_strips(), with_thin(), coverage() and inside() in warp/reference.py.
 //
 // Vertices are the source pixels and two more rings around them. Ring 1 ends the border
 // pixels' own footprint, half a pixel out. Ring 0 lies beyond the target's edge: its quads
@@ -10,7 +10,9 @@
 // triangles abc and acd; those turned over by the motion are not drawn.
 //
 // Part 0 of a quad is the quad. Part k + 1 of a torn quad is the strip along its side k (a b,
-// b c, c d, d a) that belongs to the whole quad beyond: half its extent, carried on.
+// b c, c d, d a) that belongs to the whole quad beyond: half its extent, carried on. Parts 5 and
+// 6 are the bands along a b and a d, where these are whole and one pixel thin, and part 7 is the
+// pixel of a where nothing else shows it.
 
 // Images, not samplers: llvmpipe loads them three times faster.
 layout(r32f, binding = 0) uniform readonly image2D depth_m;   // in the target's view; inf is
@@ -25,6 +27,8 @@ const int GUARD = 16384 * SUB;    // vertices farther out are not drawn
 const int NARROW = 64 * SUB;      // products of narrower spans fit 32 bits
 const int REACH = 64 * SUB;       // how far beyond the view a torn quad's strips are looked for
 const int RINGS = 2;
+const int BAND = 5;   // part of a quad: the band along a b; the next along a d
+const int SPECK = 7;  // part of a quad: the pixel of a
 const uint NOTHING = 0xFFFFFFFFu;
 const uint STRETCHED = 0x80000000u;
 const float INFINITE = uintBitsToFloat(0x7F800000u);
@@ -61,13 +65,21 @@ ivec2 corner(int k) { return ivec2((k & 3) == 1 || (k & 3) == 2, (k & 3) >= 2); 
 
 ivec2 outwards(int k) { return ivec2(k == 1 ? 1 : k == 3 ? -1 : 0, k == 0 ? -1 : k == 2 ? 1 : 0); }
 
+bool is_strip(int part) { return part > 0 && part < BAND; }
+
+// Which vertex of its quad (0 to 3: a b c d) gives a part's corner `k` colour, motion and depth.
+int source_of(int part, int k) {
+    int second = k == 1 || k == 2 ? 1 : 0;
+    return part == 0 ? k : is_strip(part) ? (part - 1 + second) & 3
+         : part == BAND ? second : part == BAND + 1 ? 3 * second : 0;
+}
+
 Quad load_quad(ivec2 first, int part) {
-    int k = part - 1;
-    bool strip = part > 0;
-    ivec2 va = first + (strip ? corner(k) : ivec2(0, 0));
-    ivec2 vb = first + (strip ? corner(k + 1) : ivec2(1, 0));
-    ivec2 vc = strip ? vb + outwards(k) : first + ivec2(1, 1);
-    ivec2 vd = strip ? va + outwards(k) : first + ivec2(0, 1);
+    bool strip = is_strip(part);
+    ivec2 va = first + corner(source_of(part, 0));
+    ivec2 vb = first + corner(source_of(part, 1));
+    ivec2 vc = strip ? vb + outwards(part - 1) : first + corner(source_of(part, 2));
+    ivec2 vd = strip ? va + outwards(part - 1) : first + corner(source_of(part, 3));
     ivec2 pa = pixel_of(va), pb = pixel_of(vb), pc = pixel_of(vc), pd = pixel_of(vd);
     Quad quad;
     quad.fa = imageLoad(flow_px, pa).xy;
@@ -86,6 +98,19 @@ Quad load_quad(ivec2 first, int part) {
         quad.fc = quad.fb;
         quad.fd = quad.fa;
         quad.depth.zw = quad.depth.yx;
+    } else if (part == SPECK) {
+        quad.a += ivec2(-SUB / 2, -SUB / 2);
+        quad.b += ivec2(SUB / 2, -SUB / 2);
+        quad.c += ivec2(SUB / 2, SUB / 2);
+        quad.d += ivec2(-SUB / 2, SUB / 2);
+    } else if (part >= BAND) {
+        ivec2 along = quad.b - quad.a;
+        ivec2 across = ivec2(along.y, -along.x);
+        ivec2 half_way = across >> 1;
+        quad.c = quad.b + half_way - across;
+        quad.d = quad.a + half_way - across;
+        quad.a += half_way;
+        quad.b += half_way;
     }
     return quad;
 }

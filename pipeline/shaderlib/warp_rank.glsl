@@ -11,10 +11,10 @@ layout(std430, binding = 2) buffer Large {
     uint unreached;      // nonzero: some target pixel was reached by no quad
     uint large[];        // quads left to large.comp.glsl; room for all there are
 };
+// What to draw of each listed quad: bit k for part k, and TORN. Written by classify.comp.glsl.
+layout(std430, binding = 3) buffer Parts { uint parts[]; };
 
-// Bits of large[] beside the quad, set by classify.comp.glsl: STRETCHED, and STRIP << k where
-// side k has a strip.
-const uint STRIP = 1u << 27;
+const uint TORN = 1u << 8;
 
 // 0: find the least key. 1: find the first quad that has it. One program does both, and the
 // key's arithmetic is `precise`, so that both compute the very same keys.

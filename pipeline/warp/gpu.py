@@ -19,7 +19,8 @@ LANES = 32  # work-group size where one group takes one quad; a GPU's warp
 SOFTWARE_LANES = 8  # llvmpipe's vector
 SMALL = 16  # target pixels in the bounding box of a quad that one invocation draws
 GROUPS = 512  # work groups that share the listed quads
-MOST_QUADS = 2**27  # the list keeps five bits for what it knows of a quad
+PARTS = 8  # of a quad, each of which may win a pixel
+MOST_QUADS = 2**32 // PARTS - 1
 _UNTOUCHED = b"\xff\xff\xff\xff"
 RINGS = 2  # of vertices around the source
 
@@ -70,7 +71,7 @@ class WarpTextures:
 class WarpPass:
     """Warp source textures of one size into one window.
 
-    Compiles and allocates once, on construction: 8 bytes per window pixel and 4 per source
+    Compiles and allocates once, on construction: 8 bytes per window pixel and 8 per source
     pixel. A call makes 8 dispatches (6 where holes get no depth, 10 where they get their rim),
     allocates nothing and reads nothing back. It ends with a memory barrier.
 
@@ -141,6 +142,11 @@ class WarpPass:
         self._keys = ctx.buffer(_UNTOUCHED * (width * height))
         self._winners = ctx.buffer(_UNTOUCHED * (width * height))
         self._list = ctx.buffer(reserve=_list_bytes(source_size))
+        self._parts = ctx.buffer(reserve=_list_bytes(source_size))
+
+    @property
+    def _buffers(self) -> tuple[moderngl.Buffer, ...]:
+        return self._keys, self._winners, self._list, self._parts
 
     @property
     def dispatches(self) -> int:
@@ -150,7 +156,7 @@ class WarpPass:
     @property
     def held_bytes(self) -> int:
         """Memory that the pass itself holds."""
-        return self._keys.size + self._winners.size + self._list.size
+        return sum(buffer.size for buffer in self._buffers)
 
     def __call__(
         self,
@@ -175,9 +181,8 @@ class WarpPass:
         self._check(colour, depth_m, flow_px, warped)
         for unit, source in enumerate((depth_m, flow_px, colour)):
             source.bind_to_image(unit, read=True, write=False)
-        self._keys.bind_to_storage_buffer(0)
-        self._winners.bind_to_storage_buffer(1)
-        self._list.bind_to_storage_buffer(2)
+        for unit, buffer in enumerate(self._buffers):
+            buffer.bind_to_storage_buffer(unit)
         self._list.write(bytes(8))
         columns, rows = (-(-edge // TILE) for edge in self._mesh)
         for index in (0, 1):
@@ -230,7 +235,7 @@ class WarpPass:
 
     def release(self) -> None:
         """Free buffers and shaders."""
-        for buffer in (self._keys, self._winners, self._list):
+        for buffer in self._buffers:
             buffer.release()
         for shader in self._shaders:
             shader.release()
@@ -295,7 +300,7 @@ def _list_bytes(source_size: tuple[int, int]) -> int:
 
 def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Window) -> None:
     limit = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-    limit = min(limit, 4 * MOST_QUADS)
+    limit = min(limit, 4 * MOST_QUADS)  # a part's number stands above its quad's
     if max(_list_bytes(source_size), 4 * window.width_px * window.height_px) > limit:
         raise InputError(
             f"source and window must fit the warp's shader buffers of {limit} bytes at 4 bytes"

@@ -4,7 +4,7 @@
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant LANES  // work-group size, a power of two
-#constant HIDE   // whether stretched quads are left out, but for the strips of their neighbours
+#constant HIDE   // whether stretched quads are left out, but for the surfaces that reach into them
 #constant SMEAR  // whether they are drawn like any other
 
 layout(local_size_x = LANES) in;
@@ -50,15 +50,15 @@ void draw(Quad quad, uint index, bool stretched) {
 void main() {
     ivec2 mesh = mesh_size();
     for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
-        uint entry = large[slot];
-        uint index = entry & (STRIP - 1u);
-        bool stretched = (entry & STRETCHED) != 0u && !bool(SMEAR);
-        // One bit for each part.
-        uint parts = stretched ? (entry / STRIP & 15u) << 1 | (bool(HIDE) ? 0u : 1u) : 1u;
+        uint index = large[slot];
+        bool stretched = (parts[slot] & TORN) != 0u && !bool(SMEAR);
+        uint shown = parts[slot] & (TORN - 1u);
+        if (bool(SMEAR)) shown = 1u;
+        else if (bool(HIDE) && stretched) shown &= ~1u;
         ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-        for (; parts != 0u; parts &= parts - 1u) {
-            int part = findLSB(parts);
-            draw(load_quad(first, part), index + uint(part * mesh.x * mesh.y),
+        for (; shown != 0u; shown &= shown - 1u) {
+            int part = findLSB(shown);
+            draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
                  stretched && part == 0);
         }
     }

@@ -77,6 +77,7 @@ def warp(
     elif settings.variant == "remove":
         drawn &= ~stretched
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
+    mesh, stretched, drawn = with_thin(mesh, stretched, drawn, flow_px, depth_m, window, settings)
     hits = coverage(mesh, drawn, window)
     shown = nearest(hits, partitioned_depth(mesh, stretched, hits), stretched)
     warped = resolve(frame, depth_m, flow_px, mesh, stretched, shown, window, settings)
@@ -152,10 +153,8 @@ def with_strips(
     height, width = (length + 2 * RINGS - 1 for length in source_size)
     row, column = np.divmod(np.arange(height * width), width)
     whole = mesh.drawable & ~stretched
-    torn = mesh.drawable & stretched & ~mesh.ring_0
-    low, high = pixel_box(mesh.at, window, REACH)
-    torn &= (low <= high).all(axis=1)
-    parts = [mesh]
+    torn = mesh.drawable & stretched & ~mesh.ring_0 & within_reach(mesh.at, window)
+    parts = []
     for k, (right, down) in enumerate(((0, -1), (1, 0), (0, 1), (-1, 0))):
         # Torn quads are not in ring 0, so there is always a quad beyond.
         quad = np.flatnonzero(torn)
@@ -165,18 +164,151 @@ def with_strips(
         side = mesh.at[quad[:, None], ends]
         reach = side + (side - mesh.at[beyond[:, None], ends]) // 2
         order = [*ends, *ends[::-1]]
+        at = np.concatenate([side, reach[:, ::-1]], axis=1)
         parts.append(
-            Mesh(
-                at=np.concatenate([side, reach[:, ::-1]], axis=1),
-                pixel=mesh.pixel[quad[:, None], order],
-                depth_m=mesh.depth_m[quad[:, None], order],
-                drawable=np.ones(len(quad), np.bool_),
-                ring_0=np.zeros(len(quad), np.bool_),
+            surface(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order])
+        )
+    return with_surfaces(mesh, stretched, drawn, parts)
+
+
+def with_thin(
+    mesh: Mesh,
+    stretched: Bools,
+    drawn: Bools,
+    flow_px: NDArray[np.float32],
+    depth_m: Floats,
+    window: Window,
+    settings: WarpSettings,
+) -> tuple[Mesh, Bools, Bools]:
+    """Let what is one pixel thin in the source show, though all quads around it are torn.
+
+    Two neighbouring pixels whose side is whole, while both of its quads are torn, are joined by
+    a band as wide as the side is long, half of it on either hand: at least one of the two must
+    be thin and neither mixed. A thin pixel whose four quads are torn shows one pixel of itself.
+
+    Parameters
+    ----------
+    mesh, stretched, drawn
+        The mesh's quads first; what `with_strips` added may follow.
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Motion of the source's pixels.
+    depth_m : ndarray of shape (H, W)
+        Their depth in the target's view.
+    """
+    stretch = settings.stretch_subpixels(window)
+    size = flow_px.shape[:2]
+    grid = (size[0] + 2 * RINGS - 1, size[1] + 2 * RINGS - 1)
+    count = grid[0] * grid[1]
+    at, ring_0 = mesh.at[:count], mesh.ring_0[:count]
+    torn = mesh.drawable[:count] & stretched[:count] & ~ring_0
+    listed = (torn & within_reach(at, window)).reshape(grid)
+    torn = torn.reshape(grid)
+    # Per vertex; those beyond the source's pixels are taken for mixed.
+    thin, mixed = np.zeros((2, grid[0] + 1, grid[1] + 1), np.bool_)
+    mixed[...] = True
+    real = tuple(slice(RINGS, RINGS + length) for length in size)
+    thin[real], mixed[real] = thin_and_mixed(flow_px, depth_m, stretch, settings.surface_px)
+    across, downwards = mesh_sides(flow_px, stretch, settings.surface_px)
+    parts = []
+    for down, right, severed in ((0, 1, across[:-1]), (1, 0, downwards[:, :-1])):
+        # The quad at a side's first vertex lies below it, or right of it.
+        beyond = np.roll(torn, (right, down), axis=(0, 1))
+        end = slice(down, grid[0] + down), slice(right, grid[1] + right)
+        either = (thin[:-1, :-1] | thin[end]) & ~mixed[:-1, :-1] & ~mixed[end]
+        quad = np.flatnonzero(listed & beyond & either & ~severed)
+        order = [0, 1, 1, 0] if right else [0, 3, 3, 0]
+        first, second = at[quad, order[0]], at[quad, order[1]]
+        along = second - first
+        width = np.stack([along[:, 1], -along[:, 0]], axis=-1)
+        half = width // 2
+        corner = [first + half, second + half, second + half - width, first + half - width]
+        parts.append(
+            surface(
+                np.stack(corner, axis=1),
+                mesh.pixel[quad[:, None], order],
+                mesh.depth_m[quad[:, None], order],
             )
         )
-    added = sum(len(part.at) for part in parts[1:])
+    alone = torn & np.roll(torn, 1, axis=0)
+    alone &= np.roll(alone, 1, axis=1)
+    quad = np.flatnonzero(listed & alone & thin[:-1, :-1])
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SUBPIXELS // 2)
+    order = [0, 0, 0, 0]
+    parts.append(
+        surface(
+            at[quad[:, None], order] + square,
+            mesh.pixel[quad[:, None], order],
+            mesh.depth_m[quad[:, None], order],
+        )
+    )
+    return with_surfaces(mesh, stretched, drawn, parts)
+
+
+def thin_and_mixed(
+    flow_px: NDArray[np.float32], depth_m: Floats, stretch: int, surface_px: int
+) -> tuple[Bools, Bools]:
+    """Tell which pixels are a thing of their own, and which lie in between two others.
+
+    Along a row, a column or a diagonal, with both sides torn: a pixel lies in between if the
+    change of motion goes on in the same direction and its depth is not beyond both neighbours'.
+    Such a pixel is *mixed*, as those inside a blurred step in depth; it would stand alone in the
+    hole. Any other is *thin*: it stands out on both hands. What is mixed along one line is not
+    thin along another.
+
+    Returns
+    -------
+    thin, mixed : ndarray of bool, shape (H, W)
+    """
+    height, width, _ = flow_px.shape
+    row, column = np.indices((height, width)) * SUBPIXELS
+    change = displacement(flow_px)
+    place = np.stack([column, row], axis=-1) + change
+    thin, mixed = np.zeros((2, height, width), np.bool_)
+    inner = slice(1, -1)
+    for line in lines_of(np.arange(height * width).reshape(height, width)):
+        sides = torn_sides(place.reshape(-1, 2)[line][None], stretch, surface_px)[0]
+        both = sides[:-1] & sides[1:]
+        step = np.diff(change.reshape(-1, 2)[line], axis=0)
+        onwards = (step[:-1] * step[1:]).sum(axis=-1) > 0
+        depth = depth_m.ravel()[line]
+        ends = np.stack([depth[:-2], depth[2:]])
+        within = (ends.min(axis=0) <= depth[inner]) & (depth[inner] <= ends.max(axis=0))
+        mixed.ravel()[line[inner]] |= both & onwards & within
+        thin.ravel()[line[inner]] |= both & ~(onwards & within)
+    return thin & ~mixed, mixed
+
+
+def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
+    """List the rows, columns and diagonals of `plane` that have three cells or more."""
+    height, width = plane.shape
+    places = range(1 - height, width)
+    diagonals = [np.diagonal(one, k) for one in (plane, plane[:, ::-1]) for k in places]
+    return [line for line in (*plane, *plane.T, *diagonals) if len(line) >= 3]
+
+
+def within_reach(at: Ints, window: Window) -> Bools:
+    """Tell which torn quads are looked at for the surfaces that reach into them."""
+    low, high = pixel_box(at, window, REACH)
+    near: Bools = np.asarray((low <= high).all(axis=1))
+    return near
+
+
+def surface(at: Ints, pixel: Ints, depth_m: Floats) -> Mesh:
+    """Make quads that are drawn beside the mesh's own."""
+    none = np.zeros(len(at), np.bool_)
+    return Mesh(at=at, pixel=pixel, depth_m=depth_m, drawable=~none, ring_0=none)
+
+
+def with_surfaces(
+    mesh: Mesh, stretched: Bools, drawn: Bools, parts: list[Mesh]
+) -> tuple[Mesh, Bools, Bools]:
+    """Append whole quads to `mesh`."""
+    added = sum(len(part.at) for part in parts)
     joined = Mesh(
-        *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Mesh))
+        *(
+            np.concatenate([getattr(part, field.name) for part in (mesh, *parts)])
+            for field in fields(Mesh)
+        )
     )
     return (
         joined,
@@ -206,16 +338,25 @@ def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> B
     also one blurred over a few pixels, does not. Lengths are the larger of the extents in x
     and y.
     """
+    across, down = mesh_sides(flow_px, stretch, surface_px)
+    torn: Bools = across[:-1] | across[1:] | down[:, :-1] | down[:, 1:]
+    return torn.ravel()
+
+
+def mesh_sides(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> tuple[Bools, Bools]:
+    """Tell which sides of the mesh are torn, by the vertex left of or above them.
+
+    Between horizontal neighbours, shape (H + 4, W + 3); between vertical ones, (H + 3, W + 4).
+    """
     height, width, _ = flow_px.shape
     row, column = np.indices((height, width)) * SUBPIXELS
     moved = np.stack([column, row], axis=-1) + displacement(flow_px)
-    across = torn_sides(moved, stretch, surface_px)  # between horizontal neighbours
+    across = torn_sides(moved, stretch, surface_px)
     down = torn_sides(moved.swapaxes(0, 1), stretch, surface_px).swapaxes(0, 1)
     # In the mesh, a row or column repeats its border pixel: those sides have no length.
     across = np.pad(np.pad(across, ((RINGS, RINGS), (0, 0)), mode="edge"), ((0, 0), (RINGS, RINGS)))
     down = np.pad(np.pad(down, ((0, 0), (RINGS, RINGS)), mode="edge"), ((RINGS, RINGS), (0, 0)))
-    torn: Bools = across[:-1] | across[1:] | down[:, :-1] | down[:, 1:]
-    return torn.ravel()
+    return across, down
 
 
 def torn_sides(moved: Ints, stretch: int, surface_px: int) -> Bools:

@@ -31,10 +31,8 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
-// Colour of a quad's corner; in a strip each end of its side has two.
 vec3 colour_at(ivec2 first, int part, int k) {
-    int source = part == 0 ? k : part - 1 + (k == 1 || k == 2 ? 1 : 0);
-    return imageLoad(colour, pixel_of(first + corner(source))).rgb;
+    return imageLoad(colour, pixel_of(first + corner(source_of(part, k)))).rgb;
 }
 
 void main() {
@@ -55,7 +53,7 @@ void main() {
     }
     ivec2 mesh = mesh_size();
     int part = int(index / uint(mesh.x * mesh.y));
-    index -= uint(part * mesh.x * mesh.y);
+    index -= uint(part) * uint(mesh.x * mesh.y);
     ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
     Quad quad = load_quad(first, part);
 

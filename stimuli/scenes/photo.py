@@ -189,16 +189,34 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
     if isinstance(scene.camera, StereoPath):
         raise InputError(f"{scene.name}: the stereo path needs a stereo pair (this is one picture)")
     colour = load_colour(folder / scene.rgb)
-    stored, integers = load_plane(folder / scene.depth)
-    check_same_size(**{scene.rgb: colour, scene.depth: stored})
-    depth = stored * np.float32(scene.depth_scale)
+    depth = load_depth(folder / scene.depth, scene.depth_scale)
+    check_same_size(**{scene.rgb: colour, scene.depth: depth})
+    frame = SourceFrame(colour, depth)
+    return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
+
+
+def load_depth(path: Path, scale: float) -> NDArray[np.float32]:
+    """Read depth, in metres once multiplied by `scale`.
+
+    In a file of integers 0 is unknown: it becomes the depth of the farther neighbour in the row.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is no image of one channel, or a depth is NaN or not positive.
+    """
+    if not scale > 0:
+        raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
+    stored, integers = load_plane(path)
+    depth = stored * np.float32(scale)
     if integers:
         with np.errstate(divide="ignore"):
             inverse = np.where(depth > 0, 1 / depth, np.nan).astype(np.float32)
         depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
-    check_depth(depth, f"{folder / scene.depth}: depth")
-    frame = SourceFrame(colour, depth)
-    return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
+    check_depth(depth, f"{path}: depth")
+    return depth
 
 
 def fitted(

@@ -50,6 +50,9 @@ class StereoPair:
         The rig; see the module's text.
     right : ndarray of float32, shape (H, W, 3), optional
         The truth to compare a fill with.
+    mirrored : bool
+        The pair is told from its right photograph: `left` is the right one, with its own
+        disparity, `right` the left one, and pixels move the other way.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class StereoPair:
     baseline_m: float
     offset_px: float = 0.0
     right: NDArray[np.float32] | None = None
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
         check_colour(self.left, "left")
@@ -100,7 +104,7 @@ class StereoPair:
             below 0 the view leaves the segment between the two cameras.
         """
         flow_px = np.zeros((*self.disparity_px.shape, 2), np.float32)
-        flow_px[..., 0] = -amount * self.disparity_px
+        flow_px[..., 0] = (amount if self.mirrored else -amount) * self.disparity_px
         return WarpInput(SourceFrame(self.left, self.depth_m), flow_px)
 
 
@@ -138,6 +142,7 @@ def load_pair(
     focal_px: float | None = None,
     baseline_m: float = ASSUMED_BASELINE_M,
     offset_px: float = 0.0,
+    mirrored: bool = False,
 ) -> StereoPair:
     """Read a stereo pair with the disparity of its left view.
 
@@ -157,6 +162,8 @@ def load_pair(
         the ratios of depths are right, which is all that filling holes needs.
     baseline_m, offset_px : float
         See the module's text.
+    mirrored : bool
+        `left` is the right photograph and `right` the left one; see `StereoPair`.
 
     Raises
     ------
@@ -180,6 +187,7 @@ def load_pair(
         focal_px=focal_px or ASSUMED_FIELD_OF_VIEW * colour.shape[1],
         baseline_m=baseline_m,
         offset_px=offset_px,
+        mirrored=mirrored,
     )
 
 

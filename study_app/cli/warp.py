@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,22 +11,26 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.one_picture import check_file, check_folder, read_parameters
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from pipeline.frame import WarpedFrame
+    from pipeline.quality import Quality
     from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
     from stimuli.one_frame import Choice, Filled
+    from stimuli.one_picture import Nearer
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
-    "A file of RGBZ and flow (.exr), the left image of a stereo pair (with --disparity),"
-    " or a built-in pair: motorcycle."
+    "A file of RGBZ and flow (.exr); a picture with motion (--flow) or with depth and two poses"
+    " (--depth); an image of a stereo pair (with --disparity); or a built-in pair: motorcycle."
 )
 _FILE = "File of RGBZ and flow"
+_PICTURE = "Picture with motion, or with depth and two poses"
 _STEREO = "Stereo pair"
 _LOOK = "To look at"
 
@@ -113,6 +115,60 @@ def warp(
             rich_help_panel=_FILE,
         ),
     ] = None,
+    flow: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where each pixel goes: a Middlebury file (.flo).", rich_help_panel=_PICTURE
+        ),
+    ] = None,
+    depth: Annotated[
+        Path | None,
+        typer.Option(
+            help="Depth along the optical axis, an image of one channel; unknown is 0 in integers."
+            " Needed with poses, of use with --flow.",
+            rich_help_panel=_PICTURE,
+        ),
+    ] = None,
+    depth_scale: Annotated[
+        float,
+        typer.Option(
+            help="Metres per unit of --depth: 0.001 for millimetres.", rich_help_panel=_PICTURE
+        ),
+    ] = 1.0,
+    nearer: Annotated[
+        str,
+        typer.Option(
+            help="What stands in front where --flow comes without --depth: fast, what moves"
+            " faster, or none.",
+            rich_help_panel=_PICTURE,
+        ),
+    ] = "fast",
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FX,FY,CX,CY",
+            help="Intrinsics in pixels; the first pixel's centre is at 0, 0.",
+            rich_help_panel=_PICTURE,
+        ),
+    ] = None,
+    pose: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POSE",
+            help="Of the picture, world from camera: 'tx ty tz qx qy qz qw', 16 numbers of a"
+            r" matrix, or FILE:LINE. \[default: the world's origin]",
+            show_default=False,
+            rich_help_panel=_PICTURE,
+        ),
+    ] = None,
+    target_pose: Annotated[
+        str | None,
+        typer.Option(metavar="POSE", help="Of the new view.", rich_help_panel=_PICTURE),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="What the new view really shows: fills are measured against it."),
+    ] = None,
     disparity: Annotated[
         Path | None,
         typer.Option(
@@ -152,6 +208,15 @@ def warp(
             help="How far to move: 1 is the right camera, 0.5 half way.", rich_help_panel=_STEREO
         ),
     ] = 1.0,
+    to_left: Annotated[
+        bool,
+        typer.Option(
+            "--to-left",
+            help="From the right camera to the left: SOURCE and --disparity are the right image's,"
+            " --right is the left image.",
+            rich_help_panel=_STEREO,
+        ),
+    ] = False,
     steps: Annotated[
         Path | None,
         typer.Option(
@@ -171,7 +236,7 @@ def warp(
     """Warp one picture and fill its holes.
 
     The holes are what the new view shows and the old one did not see.
-    Where the truth is known (a right image), the fill is measured inside them.
+    Where the truth is known (--truth, --right), the fill is measured inside them.
 
     Examples:
 
@@ -182,9 +247,14 @@ def warp(
         metamerlab warp motorcycle --compare sheet.png
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
+
+        metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
+
+        metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
+        --camera 518,519,325.5,253.5 --pose pose.txt:1 --target-pose pose.txt:2
     """
     from pipeline.warp.settings import WarpSettings
-    from study_app.cli.warp_source import FileOptions, PairOptions, load
+    from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
@@ -193,7 +263,11 @@ def warp(
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),
-            PairOptions(disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount),
+            PairOptions(
+                disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
+            ),
+            PictureOptions(flow, depth, depth_scale, _nearer(nearer), camera, pose, target_pose),
+            truth,
         )
         settled = asked or loaded.settings
         _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps)
@@ -254,49 +328,26 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
         raise StudyError(
             f"one --method makes one OUT (got {len(methods)}); add --compare FILE to see them all"
         )
-    parameters = _parameters(methods, settings or [])
+    parameters = read_parameters(settings or [], methods)
     return [Choice(name, parameters) for name in methods]
 
 
-def _parameters(methods: list[str], settings: list[str]) -> dict[str, Any]:
-    if settings and len(methods) > 1:
-        raise StudyError("--set needs exactly one --method: whose parameter it is is not clear")
-    parameters: dict[str, Any] = {}
-    for setting in settings:
-        name, equals, value = setting.partition("=")
-        if not equals or not name:
-            raise StudyError(f"--set must be name=value (got {setting!r})")
-        try:
-            parameters[name] = json.loads(value)  # numbers and true or false
-        except json.JSONDecodeError:
-            parameters[name] = value
-    return parameters
+def _nearer(text: str) -> Nearer:
+    from stimuli.one_picture import NEARER
+
+    for choice in NEARER:
+        if text == choice:
+            return choice
+    raise StudyError(f"--nearer must be {' or '.join(NEARER)} (got {text!r})")
 
 
 def _check_outputs(out: Path, compare: Path | None, steps: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
-    for path in (out, compare):
-        if path is None:
-            continue
-        if path.suffix.lower() not in (".png", ".exr") or (
-            path is compare and path.suffix.lower() != ".png"
-        ):
-            endings = ".png" if path is compare else ".png or .exr"
-            raise StudyError(f"{path}: must end in {endings}")
-        if path.is_dir():
-            raise StudyError(f"{path}: must be a file, and is a folder")
-        _check_folder(path.parent)
+    check_file(out, (".png", ".exr"))
+    if compare is not None:
+        check_file(compare, (".png",))
     if steps is not None:
-        _check_folder(steps)
-
-
-def _check_folder(folder: Path) -> None:
-    """Refuse a folder that is not there and cannot be made."""
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir():
-        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
+        check_folder(steps)
 
 
 def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:
@@ -305,19 +356,27 @@ def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], r
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
     console.print(f"{width} x {height} px, {holes}")
-    if not any(fill.quality for fill in fills):
+    _print_quality(console, "inside the holes that do not touch the border",
+                   [(fill.choice, fill.quality) for fill in fills])  # fmt: skip
+    _print_quality(console, "inside all holes",
+                   [(fill.choice, fill.quality_all) for fill in fills])  # fmt: skip
+
+
+def _print_quality(
+    console: Console, title: str, found: list[tuple[Choice, Quality | None]]
+) -> None:
+    if not any(quality for _, quality in found):
         return
-    table = Table("method", title="inside the holes", title_justify="left", box=None)
+    table = Table("method", title=title, title_justify="left", box=None)
     for column in ("PSNR dB", "SSIM", "high-frequency ratio", "band error"):
         table.add_column(column, justify="right")
-    for fill in fills:
-        if fill.quality is not None:
-            numbers = fill.quality
+    for choice, quality in found:
+        if quality is not None:
             table.add_row(
-                fill.choice.label,
-                f"{numbers.psnr_db:.2f}",
-                f"{numbers.ssim:.3f}",
-                f"{numbers.high_frequency_ratio:.2f}",
-                f"{numbers.band_error:.3f}",
+                choice.label,
+                f"{quality.psnr_db:.2f}",
+                f"{quality.ssim:.3f}",
+                f"{quality.high_frequency_ratio:.2f}",
+                f"{quality.band_error:.3f}",
             )
     console.print(table)

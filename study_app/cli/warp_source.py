@@ -1,16 +1,18 @@
-"""What `metamerlab warp` is given: a file, a stereo pair, or a built-in one."""
+"""What `metamerlab warp` is given: a file, a picture with motion or depth, or a stereo pair."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frame import check_same_size
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
-from stimuli.exr import Channels, Transfer, WarpInput, load_warp_input
+from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
+from stimuli.one_picture import Nearer, from_depth, from_flow, read_pose
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 
 
@@ -24,16 +26,30 @@ class FileOptions:
 
 
 @dataclass(frozen=True)
+class PictureOptions:
+    """What is said about a picture with motion or depth; see `stimuli.one_picture`."""
+
+    flow: Path | None = None
+    depth: Path | None = None
+    depth_scale: float = 1.0
+    nearer: Nearer = "fast"
+    camera: str | None = None  # fx,fy,cx,cy
+    pose: str | None = None
+    target_pose: str | None = None
+
+
+@dataclass(frozen=True)
 class PairOptions:
     """What is said about a stereo pair; see `stimuli.scenes.stereo.load_pair`."""
 
-    disparity: Path | None
-    right: Path | None
-    units_per_px: float
-    focal_px: float | None
-    baseline_m: float
-    offset_px: float
-    amount: float
+    disparity: Path | None = None
+    right: Path | None = None
+    units_per_px: float = 1.0
+    focal_px: float | None = None
+    baseline_m: float = 0.1
+    offset_px: float = 0.0
+    amount: float = 1.0
+    to_left: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,8 +61,14 @@ class Loaded:
     truth: NDArray[np.float32] | None
 
 
-def load(source: str, file: FileOptions, pair: PairOptions) -> Loaded:
-    """Read what to warp.
+def load(
+    source: str,
+    file: FileOptions,
+    pair: PairOptions,
+    picture: PictureOptions = PictureOptions(),
+    truth: Path | None = None,
+) -> Loaded:
+    """Read what to warp; `truth` is a picture of what the target view shows.
 
     Raises
     ------
@@ -55,10 +77,33 @@ def load(source: str, file: FileOptions, pair: PairOptions) -> Loaded:
     OSError, InputError
         If a file is missing or not what it must be.
     """
+    loaded = _load(source, file, pair, picture)
+    if truth is None:
+        return loaded
+    if pair.right is not None:
+        raise StudyError("--truth and --right name the same picture: give one of them")
+    shown = load_colour(truth, transfer=Transfer.ENCODED if file.encoded else None, clip=file.clip)
+    check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
+    return replace(loaded, truth=shown)
+
+
+def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOptions) -> Loaded:
     path = Path(source)
+    if picture != PictureOptions():
+        if pair != PairOptions():
+            raise StudyError(
+                "options of stereo pairs (--disparity, --right, --to-left, --amount ...) do not go"
+                " with --flow, or with --depth and two poses"
+            )
+        if file != FileOptions():
+            raise StudyError("--clip, --encoded and --channel belong to files of RGBZ and flow")
+        return Loaded(_load_picture(path, picture), PAIR_WARP, None)
     if path.suffix.lower() == ".exr" and pair.disparity is None:
-        if pair.amount != 1.0 or pair.right is not None:
-            raise StudyError("--amount and --right belong to stereo pairs: a file has its flow")
+        if pair.amount != 1.0 or pair.right is not None or pair.to_left:
+            raise StudyError(
+                "--amount, --right and --to-left belong to stereo pairs: a file has its flow"
+                " (its truth is named by --truth)"
+            )
         transfer = Transfer.ENCODED if file.encoded else None
         names = _channels(file.channels)
         frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
@@ -71,9 +116,53 @@ def load(source: str, file: FileOptions, pair: PairOptions) -> Loaded:
     return Loaded(loaded.warp_input(pair.amount), PAIR_WARP, truth)
 
 
+def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
+    moved = (options.camera, options.pose, options.target_pose)
+    if options.flow is not None:
+        if any(part is not None for part in moved):
+            raise StudyError(
+                "--flow says where pixels go: --camera, --pose and --target-pose do not go with it"
+            )
+        return from_flow(
+            path,
+            options.flow,
+            options.depth,
+            depth_scale=options.depth_scale,
+            nearer=options.nearer,
+        )
+    if options.depth is None or options.camera is None or options.target_pose is None:
+        raise StudyError(
+            "a picture needs --flow FILE, or --depth FILE with --camera FX,FY,CX,CY, --target-pose"
+            " and, unless it is at the world's origin, --pose"
+        )
+    pose = np.eye(4) if options.pose is None else read_pose(options.pose)
+    return from_depth(
+        path,
+        options.depth,
+        intrinsics_px=_intrinsics(options.camera),
+        pose=pose,
+        target_pose=read_pose(options.target_pose),
+        depth_scale=options.depth_scale,
+    )
+
+
+def _intrinsics(text: str) -> tuple[float, float, float, float]:
+    try:
+        fx_px, fy_px, cx_px, cy_px = (float(part) for part in text.split(","))
+    except ValueError:
+        raise StudyError(
+            f"--camera must be FX,FY,CX,CY in pixels, such as 518,519,325.5,253.5 (got {text!r})"
+        ) from None
+    return fx_px, fy_px, cx_px, cy_px
+
+
 def _load_pair(source: str, options: PairOptions) -> StereoPair:
     path = Path(source)
     if source in BUILT_IN and not path.exists():
+        if options.to_left:
+            raise StudyError(
+                f"{source}: only the left photograph's disparity is known; no --to-left"
+            )
         return built_in_pair(source)
     if options.disparity is not None:
         return load_pair(
@@ -84,10 +173,12 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             focal_px=options.focal_px,
             baseline_m=options.baseline_m,
             offset_px=options.offset_px,
+            mirrored=options.to_left,
         )
     if path.exists():
         raise StudyError(
-            f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE"
+            f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE,"
+            " --flow FILE, or --depth FILE and two poses"
         )
     raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
 

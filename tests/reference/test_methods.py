@@ -84,7 +84,7 @@ def test_every_method_keeps_a_constant_image_constant(gl_context, rng, name):
     np.testing.assert_allclose(filled, colour, atol=atol)
 
 
-@pytest.mark.parametrize("name", ["metameric", "push-pull-depth"])
+@pytest.mark.parametrize("name", ["metameric", "metameric-paper", "push-pull-depth"])
 def test_a_frame_all_at_infinity_is_filled_as_one_at_any_depth(gl_context, rng, name):
     """Nothing is nearest there, and the guide must be a number all the same."""
     far = warped_frame(rng)

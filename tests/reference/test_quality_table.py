@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.quality import PART, interior, measure, table
-from pipeline.quality import Quality
+from benchmarks.quality import PART, measure, table
+from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
 from stimuli.one_frame import Choice

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
@@ -155,15 +156,139 @@ def test_a_step_along_the_motion_opens_no_crack():
     np.testing.assert_array_equal(warped.depth_m[:, 12:], depth[:, 12:])
 
 
-@pytest.mark.parametrize(("thickness_px", "shown_px"), [(1, 0), (2, 2), (3, 3)])
-def test_thin_things_show_from_two_pixels_on(thickness_px, shown_px):
+@pytest.mark.parametrize("thickness_px", [1, 2, 3])
+def test_thin_things_keep_their_width(thickness_px):
     depth = np.full((1, 40), 5.0)
     depth[0, 8 : 8 + thickness_px] = 1
     frame = grey(np.full((1, 40), 0.5), depth)
 
     warped = warp(frame, parallax(frame, 15))
 
-    assert (~warped.hole & (warped.depth_m == 1)).sum() == shown_px
+    assert (~warped.hole & (warped.depth_m == 1)).sum() == thickness_px
+
+
+# Each is one pixel thin; the last is joined by its sides, the one before by corners only.
+LINES = {
+    "down": [(row, 20) for row in range(48)],
+    "across": [(24, column) for column in range(48)],
+    "diagonal": [(row, row) for row in range(48)],
+    "steep": [(row, 10 + row // 3) for row in range(48)],
+    "staircase": [(row, row + extra) for row in range(47) for extra in (0, 1)],
+}
+
+
+def line_before_a_plane(
+    pixels: list[tuple[int, int]], shift: tuple[float, float]
+) -> tuple[SourceFrame, Flow, NDArray[np.bool_]]:
+    """Move a line of `pixels` by `shift` (x, y) before a plane at rest; and where it was."""
+    line = np.zeros((48, 48), np.bool_)
+    line[tuple(np.transpose(pixels))] = True
+    frame = grey(np.where(line, 0.9, 0.2), np.where(line, 1, 5))
+    return frame, np.where(line[..., None], np.float32(shift), np.float32(0)), line
+
+
+@pytest.mark.parametrize("shift", [(7, 0), (-6, 5), (5.25, -6.5), (0.5, 8.5), (-7.9, 0.3)])
+@pytest.mark.parametrize("name", LINES)
+def test_a_line_of_one_pixel_stays_the_same_line_under_any_shift(name, shift):
+    """Each of its pixels covers one centre of the target's, so it moves to the nearest whole."""
+    frame, flow, line = line_before_a_plane(LINES[name], shift)
+
+    warped = warp(frame, flow, window=Window(-16, -16, 80, 80))
+
+    # A centre where two footprints meet belongs to the one below or right of it.
+    right, down = (int(np.ceil(along - 0.5)) for along in shift)
+    expected = np.zeros((80, 80), np.bool_)
+    expected[16 + down : 64 + down, 16 + right : 64 + right] = line
+    found = ~warped.hole & (warped.depth_m == 1)
+    inside = slice(24, 56)  # whole lines: their ends lie outside, and go on beyond the border
+    np.testing.assert_array_equal(found[inside, inside], expected[inside, inside])
+    np.testing.assert_array_equal(warped.colour[found], np.float32(0.9))
+
+
+def test_a_line_leaves_a_hole_exactly_where_it_was():
+    frame, flow, line = line_before_a_plane(LINES["down"], (7, 0))
+    warped = warp(frame, flow)
+    np.testing.assert_array_equal(warped.hole, line)
+    np.testing.assert_array_equal(warped.depth_m[line], 5)
+
+
+def test_a_slit_of_one_pixel_shows_what_lies_behind_it():
+    """By hand: two near walls part, and the background seen between them stays."""
+    depth = np.full((9, 40), 1.0)
+    depth[:, 20] = 5
+    frame = grey(np.where(depth == 5, 0.9, 0.2), depth)
+    flow = still(frame)
+    flow[:, :20, 0], flow[:, 21:, 0] = -8, 8
+
+    warped = warp(frame, flow)
+
+    slit = ~warped.hole & (warped.depth_m == 5)
+    np.testing.assert_array_equal(np.argwhere(slit), [(row, 20) for row in range(9)])
+    np.testing.assert_array_equal(warped.colour[slit], np.float32(0.9))
+    frame.depth_m[:, 20] = 1  # as near as the walls: a step of motion, blurred over one pixel
+    assert warp(frame, flow).hole[:, 20].all()
+
+
+def test_the_nearer_of_two_crossing_lines_is_in_front():
+    depth = np.full((48, 48), 9.0)
+    depth[24, :] = 2
+    depth[:, 20] = 1
+    frame = grey(np.choose((depth < 9) + (depth < 2), [0.1, 0.5, 0.9]), depth)
+
+    warped = warp(frame, parallax(frame, 10))
+
+    assert warped.depth_m[24, 30] == 1
+    row = warped.depth_m[24]
+    np.testing.assert_array_equal(row[[28, 29, 31, 32]], 2)
+
+
+def test_a_thin_line_is_magnified_without_gaps():
+    """Three times as large, it is three pixels wide and whole."""
+    frame, _, _ = line_before_a_plane(LINES["down"], (0, 0))
+    near = frame.depth_m == 1
+    flow = similarity(48, 48, 3.0, 0.0) + np.where(near[..., None], np.float32((20, 0)), 0)
+
+    warped = warp(frame, flow.astype(np.float32))
+
+    assert ((~warped.hole & (warped.depth_m == 1)).sum(axis=1) == 3).all()
+
+
+def test_a_thin_line_that_turns_stays_connected():
+    frame, _, line = line_before_a_plane(LINES["down"], (0, 0))
+    turned = similarity(48, 48, 1.2, np.radians(35)) + np.float32((60, 4))
+    flow = np.where(line[..., None], turned, np.float32(0)).astype(np.float32)
+
+    found = warp(frame, flow, window=Window(0, -16, 160, 80))
+
+    shown = ~found.hole & (found.depth_m == 1)
+    _, pieces = ndimage.label(shown, np.ones((3, 3)))
+    assert pieces == 1
+    assert 48 <= shown.sum() <= 100
+
+
+def test_a_lone_pixel_shows_one_pixel():
+    depth = np.full((20, 30), 5.0)
+    depth[10, 8] = 1
+    frame = grey(np.where(depth == 1, 0.9, 0.2), depth)
+    for x in (15, 15.5, 15.9):
+        warped = warp(frame, parallax(frame, x))
+        assert (~warped.hole & (warped.depth_m == 1)).sum() == 1
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 45, 80])
+def test_nothing_stands_alone_in_the_hole_of_a_slanting_blurred_step(angle_deg):
+    """Depth maps that were resampled step over two or three pixels, in every direction."""
+    y, x = np.mgrid[:64, :64] + 0.5
+    along = np.cos(np.radians(angle_deg)) * (x - 32) + np.sin(np.radians(angle_deg)) * (y - 32)
+    depth = 1 / np.interp(along, [-1.3, 1.3], [1, 0.2])
+    frame = grey(np.full((64, 64), 0.5), depth)
+    towards = -30 * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+
+    warped = warp(frame, parallax(frame, *towards), window=Window.inside_margin((64, 64), 12))
+
+    assert warped.hole.sum() > 300
+    moved_px = 30 / warped.depth_m[~warped.hole]
+    assert ((moved_px > 29) | (moved_px < 7)).all()  # 1 px more than what lies behind: one surface
 
 
 def test_nothing_stands_alone_in_the_hole_of_a_blurred_step():

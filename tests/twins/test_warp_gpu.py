@@ -23,6 +23,7 @@ from pipeline.warp.reference import (
     torn_quads,
     warp,
     with_strips,
+    with_thin,
 )
 from pipeline.warp.rim import DIRECTIONS, HOLE_PX, ahead
 from pipeline.warp.settings import VARIANTS, WarpSettings, Window
@@ -123,6 +124,21 @@ def torn_beside_a_passed_post() -> Scene:
     return Scene(scene.frame, scene.flow_px, target)
 
 
+def lattice(turned_deg: float = 0.0) -> Scene:
+    """Put wires of one pixel, near and nearer along their way, before a far wall."""
+    rng = np.random.default_rng(13)
+    y, x = np.mgrid[:48, :64]
+    wires = (y % 11 == 5) | (x % 13 == 6) | ((x + y) % 29 == 3) | ((2 * x + y) % 31 == 8)
+    depth = np.where(wires, 1.2 + 0.011 * x + 0.007 * y, 9.0).astype(np.float32)
+    frame = SourceFrame(rng.random((48, 64, 3), np.float32), depth)
+    source = Camera.with_field_of_view(64, 48, 60)
+    moved = source.moved(np.array((0.21, 0.13, 0.1)))
+    pose = moved.world_from_camera.copy()
+    pose[:3, :3] @= turn(0, turned_deg)
+    target = Camera(64, 48, source.fx_px, source.fy_px, source.cx_px, source.cy_px, pose)
+    return Scene(frame, *flow_between(source, target, frame.depth_m))
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "sideways": lambda: seen_from((0.25, 0.05, 0), np.eye(3)),
     "forward, past a box": lambda: seen_from((0, 0, 1.1), np.eye(3)),
@@ -135,6 +151,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "stretched by halves": stretched_by_halves,
     "past a post": passed_post,
     "torn beside a passed post": torn_beside_a_passed_post,
+    "wires": lattice,
+    "wires, turned": lambda: lattice(33),
     "one pixel": lambda: random_scene(np.random.default_rng(4), 0.3, 1, 1),
     "one row": lambda: random_scene(np.random.default_rng(5), 3, 1, 50),
     "one column": lambda: random_scene(np.random.default_rng(6), 3, 50, 1),
@@ -155,6 +173,9 @@ def undecided(scene: Scene, settings: WarpSettings) -> NDArray[np.bool_]:
     if settings.variant == "remove":
         drawn &= ~stretched
     mesh, stretched, drawn = with_strips(mesh, stretched, drawn, frame.size, window)
+    mesh, stretched, drawn = with_thin(
+        mesh, stretched, drawn, scene.flow_px, depth.astype(np.float64), window, settings
+    )
     hits = coverage(mesh, drawn, window)
     rank = partitioned_depth(mesh, stretched, hits)
     order = np.lexsort((rank, hits.pixel))

@@ -1,0 +1,214 @@
+"""The method as printed beside today's and push-pull: `script/bench paper --help`.
+
+On stereo pairs, against the other photograph inside interior holes; on the built-in scenes, seen
+from four places around their camera, against the true view inside all holes. FovVideoVDP (in JOD,
+as a still, everything but the holes set to the truth) where it can be imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.output import PagePart, file_to_write
+from benchmarks.quality import pairs, warped_pair
+from benchmarks.thin import DIRECTIONS, SCENE_SEED
+from pipeline.camera import flow_between
+from pipeline.frame import WarpedFrame
+from pipeline.gl.context import create_context, describe, release_context
+from pipeline.methods.registry import create_method
+from pipeline.quality import Quality, evaluate, interior
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.settings import Window
+from protocols.revision import code_revision, package_version
+from stimuli import pictures
+from stimuli.paths import STILL, Pose
+from stimuli.render import Renderer
+from stimuli.scenery import RenderedScenery
+from stimuli.scenes.registry import build_scene, scene_names
+
+RESULTS = Path(__file__).parent / "results" / "paper.json"
+PART = PagePart("paper table")
+METHODS = ("metameric-paper", "metameric", "push-pull", "push-pull-depth")
+SEED = 1
+MARGIN = 0.15  # of the width, around rendered views: nothing enters them
+
+Colour = NDArray[np.float32]
+Score = Callable[[Colour, Colour, NDArray[np.bool_]], float]
+
+
+@dataclass(frozen=True)
+class View:
+    """One warped frame, what it should show, and where that is asked."""
+
+    warped: WarpedFrame
+    truth: Colour
+    mask: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one scene: means over its views."""
+
+    quality: Quality
+    jod: float | None
+
+
+def photographs(ctx: moderngl.Context, folder: Path | None) -> Iterator[tuple[str, list[View]]]:
+    """Every pair with its other photograph."""
+    for name, pair in pairs(folder):
+        if pair.right is not None:
+            warped = warped_pair(ctx, pair)
+            yield name, [View(warped, pair.right, interior(warped.hole))]
+
+
+def rendered(
+    ctx: moderngl.Context, names: Sequence[str], size_px: tuple[int, int], extent: float
+) -> Iterator[tuple[str, list[View]]]:
+    """Every built-in scene; `extent` is the camera's way in near depths."""
+    margin_px = round(MARGIN * size_px[0])
+    for name in names:
+        scenery = RenderedScenery(ctx, Renderer(ctx, build_scene(name, SCENE_SEED)), name)
+        extent_m = extent * scenery.typical_depth_m
+        frame, camera = scenery.source(size_px, margin_px, STILL, extent_m, -1)
+        window = Window.inside_margin(frame.size, margin_px)
+        views = []
+        for direction in DIRECTIONS:
+            pose = Pose(np.asarray(direction, np.float64), np.eye(3))
+            target = pose.applied_to(camera, extent_m)
+            flow_px, depth_m = flow_between(camera, target, frame.depth_m)
+            warped = warp_frame(ctx, frame, flow_px, target_depth_m=depth_m, window=window)
+            truth = scenery.truth(size_px, pose, extent_m, warped, 0)
+            views.append(View(warped, truth, warped.hole))
+        scenery.release()
+        yield name, views
+
+
+def measure(
+    ctx: moderngl.Context, views: Sequence[View], jod: Score | None
+) -> tuple[dict[str, Row], list[tuple[str, pictures.Picture]]]:
+    """Score every method on one scene; and the first view's fills."""
+    rows = {}
+    tiles = [("truth", pictures.of_colour(views[0].truth))]
+    for name in METHODS:
+        method = create_method(name, ctx, {})
+        fills = [method.fill(view.warped, SEED) for view in views]
+        method.release()
+        found = [
+            asdict(evaluate(fill, view.truth, view.mask))
+            for fill, view in zip(fills, views, strict=True)
+        ]
+        mean = {key: float(np.mean([one[key] for one in found])) for key in found[0]}
+        scores = [
+            jod(fill, view.truth, view.mask)
+            for fill, view in zip(fills, views, strict=True)
+            if jod is not None
+        ]
+        rows[name] = Row(Quality(**mean), float(np.mean(scores)) if scores else None)
+        tiles.append((name, pictures.of_colour(fills[0])))
+    return rows, tiles
+
+
+def fovvideovdp() -> Score | None:
+    """The metric of stills in holes, where its package is installed."""
+    if importlib.util.find_spec("pyfvvdp") is None:
+        return None
+    from stimuli.score.fovvideovdp import open_metric
+    from stimuli.score.viewing import standard_fhd
+
+    metric = open_metric(standard_fhd(), None, foveated=False)
+
+    def score(filled: Colour, truth: Colour, mask: NDArray[np.bool_]) -> float:
+        test = np.where(mask[..., None], filled, truth)
+        return float(metric.predict(test, truth, dim_order="HWC")[0])
+
+    return score
+
+
+def table(results: dict[str, tuple[float, dict[str, Row]]]) -> str:
+    """Render as Markdown: one row per scene and method, then the means."""
+    lines = [
+        "| scene (holes) | method | PSNR dB | SSIM | high-frequency ratio | band error | JOD |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for scene, (share, rows) in results.items():
+        lines += [
+            f"| {scene} ({100 * share:.1f} %) | {method} | {_numbers([row])} |"
+            for method, row in rows.items()
+        ]
+    for method in METHODS:
+        lines.append(
+            f"| mean | {method} | {_numbers([rows[method] for _, rows in results.values()])} |"
+        )
+    return "\n".join(lines)
+
+
+def _numbers(rows: Sequence[Row]) -> str:
+    q = {
+        key: float(np.mean([asdict(row.quality)[key] for row in rows]))
+        for key in ("psnr_db", "ssim", "high_frequency_ratio", "band_error")
+    }
+    jods = [row.jod for row in rows if row.jod is not None]
+    jod = f"{np.mean(jods):.2f}" if jods else ""
+    return (
+        f"{q['psnr_db']:.2f} | {q['ssim']:.3f} | {q['high_frequency_ratio']:.2f} |"
+        f" {q['band_error']:.3f} | {jod}"
+    )
+
+
+def main(argv: list[str]) -> int:
+    """Measure, print, and store with what the numbers depend on."""
+    parser = argparse.ArgumentParser(prog="script/bench paper", description=__doc__)
+    parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    parser.add_argument("--scenes", nargs="*", choices=scene_names(), default=scene_names())
+    parser.add_argument("--size", type=int, nargs=2, default=(320, 240), metavar=("W", "H"))
+    parser.add_argument("--extent", type=float, default=0.04, help="in near depths (0.04)")
+    parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
+    parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
+    parser.add_argument("--json", type=file_to_write, default=RESULTS)
+    arguments = parser.parse_args(argv)
+    jod = fovvideovdp()
+    ctx = create_context()
+    results: dict[str, tuple[float, dict[str, Row]]] = {}
+    try:
+        renderer = str(describe(ctx))
+        size_px = (arguments.size[0], arguments.size[1])
+        for scenes in (
+            photographs(ctx, arguments.pairs),
+            rendered(ctx, arguments.scenes, size_px, arguments.extent),
+        ):
+            for name, views in scenes:
+                rows, tiles = measure(ctx, views, jod)
+                results[name] = float(np.mean([view.mask.mean() for view in views])), rows
+                if arguments.sheets is not None:
+                    arguments.sheets.mkdir(parents=True, exist_ok=True)
+                    sheet = pictures.sheet(tiles)
+                    pictures.save_picture(arguments.sheets / f"{name}.png", sheet)
+    finally:
+        release_context(ctx)
+    print(table(results))
+    if arguments.docs is not None:
+        PART.replace(arguments.docs, table(results))
+    record = {
+        "version": package_version(), "revision": code_revision(), "renderer": renderer,
+        "size_px": list(size_px), "extent": arguments.extent,
+        "scenes": {
+            name: {"hole_share": share, "methods": {m: asdict(row) for m, row in rows.items()}}
+            for name, (share, rows) in results.items()
+        },
+    }  # fmt: skip
+    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""Metameric inpainting as its paper prints it, without what was found since."""

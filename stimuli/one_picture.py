@@ -1,0 +1,169 @@
+"""What a warp needs, from one picture and its motion, or its depth and two poses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+from pipeline.camera import Camera, flow_between
+from pipeline.errors import InputError
+from pipeline.frame import SourceFrame, check_same_size
+from stimuli.exr import WarpInput, load_colour
+from stimuli.flow_file import read_flo
+from stimuli.scenes.photo import load_depth
+
+Nearer = Literal["fast", "none"]
+NEARER: Final[tuple[Nearer, ...]] = get_args(Nearer)
+LEAST_NEARNESS = 1e-3  # of the fastest pixel's; so far away is what stands still
+
+
+def from_flow(
+    picture: Path,
+    flow: Path,
+    depth: Path | None = None,
+    *,
+    depth_scale: float = 1.0,
+    nearer: Nearer = "fast",
+) -> WarpInput:
+    """Read a picture and its motion (`.flo`) into the next one.
+
+    Parameters
+    ----------
+    depth : Path, optional
+        Depth of the picture, see `load_depth`.
+    depth_scale : float
+        Metres per unit of that file.
+    nearer : {"fast", "none"}
+        What stands in front where there is no depth: what moves faster, as seen from a moving
+        camera, or nothing, so that all is equally far. Depths are in no unit then.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is missing.
+    InputError
+        If a file is not what it must be, or sizes differ.
+
+    Notes
+    -----
+    A pixel of unknown motion takes that of the nearest known one.
+    """
+    if nearer not in NEARER:
+        raise InputError(f"nearer must be one of {', '.join(NEARER)} (got {nearer!r})")
+    colour = load_colour(picture)
+    flow_px, known = read_flo(flow)
+    check_same_size(**{str(picture): colour, str(flow): flow_px})
+    if not known.all():
+        closest = ndimage.distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        flow_px = np.ascontiguousarray(flow_px[tuple(closest)])
+    if depth is not None:
+        depth_m = load_depth(depth, depth_scale)
+        check_same_size(**{str(picture): colour, str(depth): depth_m})
+    else:
+        speed = np.linalg.norm(flow_px.astype(np.float64), axis=-1) * (nearer == "fast")
+        nearness = speed / speed.max() if speed.max() > 0 else np.ones(known.shape)
+        depth_m = (1 / np.maximum(nearness, LEAST_NEARNESS)).astype(np.float32)
+    return WarpInput(SourceFrame(colour, depth_m), flow_px)
+
+
+def from_depth(
+    picture: Path,
+    depth: Path,
+    *,
+    intrinsics_px: tuple[float, float, float, float],
+    pose: NDArray[np.float64],
+    target_pose: NDArray[np.float64],
+    depth_scale: float = 1.0,
+) -> WarpInput:
+    """Read a picture with depth, and move it from one pose to another.
+
+    Parameters
+    ----------
+    intrinsics_px : (fx, fy, cx, cy)
+        Of both cameras; the centre of the left top pixel is at (0, 0), as RGB-D data sets have it.
+    pose, target_pose : ndarray of float64, shape (4, 4)
+        World from camera, metres; see `read_pose`.
+    depth_scale : float
+        Metres per unit of the depth file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is missing.
+    InputError
+        If a file is not what it must be, sizes differ, or a camera is not possible.
+    """
+    colour = load_colour(picture)
+    depth_m = load_depth(depth, depth_scale)
+    check_same_size(**{str(picture): colour, str(depth): depth_m})
+    height, width = depth_m.shape
+    fx_px, fy_px, cx_px, cy_px = intrinsics_px
+    cameras = [
+        # Our first pixel's centre is at (0.5, 0.5).
+        Camera(width, height, fx_px, fy_px, cx_px + 0.5, cy_px + 0.5, matrix)
+        for matrix in (pose, target_pose)
+    ]
+    flow_px, target_depth_m = flow_between(cameras[0], cameras[1], depth_m)
+    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
+
+
+def read_pose(text: str) -> NDArray[np.float64]:
+    """Read where a camera is: world from camera, metres, x right, y down, z forward.
+
+    Parameters
+    ----------
+    text : str
+        ``tx ty tz qx qy qz qw``; the same after a time stamp, as the TUM data sets have it; the 16
+        numbers of a 4x4 matrix, row by row; or ``FILE:LINE``, where line 1 is the first that
+        is neither empty nor begins with ``#``. Numbers are parted by blanks or commas.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file is missing.
+    InputError
+        If it is none of these.
+    """
+    name, colon, line = text.rpartition(":")
+    if colon and line.isdigit():
+        rows = [
+            row
+            for row in Path(name).read_text(encoding="utf-8").splitlines()
+            if row.strip() and not row.lstrip().startswith("#")
+        ]
+        if not 1 <= int(line) <= len(rows):
+            raise InputError(f"{name}: must have a pose in line {line} (has {len(rows)} lines)")
+        return _pose(rows[int(line) - 1], text)
+    return _pose(text, "pose")
+
+
+def _pose(row: str, where: str) -> NDArray[np.float64]:
+    try:
+        numbers = np.array([float(part) for part in re.split(r"[\s,]+", row.strip())])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) == 16:
+        return numbers.reshape(4, 4)
+    if len(numbers) not in (7, 8):
+        raise InputError(
+            f"{where}: must be tx ty tz qx qy qz qw, the same after a time stamp, 16 numbers of a"
+            f" matrix, or FILE:LINE (got {row!r})"
+        )
+    turned = numbers[-4:]
+    if not abs(np.linalg.norm(turned) - 1) < 0.01:
+        raise InputError(
+            f"{where}: qx qy qz qw must be a quaternion of length 1"
+            f" (its length is {np.linalg.norm(turned):.4g})"
+        )
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(turned).as_matrix()
+    matrix[:3, 3] = numbers[-7:-4]
+    return matrix
