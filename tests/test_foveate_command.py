@@ -451,3 +451,43 @@ def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):
 
     assert code == 0
     assert (tmp_path / "steps" / "sheet.png").exists()
+
+
+# --- energy-metamer ----------------------------------------------------------------------
+
+
+def test_without_torch_the_command_names_the_cure(png, tmp_path, monkeypatch):
+    from pipeline.foveation import energy
+
+    monkeypatch.setattr(energy, "find_spec", lambda _: None)
+
+    assert "metamerlab[metamers]" in refusal(png, tmp_path / "out.png", "-m", "energy-metamer")
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_an_interrupted_descent_goes_on_by_the_same_command(png, tmp_path, monkeypatch):
+    pytest.importorskip(
+        "torch", reason="needs the extra `metamers`: script/setup --metamers installs it"
+    )
+    from pipeline.foveation import energy
+
+    out = tmp_path / "out.png"
+    given = (png, out, "-m", "energy-metamer", "--set", "steps=7", *FAST)
+    real = energy._write_state
+
+    def stop(path, key, done, *rest):
+        real(path, key, done, *rest)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(energy, "_write_state", stop)
+        CliRunner().invoke(app, ["foveate", *map(str, given)])
+    state = tmp_path / ".out.png.state.npz"
+    assert state.exists()
+    assert not out.exists()
+    code, said, _ = run(*given)
+
+    assert code == 0
+    assert f"going on where {state} ends" in said
+    assert not state.exists()
+    assert read_pixels(out).data.shape == (HEIGHT, WIDTH, 3)

@@ -72,13 +72,7 @@ def draw_ring(
             f"a ring's height_deg must lie in 0..90 and its grey in 0..1 (got {height_deg}, {grey})"
         )
     centre = direction_at(geometry, gaze_px, eccentricity_deg, polar_deg)
-    rows, columns = _box(geometry, centre, height_deg / 2)
-    if rows is None or columns is None:
-        raise InputError(
-            f"a ring {height_deg:g} degrees high, {eccentricity_deg:g} degrees from the gaze at"
-            f" {polar_deg:g} degrees, must lie on the picture ({geometry.width_px} x"
-            f" {geometry.height_px} px); choose smaller eccentricities or a larger picture"
-        )
+    rows, columns = ring_pixels(geometry, gaze_px, eccentricity_deg, polar_deg, height_deg)
     fine: Floats = (np.arange(FINER, dtype=np.float64) + 0.5) / FINER
     x = (columns.astype(np.float64)[:, None] + fine).reshape(1, -1)
     y = (rows.astype(np.float64)[:, None] + fine).reshape(-1, 1)
@@ -97,6 +91,31 @@ def draw_ring(
     place = np.ix_(rows, columns % geometry.width_px)
     drawn[place] = np.where(cover > 0, (1 - cover) * drawn[place] + cover * grey, drawn[place])
     return drawn
+
+
+def ring_pixels(
+    geometry: Geometry,
+    gaze_px: tuple[float, float],
+    eccentricity_deg: float,
+    polar_deg: float,
+    height_deg: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns that a ring may cover; columns of a panorama go on past its side.
+
+    Raises
+    ------
+    InputError
+        If a part of the ring lies off the picture.
+    """
+    centre = direction_at(geometry, gaze_px, eccentricity_deg, polar_deg)
+    rows, columns = _box(geometry, centre, height_deg / 2)
+    if rows is None or columns is None:
+        raise InputError(
+            f"a ring {height_deg:g} degrees high, {eccentricity_deg:g} degrees from the gaze at"
+            f" {polar_deg:g} degrees, must lie on the picture ({geometry.width_px} x"
+            f" {geometry.height_px} px); choose smaller eccentricities or a larger picture"
+        )
+    return rows, columns
 
 
 def cut_shares(

@@ -22,14 +22,20 @@ from numpy.typing import NDArray
 from pipeline.errors import GLUnavailableError, InputError
 from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import Foveator, create_condition
-from pipeline.foveation.drawn import bisected, draw_ring
+from pipeline.foveation.drawn import bisected, draw_ring, ring_pixels
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
-from protocols.recipes.foveated_images import REFERENCE, FoveatedImages, FoveatedStimulus, Shown
+from protocols.recipes.foveated_images import (
+    REFERENCE,
+    FoveatedImages,
+    FoveatedStimulus,
+    Rings,
+    Shown,
+)
 from protocols.schema import StudyProtocol
 from stimuli.batch_folder import BUILD_FOLDER, Outcome, Report
 from stimuli.foveated.any_picture import read_any
@@ -104,19 +110,18 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                     Problem(f"stimuli.pictures[{index}].name", f"must not be {picture.name!r}")
                 )
         if self.recipe.rings is not None:
-            found += self._rings_off()
+            found += self._rings_off(self.recipe.rings)
         return found
 
-    def _rings_off(self) -> list[Problem]:
-        empty = np.zeros((self.recipe.height_px, self.recipe.width_px, 3), np.float32)
-        seen: set[tuple[float | None, float | None, str]] = set()
+    def _rings_off(self, rings: Rings) -> list[Problem]:
         for one in self.wanted:
-            place = one.eccentricity_deg, one.polar_deg, one.gaze.name
-            if place in seen:
+            if one.eccentricity_deg is None or one.polar_deg is None:
                 continue
-            seen.add(place)
             try:
-                self._with_ring(empty, one)
+                ring_pixels(
+                    self.geometry, self._gaze_px(one), one.eccentricity_deg, one.polar_deg,
+                    rings.height_deg,
+                )  # fmt: skip
             except InputError as error:
                 return [Problem("stimuli.rings", f"{one.name}: {error}")]
         return []

@@ -109,8 +109,8 @@ class TakingBuilder(Builder, Generic[E]):
         """
         if where.scheduler is not None:
             raise StudyError(
-                "--scheduler is for clips that are warped; these stimuli are made on this machine:"
-                " leave the option out"
+                "--scheduler is for clips that are rendered; stimuli of this kind are made on this"
+                " machine: leave the option out"
             )
         self.check_inputs()
         out.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.image_file import write_pixels
+from protocols.errors import StudyError
+from protocols.manifest import Clip, Manifest
 from stimuli.score.available import Missing
 from stimuli.score.batch import Subject, Subjects
 from stimuli.score.measured import Curve
@@ -132,6 +134,76 @@ def subjects_of_conditions(
         for condition, path in tests.items()
     )  # fmt: skip
     return Subjects(items, {"picture": name}, ())
+
+
+def is_foveated(manifest: Manifest) -> bool:
+    """Whether a batch was made by the recipe `foveated-images`."""
+    return not manifest.simulated and all("gaze_x_px" in c.parameters for c in manifest.clips)
+
+
+def subjects_of_stills(
+    folder: Path, manifest: Manifest, gaze: Gaze
+) -> tuple[Subjects, Gaze, Viewing]:
+    """Return the stills of a batch of `foveated-images` around one gaze, each with its reference.
+
+    Parameters
+    ----------
+    gaze : Gaze
+        Which of the batch's; may be left empty where there is one.
+
+    Raises
+    ------
+    StudyError
+        If there are several gazes and none is named, or nothing has a reference.
+    """
+    places = dict.fromkeys(_gaze_of(clip) for clip in manifest.clips)
+    chosen = gaze.points_px[0] if gaze.points_px else next(iter(places))
+    if (len(places) > 1 and not gaze.points_px) or chosen not in places:
+        listed = "; ".join(f"{x:g},{y:g}" for x, y in places)
+        raise StudyError(f"--gaze: must be one of this batch's: {listed}")
+    there = [clip for clip in manifest.clips if _gaze_of(clip) == chosen]
+    truths = {_rest(c): c for c in there if c.parameters["method"] == "reference"}
+    plain = {c.column("scene"): c for c in truths.values()}  # of cut pictures, any will do
+    items, without = [], set()
+    for clip in there:
+        if clip.parameters["method"] == "reference":
+            continue
+        truth = truths.get(_rest(clip)) or (plain.get(clip.column("scene")) if "cut" in
+                                            clip.condition else None)  # fmt: skip
+        if truth is None:
+            without.add(f"{clip.name}: no reference, so nothing to score against")
+            continue
+        more = ", ".join(value for name, value in _rest(clip) if name not in ("scene", "gaze"))
+        scene = clip.column("scene") + (f", {more}" if more else "")
+        files = [(folder / one.frame_path(0),) for one in (clip, truth)]
+        pair = Pair(clip.name, files[0], files[1], (), clip.width_px, clip.height_px, 0.0)
+        items.append(Subject(scene, "", clip.column("method"), pair))
+    if not items:
+        raise StudyError(
+            f"{folder}: stills must have a reference to be scored against; add a method"
+            " 'reference' to the protocol and build again"
+        )
+    first = there[0]
+    half = first.width_px / 2 / float(str(first.parameters["distance_px"]))
+    viewing = seen_wide(first.width_px, first.height_px, 2 * math.degrees(math.atan(half)))
+    origin = {
+        "folder": folder.name,
+        "study": manifest.study,
+        "display of the stills": manifest.display,
+        "stills made by": manifest.revision,
+        "manifest": manifest.sha256,
+    }
+    return Subjects(tuple(items), origin, tuple(sorted(without))), Gaze((chosen,)), viewing
+
+
+def _gaze_of(clip: Clip) -> tuple[float, float]:
+    x, y = (float(str(clip.parameters[f"gaze_{axis}_px"])) for axis in "xy")
+    return x, y
+
+
+def _rest(clip: Clip) -> tuple[tuple[str, str], ...]:
+    """All of its condition but the method."""
+    return tuple((name, str(value)) for name, value in clip.condition.items() if name != "method")
 
 
 def score_conditions(

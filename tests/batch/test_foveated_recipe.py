@@ -427,9 +427,10 @@ def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):
         made.append(entry.name)
         return real(self, entry)
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(FoveatedBuilder, "colour", stop)
-        built(study, out)
+        with pytest.raises(KeyboardInterrupt):
+            built(study, out)
     assert not (out / "manifest.json").exists()
 
     outcome = built(study, out)
@@ -450,6 +451,33 @@ def test_the_commands_build_show_and_simulate_the_study(folder, study):
     ):
         done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
         assert done.exit_code == 0, (words, done.output)
+
+
+def test_the_stills_of_a_study_are_scored_around_their_gaze(folder, study):
+    built(study, folder / "clips")
+    out = folder / "scores"
+    words = (
+        "stimuli",
+        "score",
+        folder / "clips",
+        "--out",
+        out,
+        "--metrics",
+        "statistics,band-ratio",
+    )
+    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+    assert done.exit_code == 0, done.output
+    scores = json.loads((out / "scores.json").read_text("utf-8"))
+    assert scores["gaze_px"] == [[WIDTH / 2, HEIGHT / 2]]
+    assert scores["display"]["px_per_deg"] == pytest.approx(DISTANCE_PX * np.pi / 180, rel=1e-3)
+    assert len(scores["clips"]) == 8
+    assert {clip["method"] for clip in scores["clips"]} == {"soft"}
+    assert all(clip["scores"]["statistics frame"] > 0.05 for clip in scores["clips"])
+    assert all(clip["scores"]["band-ratio frame"] < 0.9 for clip in scores["clips"])
+    other = CliRunner().invoke(app, [*map(str, words), "--gaze", "1,2"])
+    assert other.exit_code == 2
+    assert "must be one of this batch's: 48,36" in other.stderr
 
 
 def test_a_cluster_is_refused(folder):
