@@ -68,7 +68,8 @@ def mistakes(tmp_path):
          "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx"
          " (got 'yesno'); did you mean 'yes-no'?"),
         ("yes-no", 'kind = "files"', 'kind = "file"',
-         "stimuli.kind: must be one of warped-clips, files (got 'file'); did you mean 'files'?"),
+         "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
+         " mean 'files'?"),
         ("yes-no", 'kind = "detection"', 'kind = "detectoin"',
          "analysis.kind: must be one of preference, detection, identification, abx (got"
          " 'detectoin'); did you mean 'detection'?"),
