@@ -25,7 +25,6 @@ from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pai
 PAIRS = {
     "teddy": ("middlebury2003_teddy", "im2.png", "disp2.pgm", "im6.png", 4.0),
     "aloe": ("middlebury2006_aloe", "aloeL.jpg", "aloeGT.png", "aloeR.jpg", 1.0),
-    "venus": ("middlebury2001_venus", "imL.png", "groundtruth.png", "imR.png", 8.0),
     "tsukuba": ("middlebury2001_tsukuba", "imL.png", "groundtruth.png", "imR.png", 16.0),
 }
 VARIANTS = [

@@ -1,7 +1,7 @@
 """What can be measured: every metric by name, what it needs, and what its numbers mean.
 
 To add a metric, write its family (a module with ``measure(pair, viewing, gaze)``) and add its
-lines here.
+lines here. A package of another lab adds its own by an entry point, see `PluginMetrics`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from protocols.errors import StudyError
+from protocols.plugins import registered
 from protocols.suggest import did_you_mean
 
 HOLES, FRAME = "holes", "frame"
@@ -207,6 +208,31 @@ BLIND = {
     "lpips": "Where the eye looks, and what a network trained on photographs was not shown.",
 }
 """What each metric does not see; scores pages print it beside the numbers."""
+
+
+@dataclass(frozen=True)
+class PluginMetrics:
+    """What a package adds: entry points of the group ``metamerlab.metrics`` name such objects."""
+
+    family: Family
+    metrics: tuple[Metric, ...]
+
+
+def _add_plugins() -> None:
+    added: dict[str, PluginMetrics] = registered("metrics", {})
+    for name, plugin in added.items():
+        taken = [plugin.family.name] if plugin.family.name in FAMILIES else []
+        taken += [metric.name for metric in plugin.metrics if metric.name in METRICS]
+        if taken:
+            raise StudyError(
+                f"plug-in {name!r} of metamerlab.metrics: names must be its own (got"
+                f" {', '.join(taken)}, which {'is' if len(taken) == 1 else 'are'} taken)"
+            )
+        FAMILIES[plugin.family.name] = plugin.family
+        METRICS.update({metric.name: metric for metric in plugin.metrics})
+
+
+_add_plugins()
 
 
 def choose_metrics(names: Iterable[str] | None) -> tuple[Metric, ...]:

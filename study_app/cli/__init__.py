@@ -7,6 +7,7 @@ add one line to `SLOTS`.
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -70,4 +71,8 @@ def metamerlab(
 
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
-    app(prog_name="metamerlab")
+    try:
+        with user_errors():  # what is found while commands are imported: plug-ins that do not load
+            app(prog_name="metamerlab")
+    except typer.Exit as end:
+        sys.exit(end.exit_code)

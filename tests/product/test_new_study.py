@@ -78,12 +78,16 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
         text for name, text in zip(parts[1::2], parts[2::2], strict=True) if name == section
     ).splitlines()
     tables = {
-        "task": {"catch"},
+        "task": {"catch", "sampling"},
         "design": {"practice"},
         "analysis": {"primary", "exclusions"},
         "text.languages.en": {"questions"},
     }
 
+    for table in tables.get(section, set()):  # what is left out stands there as a comment
+        assert re.search(
+            rf"^(# )?\[+{section}\.{table}\]+$", (made / "study.toml").read_text(), re.M
+        )
     for key in set(model.model_fields) - tables.get(section, set()):
         at = next((i for i, line in enumerate(lines) if re.match(rf"(# )?{key} = ", line)), None)
         assert at is not None, f"[{section}] {key} is missing"
