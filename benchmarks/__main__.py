@@ -12,6 +12,7 @@ BENCHMARKS = {
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
     "thin": "what is one pixel thin, through the warp, on the built-in scenes",
     "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
+    "ablation": "metameric without each of its corrections, in numpy, on pairs and scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",

@@ -61,15 +61,16 @@ uint kind(ivec2 vertex, ivec2 along) {
     float own = imageLoad(depth_m, pixel).x;
     float first = imageLoad(depth_m, pixel - along).x, last = imageLoad(depth_m, pixel + along).x;
     bool within = min(first, last) <= own && own <= max(first, last);
-    return within && dot(dvec2(before), dvec2(after)) > 0.0 ? MIXED : THIN;
+    return within && longest(before + after) > max(longest(before), longest(after)) ? MIXED : THIN;
 }
 
 // The same along a row, a column and both diagonals. Vertices beyond the source are mixed.
 uint kind(ivec2 vertex) {
     if (any(lessThan(vertex, ivec2(RINGS)))) return MIXED;
     if (any(greaterThanEqual(vertex, imageSize(depth_m) + RINGS))) return MIXED;
-    uint found = kind(vertex, ivec2(1, 0)) | kind(vertex, ivec2(0, 1))
-               | kind(vertex, ivec2(1, 1)) | kind(vertex, ivec2(-1, 1));
+    uint found = 0u;
+    for (int k = 0; k < 4; ++k)
+        found |= kind(vertex, k == 0 ? ivec2(1, 0) : ivec2(k - 2, 1));
     return (found & MIXED) != 0u ? MIXED : found;
 }
 
@@ -88,10 +89,13 @@ uint parts_of_torn(ivec2 first) {
     uint own = kind(first);
     if (own == MIXED) return found;
     ivec2 right = ivec2(1, 0), down = ivec2(0, 1), corner = first - right - down;
-    if (above && !torn(first, right) && (own | kind(first + right)) == THIN)
-        found |= 1u << BAND;
-    if (before && !torn(first, down) && (own | kind(first + down)) == THIN)
-        found |= 2u << BAND;
+    // One loop, so that the judgement stands in the program once: it is long.
+    for (int k = 0; k < 2; ++k) {
+        ivec2 along = k == 0 ? right : down;
+        bool beyond = k == 0 ? above : before;
+        if (beyond && !torn(first, along) && (own | kind(first + along)) == THIN)
+            found |= 1u << (BAND + k);
+    }
     if (own == THIN && above && before && !in_ring_0(corner) && drawable(load_quad(corner, 0))
         && torn(corner))
         found |= 1u << SPECK;

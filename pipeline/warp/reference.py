@@ -250,7 +250,8 @@ def thin_and_mixed(
     """Tell which pixels are a thing of their own, and which lie in between two others.
 
     Along a row, a column or a diagonal, with both sides torn: a pixel lies in between if the
-    change of motion goes on in the same direction and its depth is not beyond both neighbours'.
+    change of motion goes on (both steps together are longer than either) and its depth is not
+    beyond both neighbours'.
     Such a pixel is *mixed*, as those inside a blurred step in depth; it would stand alone in the
     hole. Any other is *thin*: it stands out on both hands. What is mixed along one line is not
     thin along another.
@@ -269,7 +270,8 @@ def thin_and_mixed(
         sides = torn_sides(place.reshape(-1, 2)[line][None], stretch, surface_px)[0]
         both = sides[:-1] & sides[1:]
         step = np.diff(change.reshape(-1, 2)[line], axis=0)
-        onwards = (step[:-1] * step[1:]).sum(axis=-1) > 0
+        single = np.maximum(abs(step[:-1]).max(axis=-1), abs(step[1:]).max(axis=-1))
+        onwards = abs(step[:-1] + step[1:]).max(axis=-1) > single
         depth = depth_m.ravel()[line]
         ends = np.stack([depth[:-2], depth[2:]])
         within = (ends.min(axis=0) <= depth[inner]) & (depth[inner] <= ends.max(axis=0))

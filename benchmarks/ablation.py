@@ -1,0 +1,238 @@
+"""What each correction of `metameric` is worth: `script/bench ablation --help`.
+
+One correction at a time is switched off, in the numpy twin, and all together; beside them the
+number of levels, and the neighbours `metameric-paper` and `push-pull-depth`. Measured on the stereo pairs,
+against the other photograph inside interior holes, and on the built-in scenes, against the true
+view; of frames larger than `--crop` the part with the most holes. FovVideoVDP where it can be
+imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.progress import track
+
+from benchmarks.output import PagePart, file_to_write
+from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
+from pipeline.frame import WarpedFrame
+from pipeline.gl.context import create_context, release_context
+from pipeline.inpaint import reference as inpaint
+from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.printed.reference import printed_fill
+from pipeline.printed.settings import PrintedSettings
+from pipeline.quality import Quality, evaluate
+from pipeline.synthesis import lacking, noise, reference
+from pipeline.synthesis.mixing import Mixing, fitted_mixing
+from pipeline.synthesis.reference import metameric_fill
+from pipeline.synthesis.settings import MetamericSettings
+from protocols.revision import code_revision, package_version
+from stimuli.scenes.registry import scene_names
+from study_app.cli.demo.pictures import most_holes
+
+RESULTS = Path(__file__).parent / "results" / "ablation.json"
+PART = PagePart("ablation table")
+SEED = 1
+
+Colour = NDArray[np.float32]
+Patch = tuple[Any, str, Any]  # where, what, and what stands in its place
+
+
+def unmixed(levels: int) -> Mixing:
+    """Bands as they come: what they overlap by is known all the same."""
+    fitted = fitted_mixing(levels)
+    back = np.linalg.inv(fitted.matrix)
+    return replace(
+        fitted,
+        matrix=np.eye(len(back)),
+        overlap=np.asarray(back.T @ fitted.overlap @ back),
+    )
+
+
+def _no_gains(variances: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.float64]:
+    return np.ones_like(variances)
+
+
+def _block_gains(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
+    rows, columns = (-(-length // 2) for length in hole.shape)
+    return gains.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
+
+
+def _never_wide(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
+    return np.zeros_like(lacking.wideness(hole, level))
+
+
+def _heedless(
+    variance: NDArray[np.float64],  # noqa: ARG001
+    known: NDArray[np.float64],
+    level: int,  # noqa: ARG001
+) -> NDArray[np.float64]:
+    return np.zeros_like(known)
+
+
+CORRECTIONS: dict[str, tuple[Patch, ...]] = {
+    "0036 a wide hole is not settled by its border": ((reference, "wideness", _never_wide),),
+    "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
+    "0047 noise is mixed": (
+        (noise, "fitted_mixing", unmixed),
+        (reference, "fitted_mixing", unmixed),
+    ),
+    "0048 noise is corrected for what its bands measure": (
+        (reference, "spectral_gains", _no_gains),
+    ),
+    "0049 noise heeds the known background": ((lacking, "beside_known", _heedless),),
+    "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
+    "0059 gains go on smoothly": ((reference, "between_blocks", _block_gains),),
+}
+DEFAULT = "metameric"
+DEFAULTS = MetamericSettings()
+ALL = "without any of them"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row: settings, and what is replaced in the twin."""
+
+    label: str
+    settings: MetamericSettings = DEFAULTS
+    patches: tuple[Patch, ...] = ()
+
+
+VARIANTS = (
+    Variant(DEFAULT),
+    *(Variant(f"without {name}", patches=patches) for name, patches in CORRECTIONS.items()),
+    Variant("base_gamma as gamma (0037)", MetamericSettings(base_gamma=MetamericSettings.gamma)),
+    Variant(ALL, patches=tuple(patch for patches in CORRECTIONS.values() for patch in patches)),
+    *(Variant(f"levels {levels}", MetamericSettings(levels=levels)) for levels in (1, 2, 3)),
+    Variant("noise 0 (push-pull-depth)", MetamericSettings(noise=0.0)),
+)
+PRINTED = "metameric-paper"
+
+
+@contextmanager
+def replaced(patches: Sequence[Patch]) -> Iterator[None]:
+    """Put `patches` in place; the noise is made anew before and after."""
+    with ExitStack() as stack:
+        for where, name, value in patches:
+            stack.enter_context(mock.patch.object(where, name, value))
+        noise.noise_bands.cache_clear()
+        try:
+            yield
+        finally:
+            noise.noise_bands.cache_clear()
+
+
+def fills(view: View) -> Iterator[tuple[str, Colour]]:
+    """Every variant's fill of one view."""
+    warped = view.warped
+    z_near_m = nearest_depth_m(warped.depth_m)
+    for variant in VARIANTS:
+        with replaced(variant.patches):
+            found = metameric_fill(warped, variant.settings, seed=SEED, z_near_m=z_near_m)
+        yield variant.label, found.colour.astype(np.float32)
+    printed = printed_fill(warped, PrintedSettings(), seed=SEED, z_near_m=z_near_m)
+    yield PRINTED, printed.colour.astype(np.float32)
+
+
+def cropped(view: View, size_px: tuple[int, int]) -> View:
+    """The part of `size_px` (width, height) with the most holes, or all of a smaller frame."""
+    height, width = view.mask.shape
+    size = min(size_px[1], height), min(size_px[0], width)
+    top, left = most_holes(view.mask, size)
+    cut = np.s_[top : top + size[0], left : left + size[1]]
+    frame = view.warped
+    warped = WarpedFrame(
+        *(np.ascontiguousarray(a[cut]) for a in (frame.colour, frame.depth_m, frame.hole,
+                                                 frame.flow_px)),
+        frame.frame_index,
+    )  # fmt: skip
+    return View(warped, np.ascontiguousarray(view.truth[cut]), view.mask[cut])
+
+
+def table(results: dict[str, dict[str, Row]]) -> str:
+    """Render as Markdown: means, and how much worse each variant is than the default."""
+    lines = [
+        "| | PSNR dB | SSIM | high-frequency ratio | band error | JOD |"
+        " band error less the default's, least to most |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for label in next(iter(results.values())):
+        rows = [found[label] for found in results.values()]
+        means = {
+            key: float(np.mean([asdict(row.quality)[key] for row in rows]))
+            for key in ("psnr_db", "ssim", "high_frequency_ratio", "band_error")
+        }
+        jods = [row.jod for row in rows if row.jod is not None]
+        change = [
+            found[label].quality.band_error - found[DEFAULT].quality.band_error
+            for found in results.values()
+        ]
+        lines.append(
+            f"| {label} | {means['psnr_db']:.2f} | {means['ssim']:.3f} |"
+            f" {means['high_frequency_ratio']:.2f} | {means['band_error']:.4f} |"
+            f" {f'{np.mean(jods):.2f}' if jods else ''} | {min(change):+.4f} to {max(change):+.4f} |"
+        )
+    return "\n".join(lines)
+
+
+def measure(
+    view: View, jod: Callable[[Colour, Colour, NDArray[np.bool_]], float] | None
+) -> dict[str, Row]:
+    """Score all variants on one view."""
+    found = {}
+    for label, filled in fills(view):
+        quality: Quality = evaluate(filled, view.truth, view.mask)
+        found[label] = Row(quality, jod(filled, view.truth, view.mask) if jod else None)
+    return found
+
+
+def main(argv: list[str]) -> int:
+    """Measure, print, and store with what the numbers depend on."""
+    parser = argparse.ArgumentParser(prog="script/bench ablation", description=__doc__)
+    parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    parser.add_argument("--scenes", nargs="*", choices=scene_names(), default=scene_names())
+    parser.add_argument("--crop", type=int, nargs=2, default=(320, 240), metavar=("W", "H"))
+    parser.add_argument("--extent", type=float, default=0.04, help="in near depths (0.04)")
+    parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
+    parser.add_argument("--json", type=file_to_write, default=RESULTS)
+    arguments = parser.parse_args(argv)
+    size_px = (arguments.crop[0], arguments.crop[1])
+    ctx = create_context()
+    try:
+        scenes = [
+            *photographs(ctx, arguments.pairs),
+            *rendered(ctx, arguments.scenes, size_px, arguments.extent),
+        ]
+    finally:
+        release_context(ctx)
+    jod = fovvideovdp()
+    results = {
+        name: measure(cropped(views[0], size_px), jod) for name, views in track(scenes, "ablation")
+    }
+    print(table(results))
+    if arguments.docs is not None:
+        PART.replace(arguments.docs, table(results))
+    record = {
+        "version": package_version(), "revision": code_revision(),
+        "crop_px": list(size_px), "extent": arguments.extent,
+        "scenes": {
+            name: {label: asdict(row) for label, row in found.items()}
+            for name, found in results.items()
+        },
+    }  # fmt: skip
+    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
