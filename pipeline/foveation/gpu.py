@@ -20,7 +20,7 @@ from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
-from pipeline.foveation.noise_plane import check_seed, noise_tile
+from pipeline.foveation.noise_plane import check_seed, noise_tile, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
@@ -44,7 +44,6 @@ from pipeline.synthesis.mixing import (
     fitted_mixing,
 )
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.synthesis.noise import TILE as NOISE_EDGE
 
 TILE = 8  # work-group edge
 # Half floats: memory is what the last pass waits for, and noise tells no more.
@@ -452,7 +451,7 @@ class MetamerPass(FoveationPass):
         self._run(self._gains, halved(self._chain.sizes[2]))
 
     def _compile_finish(self, *, carried: bool) -> moderngl.ComputeShader:
-        edge = TILE_TEXELS if carried else NOISE_EDGE // 2
+        edge = TILE_TEXELS if carried else tile_edge(*self.size) // 2
         wide = self.geometry.width_px // 2 if self.geometry.wraps and not carried else edge
         constants = finish_constants(
             NOISE=True,
@@ -466,9 +465,9 @@ class MetamerPass(FoveationPass):
         return self._keep(shader)
 
     def _plain_tile(self, seed: int) -> NDArray[np.float32]:
-        """2x2 pixels a texel, bands side by side: (levels, TILE / 2, width / 2 * 3, 4)."""
+        """2x2 pixels a texel, bands side by side: (levels, edge / 2, width / 2 * 3, 4)."""
         wrapped = self.geometry.width_px if self.geometry.wraps else None
-        tile = noise_tile(seed, self.levels, 1, wrapped)[:, :, 0]
+        tile = noise_tile(seed, self.levels, 1, tile_edge(*self.size), wrapped)[:, :, 0]
         height, width, bands = tile.shape
         cells = tile.reshape(height // 2, 2, width // 2, 2, bands // 3, 3)
         cells = cells.transpose(4, 0, 2, 5, 1, 3)

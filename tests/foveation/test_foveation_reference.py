@@ -227,7 +227,7 @@ def test_noise_between_pixels_keeps_its_variance():
 
 @pytest.mark.parametrize("width", [256, 300, 514, 1024])
 def test_a_panoramas_noise_goes_on_over_its_seam_at_full_power(width):
-    tile = noise_tile(3, 4, 1, width).astype(np.float64)
+    tile = noise_tile(3, 4, 1, wrapped_width=width).astype(np.float64)
     assert width % tile.shape[1] == 0
     around = np.concatenate([tile, tile], axis=1)[:, : width + 40] if width % 256 else tile
     steps = np.abs(np.diff(around, axis=1)).mean(axis=(0, 2))  # (columns, bands)
