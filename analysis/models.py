@@ -1,13 +1,10 @@
-"""Models of trials by formula: logit GLM, robust and penalised, GEE, and the crossed GLMM."""
+"""Models of trials by formula: logit GLM, robust and penalised, and the crossed GLMM."""
 
-import warnings as python_warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -51,8 +48,7 @@ class ModelFit:
     random_sd : mapping
         Standard deviation of each random intercept (GLMM only).
     trials : int
-    log_likelihood : float or None
-        None for estimating equations.
+    log_likelihood : float
     level : float
         Coverage of the limits.
     warnings : tuple of str
@@ -64,7 +60,7 @@ class ModelFit:
     coefficients: tuple[Coefficient, ...]
     random_sd: Mapping[str, float]
     trials: int
-    log_likelihood: float | None
+    log_likelihood: float
     level: float
     warnings: tuple[str, ...]
 
@@ -108,7 +104,7 @@ def glm_logit(
     ones = np.ones_like(y)
     found = list(design_warnings(design, terms))
     if separated(design, y, ones):
-        return _firth(formula, design, y, terms, level, found, asked=False)
+        return _firth(formula, design, y, terms, level, found)
     solution = fit_logit(design, y, ones)
     if not solution.converged:
         found.append("the fit did not converge; do not use it")
@@ -134,65 +130,6 @@ def glm_logit(
         random_sd={},
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
-        level=level,
-        warnings=tuple(found),
-    )
-
-
-def firth_logit(
-    formula: str,
-    trials: pd.DataFrame,
-    *,
-    reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
-) -> ModelFit:
-    """Fit a logit model with Firth's penalty: finite and less biased in small samples."""
-    design, y, terms = matrices(formula, trials, reference)
-    found = list(design_warnings(design, terms))
-    return _firth(formula, design, y, terms, level, found, asked=True)
-
-
-def gee_logit(
-    formula: str,
-    trials: pd.DataFrame,
-    *,
-    cluster: str,
-    structure: Literal["independence", "exchangeable"] = "exchangeable",
-    reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
-) -> ModelFit:
-    """Fit a logit model by generalised estimating equations (Liang and Zeger 1986).
-
-    statsmodels' estimates and robust standard errors, judged by t(G - 1) instead of its z,
-    which is too liberal for a dozen participants.
-    """
-    design, y, terms = matrices(formula, trials, reference)
-    codes = group_codes(trials, cluster)
-    groups = int(codes.max()) + 1
-    if groups < 2:
-        raise ValueError(f"{cluster} must have at least two groups (got {groups})")
-    correlation = (
-        sm.cov_struct.Exchangeable()
-        if structure == "exchangeable"
-        else sm.cov_struct.Independence()
-    )
-    with python_warnings.catch_warnings():
-        python_warnings.simplefilter("ignore")  # statsmodels repeats itself while iterating
-        result = sm.GEE(
-            y, design, groups=codes, family=sm.families.Binomial(), cov_struct=correlation
-        ).fit()
-    found = list(design_warnings(design, terms))
-    if groups < FEW_CLUSTERS:
-        found.append(f"only {groups} clusters: robust standard errors tend to be small")
-    return ModelFit(
-        formula=formula,
-        method=f"GEE, {structure} within {cluster}",
-        coefficients=_table(
-            terms, np.asarray(result.params), np.asarray(result.bse), float(groups - 1), level
-        ),
-        random_sd={},
-        trials=int(y.size),
-        log_likelihood=None,
         level=level,
         warnings=tuple(found),
     )
@@ -224,7 +161,7 @@ def glmm_logit(
     design, y, terms = matrices(formula, trials, reference)
     found = list(design_warnings(design, terms))
     if separated(design, y, np.ones_like(y)):
-        return _firth(formula, design, y, terms, level, found, asked=False)
+        return _firth(formula, design, y, terms, level, found)
     fit, converged = _mixed(
         formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
     )
@@ -359,17 +296,14 @@ def _firth(
     terms: Sequence[str],
     level: float,
     found: list[str],
-    *,
-    asked: bool,
 ) -> ModelFit:
     ones = np.ones_like(y)
     solution = fit_logit(design, y, ones, firth=True)
     p_values = likelihood_ratio_p(design, y, ones, firth=True)
-    if not asked:
-        found.append(
-            "answers are separated (some condition was always or never chosen): Firth's penalty"
-            " was used, p by penalised likelihood ratio"
-        )
+    found.append(
+        "answers are separated (some condition was always or never chosen): Firth's penalty"
+        " was used, p by penalised likelihood ratio"
+    )
     found.append("takes trials as independent; trials of one participant are not")
     table = _table(terms, solution.beta, np.sqrt(np.diag(solution.covariance)), None, level)
     return ModelFit(

@@ -5,7 +5,7 @@ parameters into the signed difference of each pair, `wins` and `losses` (…, pa
 answers. Leading axes are batches, so a thousand bootstrap samples are one call.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -197,16 +197,6 @@ def components(compared: NDArray[np.bool_], names: Sequence[str]) -> tuple[tuple
         tuple(name for name, group in zip(names, label, strict=True) if group == part)
         for part in range(count)
     )
-
-
-def win_matrix(names: Sequence[str], chosen: Iterable[str], rejected: Iterable[str]) -> Floats:
-    """Count votes into ``wins[i, j]``: how often name i was chosen over name j."""
-    index = {name: position for position, name in enumerate(names)}
-    wins = np.zeros((len(index), len(index)))
-    rows = [index[name] for name in chosen]
-    columns = [index[name] for name in rejected]
-    np.add.at(wins, (rows, columns), 1.0)
-    return wins
 
 
 def _derivatives(

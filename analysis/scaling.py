@@ -85,8 +85,8 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     Parameters
     ----------
     wins : ndarray (k, k)
-        ``wins[i, j]`` votes for i over j. Ties may be entered as half a vote each way
-        (`scale_with_ties` models them instead). The diagonal is ignored.
+        ``wins[i, j]`` votes for i over j. Ties may be entered as half a vote each way.
+        The diagonal is ignored.
     conditions : sequence of str
     model : "thurstone" (JOD, Case V) or "bradley-terry" (logits)
 

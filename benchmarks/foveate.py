@@ -28,8 +28,8 @@ from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
 
 EDGES = (512, 1024, 2048, 4096)
-ON_GPU = ("blur", "metamer")
-IN_NUMPY = ("noise-enhanced", "contrast-enhanced", "eidolon", "warped-metamer")
+ON_GPU = ("blur", "metamer", "eidolon", "warped-metamer")
+IN_NUMPY = ("noise-enhanced", "contrast-enhanced")
 LARGEST_NUMPY_EDGE = 1024  # beyond it numpy takes minutes
 TILE = 8
 
@@ -70,7 +70,7 @@ def picture(edge_px: int) -> np.ndarray:
 
 
 def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int) -> list[Line]:
-    """Time copy, blur and metamer of one size in turn."""
+    """Time a copy and what the GPU makes, of one size, in turn."""
     shown = picture(edge_px)
     size = (edge_px, edge_px)
     source = texture_from(ctx, np.dstack([shown, shown[..., :1]]), "rgba32f")
@@ -124,7 +124,7 @@ def time_cpu(edge_px: int, width_deg: float) -> list[Line]:
     """Time what numpy makes, once after a warm-up."""
     shown = picture(edge_px)
     lines = []
-    for name in ("metamer", *IN_NUMPY):
+    for name in (*ON_GPU, *IN_NUMPY):
         foveator = Foveator((edge_px, edge_px), viewing=Flat(width_deg), method=name)
         times = []
         for _ in range(2):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -44,6 +45,8 @@ CONDITIONS = (
 LEVELS = 4
 LEAST_POOL, MOST_POOL = 1.0, 64.0  # deviations, coefficients, at which ratios are measured
 PERIPHERY_DEG = 5.0
+DISTANCE_M = 0.6  # of the eye, for FovVideoVDP
+METRES_PER_INCH = 0.0254
 
 Picture = NDArray[np.float32]
 
@@ -158,10 +161,15 @@ def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
     import pyfvvdp
 
     height, width = truth.shape[:2]
+    width_m = 2 * DISTANCE_M * math.tan(math.radians(width_deg / 2))
     geometry = pyfvvdp.fvvdp_display_geometry(
-        (width, height), distance_m=0.6, ppd=width / width_deg
+        (width, height),
+        distance_m=DISTANCE_M,
+        diagonal_size_inches=width_m * math.hypot(1, height / width) / METRES_PER_INCH,
     )
-    metric = pyfvvdp.fvvdp(display_name="standard_fhd", display_geometry=geometry, foveated=True)
+    metric = pyfvvdp.fvvdp(
+        display_name="standard_fhd", display_geometry=geometry, foveated=True, quiet=True
+    )
     jod, _ = metric.predict(test, truth, dim_order="HWC", fixation_point=(width / 2, height / 2))
     return float(jod)
 

@@ -160,13 +160,14 @@ def _task_rules(
 ) -> Iterator[Problem]:
     """Answers, their keys and labels; feedback; the kind of analysis."""
     answers = task.answers()
-    if isinstance(response, Response) and len(response.keys) != len(answers):
+    distinct = len(set(answers)) == len(answers)  # else the task says so
+    if distinct and isinstance(response, Response) and len(response.keys) != len(answers):
         yield Problem(
             "response.keys",
             f"must have an entry for each answer of the task ({', '.join(answers)})"
             f" (got {len(response.keys)})",
         )
-    if isinstance(text, TextSection):
+    if distinct and isinstance(text, TextSection):
         for language, texts in text.languages.items():
             if set(texts.answers) != set(answers):
                 yield Problem(

@@ -59,8 +59,9 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     if old:
         raw = upgraded_protocol(raw)
     problems: list[Problem] = []
+    raw = _with_tables(raw, path.parent)
     try:
-        study = StudyProtocol.model_validate(_with_tables(raw, path.parent))
+        study = StudyProtocol.model_validate(raw)
     except ValidationError as error:
         problems = problems_of(error, raw, StudyProtocol)
         for problem in problems_between(_valid_sections(raw)):

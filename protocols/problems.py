@@ -97,12 +97,12 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
     elif kind == "union_tag_invalid":
         tags = context["expected_tags"].replace("'", "").split(", ")
         yield Problem(
-            f"{place}.kind",
+            f"{place}.{_tag(context)}",
             f"must be one of {', '.join(tags)} (got {_show(context['tag'])})"
             + did_you_mean(context["tag"], tags),
         )
     elif kind == "union_tag_not_found":
-        yield Problem(f"{place}.kind", "missing")
+        yield Problem(f"{place}.{_tag(context)}", "missing")
     elif kind == "string_pattern_mismatch":
         wanted = (
             "lower-case words and numbers joined by single dashes or underscores"
@@ -118,6 +118,11 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
         yield Problem(place, str(context["error"]))
     else:
         yield Problem(place, f"{detail['msg']} (got {_show(found)})")
+
+
+def _tag(context: Mapping[str, Any]) -> str:
+    """Return the key that says which of several models a table is: `kind`, or a rule's `rule`."""
+    return str(context.get("discriminator", "kind")).strip("'")
 
 
 def _is_text(value: object) -> bool:
@@ -204,7 +209,8 @@ def _choose(models: list[Any], raw: object) -> type[BaseModel] | None:
     """Return the member of a discriminated union that `raw` says it is."""
     if len(models) > 1 and isinstance(raw, Mapping):
         for entry in models:
-            kind = entry.model_fields.get("kind")
-            if kind and raw.get("kind") in get_args(kind.annotation):
-                return entry  # type: ignore[no-any-return]
+            for tag in ("kind", "rule"):
+                field = entry.model_fields.get(tag)
+                if field and raw.get(tag) in get_args(field.annotation):
+                    return entry  # type: ignore[no-any-return]
     return models[0] if models else None

@@ -3,7 +3,8 @@
 #
 # prepare: system packages, .venv and the locked Python packages, each only
 # where something is missing. Says on stderr what it does; silent otherwise.
-# With CI=true, or once `script/setup --metrics` was run, also the extra `metrics`.
+# With CI=true, or once `script/setup --metrics` was run, also the extra `metrics`; once
+# `script/setup --metamers` was run, also the extra `metamers` (`metrics` brings what it needs).
 
 set -euo pipefail
 
@@ -11,6 +12,7 @@ ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
 METRICS="$ROOT/requirements-metrics.txt"
+METAMERS="$ROOT/requirements-metamers.txt"
 MINIMUM_PYTHON=3.11
 
 # What a Debian or Ubuntu machine needs beside Python, and how any other system
@@ -185,41 +187,54 @@ install_python_packages() {
     mv -- "$VENV/metamerlab-stamp.new" "$VENV/metamerlab-stamp" # last: all or nothing
 }
 
-# The extra `metrics` is wanted by CI, and by whoever asked for it here before.
+# The extra `metrics` is wanted by CI, the extras by whoever asked for them here before.
 wants_metrics() {
     [[ ${CI:-} == true || -e $VENV/metamerlab-metrics ]]
 }
 
-wanted_metrics_stamp() {
-    cat -- "$METRICS" "$LOCK" | sha256sum
+wants_metamers() {
+    [[ -e $VENV/metamerlab-metamers ]]
 }
 
-has_metrics() {
-    [[ -f $VENV/metamerlab-metrics && $(<"$VENV/metamerlab-metrics") == "$(wanted_metrics_stamp)" ]]
+wanted_extra_stamp() {
+    cat -- "$1" "$LOCK" | sha256sum
+}
+
+# has_extra NAME FILE
+has_extra() {
+    local stamp="$VENV/metamerlab-$1"
+    [[ -f $stamp && $(<"$stamp") == "$(wanted_extra_stamp "$2")" ]]
 }
 
 # The locked versions stay as they are: pip is told of them as constraints. Which build of
 # torch comes, for CPU or GPU, is decided by where pip looks (PIP_EXTRA_INDEX_URL).
-install_metrics() {
-    local locked="$VENV/metamerlab-locked.txt"
+install_extra() {
+    local name=$1 file=$2 locked="$VENV/metamerlab-locked.txt"
     awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$LOCK" >"$locked"
-    say "Installing the extra metrics (torch: some 200 MB, several GB with CUDA)"
-    quietly pip_here install --no-user --prefer-binary --constraint "$locked" -r "$METRICS"
-    wanted_metrics_stamp >"$VENV/metamerlab-metrics.new"
-    mv -- "$VENV/metamerlab-metrics.new" "$VENV/metamerlab-metrics"
+    say "Installing the extra $name (torch: some 200 MB, several GB with CUDA)"
+    quietly pip_here install --no-user --prefer-binary --constraint "$locked" -r "$file"
+    wanted_extra_stamp "$file" >"$VENV/metamerlab-$name.new"
+    mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
+}
+
+has_wanted_extras() {
+    { ! wants_metrics || has_extra metrics "$METRICS"; } &&
+        { ! wants_metamers || has_extra metamers "$METAMERS"; }
 }
 
 prepare() {
     cd -- "$ROOT"
     find_python
     need_system_packages
-    is_ready && { ! wants_metrics || has_metrics; } && return
+    is_ready && has_wanted_extras && return
     (
         # Two commands started together: the second waits, then finds all done.
         if command -v flock >/dev/null; then flock 9; fi
-        again=false
-        if wants_metrics; then again=true; fi # a new environment forgets the wish
+        metrics=false metamers=false
+        if wants_metrics; then metrics=true; fi # a new environment forgets the wish
+        if wants_metamers; then metamers=true; fi
         is_ready || install_python_packages
-        ! $again || has_metrics || install_metrics
+        ! $metrics || has_extra metrics "$METRICS" || install_extra metrics "$METRICS"
+        ! $metamers || has_extra metamers "$METAMERS" || install_extra metamers "$METAMERS"
     ) 9<"$LOCK"
 }

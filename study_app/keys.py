@@ -16,6 +16,7 @@ _NAMED = {
     "TAB": "tab",
     "BACKSPACE": "backspace",
 }
+_DEVICES = {"kp": "num", "pad": "pad"}
 _SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
 
 
@@ -41,7 +42,10 @@ def key_name(glfw: Any, key: int, scancode: int) -> str:
 
 
 def key_label(name: str) -> str:
-    """Return how a key is shown to a participant: ``←``, ``F``, ``space``."""
+    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``."""
+    kind, joined, rest = name.partition("_")
+    if joined and kind in _DEVICES:
+        return f"{_DEVICES[kind]} {key_label(rest)}"
     return _SHOWN.get(name, name.upper() if len(name) == 1 else name)
 
 

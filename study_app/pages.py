@@ -103,17 +103,39 @@ class Pages:
         _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
 
     def _answer(self, order: Sequence[str], response: Response) -> NDArray[np.uint8]:
-        """Return the answer screen: the question, and below it each answer's label and key."""
+        """Return the answer screen: the question, and below it each answer's label and key.
+
+        Letters of all labels shrink alike until every one fits its share of the width.
+        """
         width, height = self._size
         image = self._centred(fill(self._texts.question, response), at=0.36, ends=0.47)
-        room = width // len(order)
-        for place, (answer, keys) in enumerate(zip(order, response.keys, strict=True)):
-            text = f"{self._texts.answers[answer]}\n{key_label(keys[0])}"
-            face = typeface_for([text], self._letter_px)
-            lines = wrap(text, face, round(0.8 * room))
+        room, top = width // len(order), round(height * 0.5)
+        texts = [
+            f"{self._texts.answers[answer]}\n{key_label(keys[0])}"
+            for answer, keys in zip(order, response.keys, strict=True)
+        ]
+        letter_px = self._letter_px
+        while True:
+            face = typeface_for(texts, letter_px)
+            wrapped = [wrap(text, face, round(0.8 * room)) for text in texts]
+            fits = all(
+                widest_px(lines, face) <= round(0.95 * room)
+                and top + len(lines) * face.line_px <= height
+                for lines in wrapped
+            )
+            if fits:
+                break
+            if letter_px <= _SMALLEST_PX:
+                raise StudyError(
+                    f"text: the labels of {len(order)} answers must fit beside each other on"
+                    f" {width}x{height} pixels (got {', '.join(self._texts.answers.values())});"
+                    " take shorter ones"
+                )
+            letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
+        for place, lines in enumerate(wrapped):
             block = text_image(lines, face, room, align="centre", grey=self._grey)
             x = round(width * (2 * place + 1) / (2 * len(order))) - room // 2
-            _paste(image, block, (x, round(height * 0.5)))
+            _paste(image, block, (x, top))
         return image
 
     def _centred(self, text: str, at: float = 0.45, ends: float = 1.0) -> NDArray[np.uint8]:
@@ -159,13 +181,18 @@ def answer_name(answers: Sequence[str]) -> str:
     return "answer-" + "-".join(answers)
 
 
-def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
+def check_texts(protocol: StudyProtocol, texts: Texts, size: tuple[int, int] | None = None) -> None:
     """Refuse texts that no font of this machine can write, before anything is shown.
+
+    Parameters
+    ----------
+    size : (width, height), optional
+        Of the screen, in pixels: labels of answers that do not fit on it are refused as well.
 
     Raises
     ------
     StudyError
-        Naming the characters that are missing.
+        Naming the characters that are missing, or the labels that do not fit.
     """
     digits = "0123456789"
     for text in (
@@ -174,7 +201,7 @@ def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
         texts.practice,
         texts.start,
         texts.question,
-        "\n".join(texts.answers.values()) + "←→",
+        "\n".join((*texts.answers.values(), *(key_label(k[0]) for k in protocol.response.keys))),
         *(text for text in (texts.right, texts.wrong) if text),
         texts.break_page + digits,
         texts.paused,
@@ -188,6 +215,9 @@ def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
     for question in texts.questions:
         text = fill(question.text, protocol.response)
         typeface_for([text, *question.choices, digits, _CARET], _SMALLEST_PX)
+    if size is not None:
+        background = round(255 * protocol.display.background)
+        Pages(size, texts, background).fixed(protocol.response, protocol.task.answers())
 
 
 def _marks(page: Page) -> tuple[str, str]:

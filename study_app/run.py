@@ -113,7 +113,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     check_files(options.stimuli, manifest)
     language = _language(options, resuming=resuming)
     texts = texts_of(protocol, language)
-    check_texts(protocol, texts)
+    check_texts(protocol, texts, (display.width_px, display.height_px))
     Layout.of(display, protocol, manifest, options.extras)
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")

@@ -45,7 +45,8 @@ class Machine:
         for name in ("lib.sh", "setup"):
             shutil.copy(repository / "script" / name, self.home / "script" / name)
         (self.home / "requirements.lock").write_text("numpy==2 \\\n    --hash=sha256:0\n")
-        (self.home / "requirements-metrics.txt").write_text("torch==2\n")
+        for extra in ("metrics", "metamers"):
+            (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
         (self.home / "pyproject.toml").write_text("[project]\n")
         for name in TOOLS:
             if found := shutil.which(name):
@@ -118,36 +119,44 @@ def test_a_changed_lock_or_project_is_installed_into_the_same_environment(machin
     assert [line.split()[0] for line in machine.log()] == ["pip", "pip"]
 
 
-@pytest.mark.parametrize(("arguments", "env"), [(["--metrics"], {}), ([], {"CI": "true"})])
-def test_metrics_come_when_asked_for_and_stay_wanted(machine, arguments, env):
+@pytest.mark.parametrize(
+    ("extra", "arguments", "env"),
+    [
+        ("metrics", ["--metrics"], {}),
+        ("metrics", [], {"CI": "true"}),
+        ("metamers", ["--metamers"], {}),
+    ],
+)
+def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, env):
     assert machine.setup().returncode == 0
     machine.log()
 
     assert machine.setup(*arguments, **env).returncode == 0
     (asked,) = machine.log()
-    assert asked.endswith(f"-r {machine.home}/requirements-metrics.txt")
+    assert asked.endswith(f"-r {machine.home}/requirements-{extra}.txt")
     assert (machine.home / ".venv/metamerlab-locked.txt").read_text() == "numpy==2\n"
     assert (machine.setup().stderr, machine.log()) == ("", [])
 
-    (machine.home / "requirements-metrics.txt").write_text("torch==3\n")
+    (machine.home / f"requirements-{extra}.txt").write_text("torch==3\n")
     assert machine.setup().returncode == 0
     assert len(machine.log()) == 1
 
 
-def test_metrics_survive_a_new_environment(machine):
-    machine.setup("--metrics")
+@pytest.mark.parametrize("extra", ["metrics", "metamers"])
+def test_extras_survive_a_new_environment(machine, extra):
+    machine.setup(f"--{extra}")
     machine.log()
     (machine.home / ".venv/bin/python").unlink()
 
     assert machine.setup().returncode == 0
-    assert machine.log()[-1].endswith("requirements-metrics.txt")
+    assert machine.log()[-1].endswith(f"requirements-{extra}.txt")
 
 
 def test_setup_refuses_what_it_does_not_know(machine):
     done = machine.setup("--metric")
 
     assert (done.returncode, machine.log()) == (2, [])
-    assert "--metrics (got --metric)" in done.stderr
+    assert "--metrics or --metamers (got --metric)" in done.stderr
 
 
 @pytest.mark.parametrize("accident", ["kill-pip", "fail-pip"])

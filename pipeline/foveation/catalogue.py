@@ -165,6 +165,11 @@ class Eidolon(_Plain):
         pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
         self.settings = DisplacementSettings(pooling, reach, smoothness)
 
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.displacement_gpu import DisplacementPass
+
+        return DisplacementPass(ctx, geometry, self.settings, match=False)
+
     def apply(self, picture: Picture, look: Look) -> Picture:
         pooling = self.settings.pooling
         return displacement.eidolon(
@@ -194,6 +199,11 @@ class WarpedMetamer(_Plain):
     ) -> None:
         pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
         self.settings = DisplacementSettings(pooling, reach, smoothness, levels)
+
+    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+        from pipeline.foveation.displacement_gpu import DisplacementPass
+
+        return DisplacementPass(ctx, geometry, self.settings, match=True)
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         pooling = self.settings.pooling

@@ -61,6 +61,11 @@ CONDITIONS = tuple(
         ("contrast-enhanced", "a blur, contrast restored (Patney et al. 2016)", "ContrastEnhanced"),
         ("eidolon", "displaced at random (Koenderink et al. 2017)", "Eidolon"),
         ("warped-metamer", "displaced, with each pool's moments", "WarpedMetamer"),
+        (
+            "energy-metamer",
+            "pooled energies matched by descent (torch, minutes)",
+            "pipeline.foveation.energy:EnergyMetamer",
+        ),
         ("files:", "pictures made elsewhere", "FilesOnDisk"),
     )
 )
@@ -271,7 +276,7 @@ class Foveator:
                 f" (got {image.shape[1]} x {image.shape[0]})"
             )
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
-        if self.passes is not None:
+        if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             return self.passes.apply(image, look)
         return self.condition.apply(image, look)
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.features.reference import fitted_kernels
-from pipeline.foveation.chain import band, chain_length, chain_of, enlarge, select
+from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
 from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import finished
+from pipeline.foveation.reference import finished, twice
 
 Floats = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def field_noise(size: tuple[int, int], seed: int) -> Floats:
 
 def pooled_white_variance(lod: Floats) -> Floats:
     """Variance of white unit noise chosen at a level of detail; of the same shape."""
-    table = np.array(_white_energies(int(np.ceil(lod.max())) + 1))
+    table = np.array(white_energies(int(np.ceil(lod.max())) + 1))
     level = np.floor(lod).astype(np.intp)
     share = lod - level
     both, cross, coarse = (table[level, index] for index in range(3))
@@ -173,7 +173,7 @@ def pooled_white_variance(lod: Floats) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def _white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
+def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
     """Of white noise halved n and n + 1 times and doubled back: variance, covariance, variance.
 
     Covariances by lag, averaged over the places between coarse pixels.
@@ -292,7 +292,7 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
 
     What each band adds is multiplied by the root of the variance of luma that its pool should have
     over the one it has, from 1/2 to 2; the mean of each pool, over all levels, is replaced. The
-    finest level's bands share one factor: there their parts would cost most and give least.
+    finest level has one factor for 2x2 pixels: there, more would cost most and give least.
     """
     geometry = pools.geometry
     wraps = geometry.wraps
@@ -303,23 +303,44 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
     change = np.zeros_like(ours[levels])
     for level in reversed(range(levels)):
         size = ours[level].shape[:2]
-        wanted = band_variances(true[level:], pools, level)
-        found = band_variances(ours[level:], pools, level)
+        wanted, found = (
+            band_variances(lows[level:], pools, level, halvings=int(level == 0))
+            for lows in (true, ours)
+        )
         detail = ours[level] - enlarge(ours[level + 1], size, 1, wraps=wraps)
         change = enlarge(change, size, 1, wraps=wraps)
         if level == 0:
             total = (part.sum(axis=2, keepdims=True) for part in (wanted, found))
-            change += (_match(*total) - 1) * detail
+            change += (twice(_match(*total), size) - 1) * detail
             continue
         gain = _match(wanted, found) - 1
-        oriented = [
-            band(band(ours[level], kernel, wraps=wraps), kernel[::-1, ::-1], wraps=wraps)
-            for kernel in fitted_kernels().bands()[1:]
-        ]
+        oriented = oriented_parts(ours[level], wraps=wraps)
         for index, part in enumerate([detail - sum(oriented), *oriented]):
             change += gain[..., index : index + 1] * part
     difference = [a - b for a, b in zip(true, ours, strict=True)]
     return warped + change + select(difference, pools.lod, wraps=wraps)
+
+
+def oriented_parts(image: Floats, *, wraps: bool) -> tuple[Floats, Floats]:
+    """What the two oriented bands of a level add to it: (h, w, channels) each.
+
+    A band passes its kernel twice, the second time mirrored: together a column's profile times the
+    squared differences across it.
+    """
+    edge, corner = fitted_kernels().oriented[1, 2], fitted_kernels().oriented[0, 2]
+    profile = np.convolve((corner, edge, corner), (corner, edge, corner))
+    around = np.pad(image, ((0, 0), (2, 2), (0, 0)), mode="wrap" if wraps else "edge")
+    around = np.pad(around, ((2, 2), (0, 0), (0, 0)), mode="edge")
+    height, width = image.shape[:2]
+
+    def at(down: int, right: int) -> Floats:
+        return around[2 + down : 2 + down + height, 2 + right : 2 + right + width]
+
+    along_x, along_y = np.zeros_like(image), np.zeros_like(image)
+    for offset, weight in zip(range(-2, 3), profile, strict=True):
+        along_x += weight * (2 * at(offset, 0) - at(offset, -2) - at(offset, 2))
+        along_y += weight * (2 * at(0, offset) - at(-2, offset) - at(2, offset))
+    return along_x, along_y
 
 
 def _match(wanted: Floats, found: Floats) -> Floats:

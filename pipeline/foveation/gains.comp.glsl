@@ -14,7 +14,7 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then Cr of the
 // levels, four a layer.
-layout(rgba32f, binding = 0) uniform image2DArray weights;
+layout(rgba16f, binding = 0) uniform image2DArray weights;
 // Moments as pull.comp.glsl writes them, chosen, at resolutions 2 and coarser: level k's at k + 1.
 layout(binding = 0) uniform sampler2DArray small_moments;  // of resolution 1, not chosen
 layout(binding = 1) uniform sampler2DArray moments_2;

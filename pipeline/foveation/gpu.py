@@ -7,7 +7,7 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import moderngl
 import numpy as np
@@ -20,7 +20,7 @@ from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
-from pipeline.foveation.noise_plane import check_seed, noise_tile
+from pipeline.foveation.noise_plane import check_seed, noise_tile, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
@@ -44,10 +44,10 @@ from pipeline.synthesis.mixing import (
     fitted_mixing,
 )
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.synthesis.noise import TILE as NOISE_EDGE
 
 TILE = 8  # work-group edge
-NOISE_FORMAT, NOISE_DTYPE = "rgba32f", np.float32
+# Half floats: memory is what the last pass waits for, and noise tells no more.
+NOISE_FORMAT, NOISE_DTYPE = "rgba16f", np.float16
 
 Size = tuple[int, int]
 
@@ -98,7 +98,14 @@ class FoveationPass:
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
     noise). A call binds and dispatches `dispatches` times, and reads nothing back.
+
+    Attributes
+    ----------
+    carries_noise : bool
+        Whether a call takes `noise_shift_px`.
     """
+
+    carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry) -> None:
         self.ctx = ctx
@@ -357,7 +364,7 @@ class MetamerPass(FoveationPass):
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
         self._overlap = ctx.buffer(overlap.tobytes())
         self._others.append(self._overlap)
-        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4))
+        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
         self._gains = self._keep(
             self._pooled.compile(
                 ctx,
@@ -444,7 +451,7 @@ class MetamerPass(FoveationPass):
         self._run(self._gains, halved(self._chain.sizes[2]))
 
     def _compile_finish(self, *, carried: bool) -> moderngl.ComputeShader:
-        edge = TILE_TEXELS if carried else NOISE_EDGE // 2
+        edge = TILE_TEXELS if carried else tile_edge(*self.size) // 2
         wide = self.geometry.width_px // 2 if self.geometry.wraps and not carried else edge
         constants = finish_constants(
             NOISE=True,
@@ -458,9 +465,9 @@ class MetamerPass(FoveationPass):
         return self._keep(shader)
 
     def _plain_tile(self, seed: int) -> NDArray[np.float32]:
-        """2x2 pixels a texel, bands side by side: (levels, TILE / 2, width / 2 * 3, 4)."""
+        """2x2 pixels a texel, bands side by side: (levels, edge / 2, width / 2 * 3, 4)."""
         wrapped = self.geometry.width_px if self.geometry.wraps else None
-        tile = noise_tile(seed, self.levels, 1, wrapped)[:, :, 0]
+        tile = noise_tile(seed, self.levels, 1, tile_edge(*self.size), wrapped)[:, :, 0]
         height, width, bands = tile.shape
         cells = tile.reshape(height // 2, 2, width // 2, 2, bands // 3, 3)
         cells = cells.transpose(4, 0, 2, 5, 1, 3)

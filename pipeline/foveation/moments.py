@@ -142,24 +142,28 @@ def _lost(lod: Floats) -> Floats:
     return np.asarray(1 - (1 - np.clip(lod, 0, 1)) ** 2)
 
 
-def band_variances(lows: Sequence[Floats], pools: Pools, level: int) -> Floats:
-    """Pooled variance of luma in a level's bands, at its coefficients: (h, w, 3).
+def band_variances(
+    lows: Sequence[Floats], pools: Pools, level: int, *, halvings: int = 0
+) -> Floats:
+    """Pooled variance of luma in a level's bands: (h, w, 3).
 
     Parameters
     ----------
     lows : sequence of ndarray
         The low band that the level splits, and its halvings.
+    halvings : int
+        At its coefficients by default, or at the texels of the first halving (1).
     """
     wraps = pools.geometry.wraps
     chain = moment_chain(lows[0], len(lows) - 1, wraps=wraps)
     skipped = skipped_moments(level, len(chain))
     chosen = select(
         chain[skipped:],
-        lambda halvings: pools.lod(level + halvings, level),
+        lambda chained: pools.lod(level + chained, level),
         first=1 + skipped,
         wraps=wraps,
     )
-    chosen = enlarge(chosen, lows[0].shape[:2], 1 + skipped, wraps=wraps)
+    chosen = enlarge(chosen, lows[halvings].shape[:2], 1 + skipped - halvings, wraps=wraps)
     return LevelMoments.unpacked(chosen).variance
 
 

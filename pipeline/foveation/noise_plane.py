@@ -1,4 +1,9 @@
-"""The fills' noise, laid over a whole picture."""
+"""The fills' noise, laid over a whole picture.
+
+A picture gets a tile as large as itself, up to `LARGEST_TILE`: on any even texture one would see
+the tile of fills, 256 px, repeat itself. Noise that surfaces carry is read between texels, from
+the tile of fills; there it does.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE, noise_bands
+from pipeline.synthesis.noise import TILE, mixed_bands, noise_bands
 from pipeline.synthesis.reference import look_up
 
+LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little would be gained
 SEAM_PX = 128  # over so many columns a panorama's noise becomes what goes on at its other side
 LARGEST_SEED = 2**63 - 1
 
@@ -23,30 +29,37 @@ def check_seed(seed: int) -> int:
     return int(seed)
 
 
+def tile_edge(height: int, width: int) -> int:
+    """Return the edge of the tile for a picture: a power of two, in pixels."""
+    edge = TILE
+    while edge < min(max(height, width), LARGEST_TILE):
+        edge *= 2
+    return edge
+
+
 @lru_cache(maxsize=4)
 def noise_tile(
-    seed: int, levels: int, channels: int, wrapped_width: int | None = None
+    seed: int, levels: int, channels: int, edge: int = TILE, wrapped_width: int | None = None
 ) -> NDArray[np.float32]:
-    """The mixed noise of one seed, a value per pixel: (TILE, width, channels, levels * 3).
+    """The mixed noise of one seed, a value per pixel: (edge, width, channels, levels * 3).
 
-    It goes on at its borders. The width is `TILE`, or `wrapped_width`, so that it fits once around
+    It goes on at its borders. The width is `edge`, or `wrapped_width`, so that it fits once around
     a panorama: there the last columns fade into what comes before the first, at constant power.
     """
-    tiles = noise_bands(seed, levels, channels).tiles[:, :, ::TEXELS_PER_PX, ::TEXELS_PER_PX]
-    tile = np.moveaxis(tiles, (0, 1), (-2, 2))  # (row, column, channel, level, band)
-    tile = tile.reshape(TILE, TILE, channels, 3 * levels)
-    if wrapped_width is not None and wrapped_width % TILE:
+    tiles = mixed_bands(seed, levels, channels, edge)  # (level, band, channel, row, column)
+    tile = tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels)
+    if wrapped_width is not None and wrapped_width % edge:
         column = np.arange(wrapped_width)
         seam = min(SEAM_PX, wrapped_width)
         share = np.clip((column - (wrapped_width - seam) + 0.5) / seam, 0, 1)[:, None, None]
-        ahead = tile[:, (column - wrapped_width) % TILE]  # ends where column 0 begins
-        lag = wrapped_width % TILE
+        ahead = tile[:, (column - wrapped_width) % edge]  # ends where column 0 begins
+        lag = wrapped_width % edge
         alike = (tile * np.roll(tile, lag, axis=1)).mean(axis=(0, 1)) / (tile**2).mean(axis=(0, 1))
-        mixed = np.sqrt(1 - share) * tile[:, column % TILE] + np.sqrt(share) * ahead
+        mixed = np.sqrt(1 - share) * tile[:, column % edge] + np.sqrt(share) * ahead
         tile = mixed / np.sqrt(1 + 2 * np.sqrt(share * (1 - share)) * alike)
-    tile = np.ascontiguousarray(tile, np.float32)
-    tile.flags.writeable = False
-    return tile
+    found = np.ascontiguousarray(tile, np.float32)
+    found.flags.writeable = False
+    return found
 
 
 def noise_plane(
@@ -69,7 +82,8 @@ def noise_plane(
     """
     height, width = size
     if shift_px is None:
-        tile = noise_tile(seed, levels, channels, width if wraps else None)
+        edge = tile_edge(height, width)
+        tile = noise_tile(seed, levels, channels, edge, width if wraps else None)
         rows, columns = np.arange(height) % tile.shape[0], np.arange(width) % tile.shape[1]
         return np.asarray(tile[rows[:, None], columns], np.float64)
     noise = noise_bands(seed, levels, channels)

@@ -1,6 +1,8 @@
 """From a method's name and parameters to the configured method.
 
-To add a method, write its class (one file in this folder) and add one line to `METHODS`.
+To add a method, write its class (one file in this folder) and add one line to `SHIPPED`. A package
+of another lab adds its own by an entry point of the group ``metamerlab.methods``, which names the
+class.
 Parameters of a method are the keyword-only parameters of its class; the class checks
 their values. A class that draws on the GPU takes the context as its first parameter,
 ``ctx``; one whose name carries a path (``onnx:FILE``) takes it as ``path``.
@@ -11,6 +13,7 @@ import importlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
 
@@ -43,7 +46,21 @@ class Entry:
         return cast(type[Any], getattr(importlib.import_module(module), attribute))
 
 
-METHODS = tuple(
+def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    """Return the methods with those of installed packages; none of them is imported."""
+    found = list(shipped)
+    for point in metadata.entry_points(group="metamerlab.methods"):
+        owner = point.dist.name if point.dist else point.value
+        if any(point.name == entry.name for entry in found):
+            raise InputError(
+                f"package {owner!r}: a plug-in must have a name of its own in metamerlab.methods"
+                f" (got {point.name!r}, which is taken); rename it, or uninstall the package"
+            )
+        found.append(Entry(point.name, f"of the package {owner}", point.value))
+    return tuple(found)
+
+
+SHIPPED = tuple(
     Entry(*line)
     for line in (
         (
@@ -87,6 +104,8 @@ METHODS = tuple(
         ("frames:", "frames made elsewhere", "pipeline.methods.frames:FramesOnDisk"),
     )
 )
+
+METHODS = _with_plugins(SHIPPED)
 
 
 def method_names() -> list[str]:

@@ -50,26 +50,30 @@ class NoiseBands:
 
 @lru_cache(maxsize=2)
 def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
-    """Make the noise of one seed; the same on every platform, up to `GRAIN`; read-only.
+    """Make the noise of one seed; the same on every platform, up to `GRAIN`; read-only."""
+    dense = between(between(mixed_bands(seed, levels, channels), -2), -1)
+    tiles = np.moveaxis(dense, 1, -1)
+    lags = fitted_mixing(levels).lag_correlation
+    noise = NoiseBands(np.ascontiguousarray(tiles, np.float32), lags)
+    for array in (noise.tiles, noise.lag_correlation):
+        array.flags.writeable = False
+    return noise
+
+
+def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
+    """Mix the unit bands of one seed: (levels, 3 bands, channels, edge, edge).
 
     Band b is the sum of all unit bands c times ``matrix[c, b]``: so weights mixed by the
     matrix, and unit bands weighed by them, are what is left to deviations (with their gains) and
     this tile.
     """
-    mixing = fitted_mixing(levels)
-    unit = unit_bands(seed, levels, channels)
-    rows = np.moveaxis(unit, -1, 1).reshape(3 * levels, -1)
+    rows = np.moveaxis(unit_bands(seed, levels, channels, edge), -1, 1).reshape(3 * levels, -1)
     # Band by band, in order: a matrix product's order of sums depends on the library.
     mixed = np.zeros(rows.shape)
-    for row, weights in zip(rows, mixing.matrix, strict=True):
+    for row, weights in zip(rows, fitted_mixing(levels).matrix, strict=True):
         for index in np.flatnonzero(weights):
             mixed[index] += weights[index] * row
-    dense = between(between(mixed.reshape(levels, 3, channels, TILE, TILE), -2), -1)
-    tiles = np.moveaxis(dense, 1, -1)
-    noise = NoiseBands(np.ascontiguousarray(tiles, np.float32), mixing.lag_correlation)
-    for array in (noise.tiles, noise.lag_correlation):
-        array.flags.writeable = False
-    return noise
+    return mixed.reshape(levels, 3, channels, edge, edge)
 
 
 def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -87,32 +91,32 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return both.reshape(shape)
 
 
-def unit_bands(seed: int, levels: int, channels: int) -> NDArray[np.float64]:
-    """Make unmixed bands, (levels, channels, TILE, TILE, 3), each of unit variance."""
+def unit_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
+    """Make unmixed bands, (levels, channels, edge, edge, 3), each of unit variance."""
     # Philox's raw bits are specified; a library's normal deviates might change.
-    uniform = np.random.Philox(key=seed).random_raw(TILE * TILE * channels)
+    uniform = np.random.Philox(key=seed).random_raw(edge * edge * channels)
     white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    white = white.reshape(TILE, TILE, channels)
+    white = white.reshape(edge, edge, channels)
     # As far as the filters of the coarsest level reach, there, back and softened.
     periodic = np.pad(white, ((4 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
     kernels = fitted_kernels()
     pyramid = analyse(periodic, levels, kernels)
-    return np.stack([_level(pyramid.bands, level, kernels) for level in range(levels)])
+    return np.stack([_level(pyramid.bands, level, kernels, edge) for level in range(levels)])
 
 
 def _level(
-    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels
+    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels, edge: int
 ) -> NDArray[np.float64]:
-    """One level's bands at full size: (channels, TILE, TILE, 3)."""
+    """One level's bands at full size: (channels, edge, edge, 3)."""
     images = []
-    pad = (len(bands[0]) - TILE) // 2
+    pad = (len(bands[0]) - edge) // 2
     for index, kernel in enumerate(kernels.bands()):
         image = band(bands[level][:, :, index], kernel[::-1, ::-1])
         if BANDS[index] != "high":
             image = softened(image, kernels)
         for finer in reversed(range(level)):
             image = softened(double(image, (len(bands[finer]),) * 2, kernels), kernels)
-        tile = image[pad : pad + TILE, pad : pad + TILE]
+        tile = image[pad : pad + edge, pad : pad + edge]
         images.append(tile / np.sqrt((tile**2).mean(axis=(0, 1))))
     return np.stack(images, axis=-1).transpose(2, 0, 1, 3)
 

@@ -4,9 +4,22 @@ from __future__ import annotations
 
 from protocols.plugins import registered
 from protocols.recipes.base import Recipe
-from protocols.recipes.files import Files
-from protocols.recipes.warped_clips import WarpedClips
 
-RECIPES: dict[str, type[Recipe]] = registered(
-    "recipes", {"warped-clips": WarpedClips, "files": Files}
-)
+RECIPES: dict[str, type[Recipe]]
+"""What ships, and what installed packages add. Read when first asked for, so that the modules of
+a package may import from here while they are loaded."""
+
+
+def __getattr__(name: str) -> object:
+    if name != "RECIPES":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from protocols.recipes.files import Files
+    from protocols.recipes.foveated_images import FoveatedImages
+    from protocols.recipes.warped_clips import WarpedClips
+
+    shipped: dict[str, type[Recipe]] = {
+        "warped-clips": WarpedClips,
+        "files": Files,
+        "foveated-images": FoveatedImages,
+    }
+    return globals().setdefault(name, registered("recipes", shipped))

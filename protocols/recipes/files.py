@@ -15,7 +15,7 @@ from protocols.errors import Problem, StudyError
 from protocols.prose import Block
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
-from protocols.units import Hertz, Model, Name, Pixels, Scalar, Seconds, Text
+from protocols.units import NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
 
 if TYPE_CHECKING:
     from protocols.display import Display
@@ -179,8 +179,19 @@ def read_table(path: Path) -> list[dict[str, object]]:
     if not rows:
         raise StudyError(f"{path}: must list at least one stimulus (it has only a header)")
     columns = [name for name in header if name not in COLUMNS]
+    for column in columns:
+        _check_name(column, f"{path}: line 1: every column's name")
+    seen: dict[tuple[str, str], int] = {}
     for number, row in enumerate(rows, start=2):
         _check_row(path, number, row, header)
+        for column in COLUMNS:
+            key = column, str(row[column]).strip()
+            if key in seen:
+                raise StudyError(
+                    f"{path}: line {number}: every {column} must be given once (got {key[1]!r},"
+                    f" which line {seen[key]} has)"
+                )
+            seen[key] = number
     numbers = {column: _numbers([str(row[column]).strip() for row in rows]) for column in columns}
     return [
         {
@@ -204,12 +215,16 @@ def _check_row(
         value = row[column]
         if not isinstance(value, str) or not value.strip():
             raise StudyError(f"{path}: line {number}: column {column!r} must not be empty")
+    _check_name(str(row["stimulus"]).strip(), f"{path}: line {number}: stimulus")
+
+
+def _check_name(name: str, what: str) -> None:
     try:
-        _NAME.validate_python(str(row["stimulus"]).strip())
+        _NAME.validate_python(name)
     except ValidationError:
         raise StudyError(
-            f"{path}: line {number}: stimulus must be lower-case words and numbers joined by"
-            f" single dashes or underscores (got {row['stimulus']!r})"
+            f"{what} must be lower-case words and numbers joined by single dashes or underscores,"
+            f" at most {NAME_LENGTH} characters (got {name!r})"
         ) from None
 
 

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from protocols.plugins import registered
-from protocols.tasks.abx import Abx
 from protocols.tasks.base import Task
-from protocols.tasks.identification import Identification
-from protocols.tasks.two_alternative import TwoAlternative
-from protocols.tasks.two_interval import TwoInterval
-from protocols.tasks.yes_no import YesNo
 
-TASKS: dict[str, type[Task]] = registered(
-    "tasks",
-    {
+TASKS: dict[str, type[Task]]
+"""What ships, and what installed packages add. Read when first asked for, so that the modules of
+a package may import from here while they are loaded."""
+
+
+def __getattr__(name: str) -> object:
+    if name != "TASKS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from protocols.tasks.abx import Abx
+    from protocols.tasks.identification import Identification
+    from protocols.tasks.two_alternative import TwoAlternative
+    from protocols.tasks.two_interval import TwoInterval
+    from protocols.tasks.yes_no import YesNo
+
+    shipped: dict[str, type[Task]] = {
         "two-interval": TwoInterval,
         "two-alternative": TwoAlternative,
         "yes-no": YesNo,
         "identification": Identification,
         "abx": Abx,
-    },
-)
+    }
+    return globals().setdefault(name, registered("tasks", shipped))

@@ -10,10 +10,16 @@ from protocols.plugins import registered
 from protocols.schema import StudyProtocol
 from stimuli.recipes.base import Builder
 from stimuli.recipes.files import FileBuilder
+from stimuli.recipes.foveated_images import FoveatedBuilder
 from stimuli.recipes.warped_clips import WarpedClipBuilder
 
 BUILDERS: dict[str, type[Builder]] = registered(
-    "builders", {"warped-clips": WarpedClipBuilder, "files": FileBuilder}
+    "builders",
+    {
+        "warped-clips": WarpedClipBuilder,
+        "files": FileBuilder,
+        "foveated-images": FoveatedBuilder,
+    },
 )
 
 

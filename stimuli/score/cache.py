@@ -64,6 +64,10 @@ class Cache:
                 {(metric, region): value for metric, region, value in raw["values"]},
                 {(metric, region): values for metric, region, values in raw["per_frame"]},
                 error_map,
+                {
+                    name: tuple((float(x), float(y)) for x, y in points)
+                    for name, points in raw.get("curves", {}).items()
+                },
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -81,5 +85,6 @@ class Cache:
             "values": [[*where, value] for where, value in measured.values.items()],
             "per_frame": [[*where, list(found)] for where, found in measured.per_frame.items()],
             "has_map": measured.error_map is not None,
+            "curves": {name: [list(p) for p in points] for name, points in measured.curves.items()},
         }
         write_whole(self.folder / f"{key}.json", json.dumps(raw).encode())

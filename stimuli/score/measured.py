@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+Curve = tuple[tuple[float, float], ...]
+"""Points (x, y) of a line."""
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -22,11 +25,14 @@ class Measured:
         One number per frame, for metrics that are made of these.
     error_map : ndarray of float32, shape (H, W), or None
         Error of every pixel, averaged over the frames in which it counts.
+    curves : mapping
+        What one number cannot say: a line per name, such as a ratio by eccentricity.
     """
 
     values: Mapping[tuple[str, str], float | None]
     per_frame: Mapping[tuple[str, str], list[float | None]] = field(default_factory=dict)
     error_map: NDArray[np.float32] | None = None
+    curves: Mapping[str, Curve] = field(default_factory=dict)
 
 
 def mean_of(values: list[float | None]) -> float | None:

@@ -1,7 +1,7 @@
 """What can be measured: every metric by name, what it needs, and what its numbers mean.
 
 To add a metric, write its family (a module with ``measure(pair, viewing, gaze)``) and add its
-lines here.
+lines here. A package of another lab adds its own by an entry point, see `PluginMetrics`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from protocols.errors import StudyError
+from protocols.plugins import registered
 from protocols.suggest import did_you_mean
 
 HOLES, FRAME = "holes", "frame"
@@ -58,6 +59,8 @@ class Metric:
         Smallest height and width of a frame.
     over_time : bool
         Whether it needs at least two frames.
+    needs_gaze : bool
+        Whether it measures only where a gaze is known.
     """
 
     name: str
@@ -72,6 +75,12 @@ class Metric:
     licence: str
     regions: tuple[str, ...] = REGIONS
     over_time: bool = False
+    needs_gaze: bool = False
+
+    @property
+    def blind(self) -> str:
+        """What it does not see, in a sentence."""
+        return BLIND[self.name]
 
     def badness(self, value: float) -> float:
         """Return a number that is lower for better values, whatever the metric's direction."""
@@ -93,6 +102,7 @@ FAMILIES = {
     for family in (
         Family("pixels", "stimuli.score.pixels"),
         Family("statistics", "stimuli.score.statistics", uses_gaze=True),
+        Family("band-ratios", "stimuli.score.band_ratios", uses_gaze=True, uses_display=True),
         Family(
             "flip",
             "stimuli.score.flip",
@@ -149,6 +159,11 @@ METRICS = {
             "distance of pooled moments of steerable bands, pools growing from the gaze", OURS,
         ),
         Metric(
+            "band-ratio", "band ratio", "", "one", 1.0, "band-ratios", 32, 3,
+            "deviation of luma's bands over the reference's beyond 1 degree from the gaze,"
+            " geometric mean of levels and rings", OURS, regions=(FRAME,), needs_gaze=True,
+        ),
+        Metric(
             "flip", "FLIP", "", "lower", 0.0, "flip", 1, 3,
             "FLIP (Andersson et al. 2020) at the display's pixels per degree, mean of the frames",
             "flip-evaluator (BSD)",
@@ -173,6 +188,51 @@ METRICS = {
         ),
     )
 }  # fmt: skip
+
+
+BLIND = {
+    "psnr": "Everything but differences of pixels: a metamer and plain noise of equal power are the"
+    " same to it, and a blur is better than both.",
+    "ssim": "Where the eye looks, and what it pools: structure is compared pixel by pixel.",
+    "hf-ratio": "Where detail lies and what it looks like: only how much there is.",
+    "flicker": "Single frames: it sees change over time alone.",
+    "statistics": "Where things lie within a pool, edges that turn into texture, and dependences"
+    " between bands: a noise metamer and a true texture can be equal to it.",
+    "band-ratio": "Structure, phase and colour: noise of the right spectrum scores 1. Too much in"
+    " one ring and too little in another cancel in the mean, not in the plot.",
+    "flip": "Where the eye looks: every pixel is seen as in the fovea.",
+    "fvvdp": "Pooling: it knows acuity and masking by eccentricity, but compares pixels where pools"
+    " would do. It prefers a blur to a metamer wherever pools are small. Colour.",
+    "fvvdp-1.0": "As FovVideoVDP, and where the eye looks.",
+    "cvvdp": "Where the eye looks: every pixel is seen as in the fovea, so any metamer is far.",
+    "lpips": "Where the eye looks, and what a network trained on photographs was not shown.",
+}
+"""What each metric does not see; scores pages print it beside the numbers."""
+
+
+@dataclass(frozen=True)
+class PluginMetrics:
+    """What a package adds: entry points of the group ``metamerlab.metrics`` name such objects."""
+
+    family: Family
+    metrics: tuple[Metric, ...]
+
+
+def _add_plugins() -> None:
+    added: dict[str, PluginMetrics] = registered("metrics", {})
+    for name, plugin in added.items():
+        taken = [plugin.family.name] if plugin.family.name in FAMILIES else []
+        taken += [metric.name for metric in plugin.metrics if metric.name in METRICS]
+        if taken:
+            raise StudyError(
+                f"plug-in {name!r} of metamerlab.metrics: names must be its own (got"
+                f" {', '.join(taken)}, which {'is' if len(taken) == 1 else 'are'} taken)"
+            )
+        FAMILIES[plugin.family.name] = plugin.family
+        METRICS.update({metric.name: metric for metric in plugin.metrics})
+
+
+_add_plugins()
 
 
 def choose_metrics(names: Iterable[str] | None) -> tuple[Metric, ...]:

@@ -25,6 +25,7 @@ from stimuli.score.tables import Table, method_order
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++", "oooo")
 MARKERS = "os^DvPX*"
+_LEAST_RATIO = 0.1  # lower ones are drawn here
 MAP_COLOURS = cv2.COLORMAP_INFERNO
 _STYLE: dict[Any, Any] = {  # matplotlib's keys are a type of 300 words
     "font.family": "DejaVu Sans", "font.size": 8.0, "axes.spines.top": False,
@@ -106,6 +107,87 @@ def trade_off(
         axes.set_ylabel(f"{metric.label}{unit}, {metric.arrow}")
         figure.legend(loc="outside right upper")
     return figure
+
+
+def by_eccentricity(results: Results, scene: str) -> Figure | None:
+    """Draw the ratio of every level's bands against the distance from the gaze, a panel a method.
+
+    None where nothing was measured around a gaze.
+    """
+    items = [
+        item for item in results.subjects.items
+        if item.scene == scene and results.curves.get(item.name)
+    ]  # fmt: skip
+    if not items:
+        return None
+    columns = min(3, len(items))
+    rows = math.ceil(len(items) / columns)
+    with _style():
+        figure = Figure(figsize=(1.2 + 2.0 * columns, 0.7 + 1.7 * rows))
+        FigureCanvasAgg(figure)
+        figure.set_layout_engine("constrained")
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for panel in panels[len(items) :]:
+            panel.set_visible(False)
+        for index, (panel, item) in enumerate(zip(panels, items, strict=False)):
+            panel.axhline(1.0, color="#444444", linewidth=0.8)
+            for level, (name, points) in enumerate(results.curves[item.name].items()):
+                if points:
+                    x, y = zip(*points, strict=True)
+                    panel.plot(
+                        x, np.maximum(y, _LEAST_RATIO), marker=MARKERS[level], markersize=3,
+                        linewidth=1, color=COLOURS[level], label=name if index == 0 else None,
+                    )  # fmt: skip
+            panel.set_title(item.method, fontsize=8)
+            panel.set_xscale("log")
+            panel.set_yscale("log")
+            panel.set_ylim(_LEAST_RATIO, 4.0)
+            panel.set_xticks([1, 2, 5, 10, 20, 40], ["1", "2", "5", "10", "20", "40"])
+            panel.set_yticks([0.1, 0.25, 0.5, 1, 2, 4], ["≤ .1", ".25", ".5", "1", "2", "4"])
+            panel.minorticks_off()
+            panel.grid(color="#E3E3E3", linewidth=0.6)
+        figure.supxlabel("eccentricity (degrees)", fontsize=8)
+        figure.supylabel("band deviation over the reference's", fontsize=8)
+        figure.legend(loc="outside upper center", ncols=4)
+    return figure
+
+
+def middle_frames(results: Results) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return the pictures of each scene as they are seen, with a mark at the gaze.
+
+    Returns
+    -------
+    list of (scene, pictures)
+        Label and data address of the reference's middle frame, then of the methods'; empty where
+        no gaze is known.
+    """
+    gaze = results.settings.gaze
+    if not gaze.points_px:
+        return []
+    rows = []
+    for scene, size in dict.fromkeys((item.scene, item.size) for item in results.subjects.items):
+        members = [
+            item for item in results.subjects.items if (item.scene, item.size) == (scene, size)
+        ]
+        pair = members[0].pair
+        middle = pair.frames // 2
+        at = gaze.at(middle, pair.width_px, pair.height_px)
+        shown = [("reference", pair.truth_frame(middle))]
+        shown += [(item.method, item.pair.test_frame(middle, FRAME)) for item in members]
+        pictures = [(label, _address(_marked(colour, at), 640)) for label, colour in shown]
+        rows.append((f"{scene}, {size}" if size else scene, pictures))
+    return rows
+
+
+def _marked(colour: NDArray[np.float32], gaze_px: tuple[float, float]) -> NDArray[np.uint8]:
+    """Draw a ring around the gaze that light and dark pictures both show."""
+    picture = np.rint(255 * colour).astype(np.uint8)
+    height, width = picture.shape[:2]
+    radius = max(3, min(height, width) // 60)
+    centre = round(gaze_px[0] - 0.5), round(gaze_px[1] - 0.5)
+    for grow, level in ((1, 0), (0, 255)):
+        cv2.circle(picture, centre, radius + grow, (level,) * 3, 1 + grow, cv2.LINE_AA)
+    return picture
 
 
 def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple[str, str]]]]]:
@@ -203,9 +285,9 @@ def _log_ticks(low: float, high: float) -> list[float]:
     return [tick for tick in every if low <= tick <= high]
 
 
-def _address(colour: NDArray[np.uint8]) -> str:
+def _address(colour: NDArray[np.uint8], widest_px: int = 320) -> str:
     height, width = colour.shape[:2]
-    scale = min(1.0, 320 / width)
+    scale = min(1.0, widest_px / width)
     if scale < 1:
         small = (max(1, round(scale * width)), max(1, round(scale * height)))
         colour = np.asarray(cv2.resize(colour, small, interpolation=cv2.INTER_AREA), np.uint8)

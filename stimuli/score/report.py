@@ -18,11 +18,13 @@ from stimuli.score.metrics import HOLES, METRICS
 from stimuli.score.run import Results
 from stimuli.score.tables import Duel, Table, all_duels, all_tables
 from stimuli.score.write import (
+    BANDS_NAME,
     CSV_NAME,
     FRAMES_NAME,
     HTML_NAME,
     JSON_NAME,
     TABLES_NAME,
+    bands_csv,
     frames_csv,
     json_text,
     scores_csv,
@@ -59,6 +61,8 @@ def write_report(
     say("writing tables")
     write_text(out / CSV_NAME, scores_csv(results))
     write_text(out / FRAMES_NAME, frames_csv(results))
+    if results.curves:
+        write_text(out / BANDS_NAME, bands_csv(results))
     write_text(out / TABLES_NAME, tables_markdown(tables, found))
     write_text(out / HTML_NAME, _page(results, tables, found, drawn, times_ms, renderer))
     write_text(out / JSON_NAME, json_text(scores_json(results, times_ms, renderer)))
@@ -85,7 +89,7 @@ def duels_markdown(found: tuple[Duel, ...]) -> str:
 def _draw(
     results: Results, tables: tuple[Table, ...], times_ms: dict[str, float], out: Path
 ) -> dict[str, list[_Drawn]]:
-    drawn: dict[str, list[_Drawn]] = {"bars": [], "time": [], "scale": []}
+    drawn: dict[str, list[_Drawn]] = {"bars": [], "bands": [], "time": [], "scale": []}
 
     def keep(group: str, name: str, caption: str, figure: Figure) -> None:
         drawn[group].append(_Drawn(name, caption, Markup(plots.inline_svg(figure, name, caption))))
@@ -102,6 +106,14 @@ def _draw(
             begin = "the value of identical clips" if perfect else "0"
             caption = f"{table.title}. Bars begin at {begin}."
             keep("bars", name.replace(".", "-"), caption, plots.bars(table))
+    for number, scene in enumerate(dict.fromkeys(i.scene for i in results.subjects.items), 1):
+        figure = plots.by_eccentricity(results, scene)
+        if figure is not None:
+            caption = (
+                f"{scene}: deviation of the bands of each level (0 is the finest) over the"
+                " reference's, in rings around the gaze. 1 is right."
+            )
+            keep("bands", f"bands-by-eccentricity-{number}", caption, figure)
     for metric in (METRICS[name] for name in _AGAINST_TIME):
         figure = plots.trade_off(results, metric, HOLES, times_ms)
         if metric in results.metrics and figure is not None:
@@ -135,6 +147,7 @@ def _page(
             for against in dict.fromkeys(duel.against for duel in found)
         ],
         drawn=drawn,
+        pictures=plots.middle_frames(results),
         maps=plots.error_maps(results)[1],
         map_metric=results.map_metric,
         map_inside=bool(first.masks) and results.map_metric == "FLIP",

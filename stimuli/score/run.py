@@ -18,7 +18,7 @@ from stimuli.executors import local_processes
 from stimuli.score.available import Missing, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
 from stimuli.score.cache import Cache, hash_files, measurement_key
-from stimuli.score.measured import Measured
+from stimuli.score.measured import Curve, Measured
 from stimuli.score.metrics import FAMILIES, Family, Metric
 from stimuli.score.pair import Pair
 from stimuli.score.viewing import Gaze, Viewing
@@ -26,7 +26,7 @@ from stimuli.score.viewing import Gaze, Viewing
 Report = Callable[[int, int, str], None]
 """Called with measurements done, measurements in all, and what is going on."""
 
-TOGETHER = ("pixels", "statistics", "flip")
+TOGETHER = ("pixels", "statistics", "band-ratios", "flip")
 """Families that may share a process; each of the others needs processes of its own."""
 
 
@@ -53,6 +53,8 @@ class Results:
         The same, frame by frame, for metrics that have such numbers.
     maps : mapping
         Error of every pixel by subject's name, and in `map_metric` what it means.
+    curves : mapping
+        Ratios of bands by eccentricity: by subject's name, a line per level of the pyramid.
     """
 
     subjects: Subjects
@@ -64,6 +66,7 @@ class Results:
     per_frame: dict[tuple[str, str, str], list[float | None]]
     maps: dict[str, NDArray[np.float32]]
     map_metric: str
+    curves: dict[str, dict[str, Curve]] = field(default_factory=dict)
 
     def value(self, subject: Subject, metric: Metric, region: str) -> float | None:
         """Return one number, None where there is none."""
@@ -150,6 +153,11 @@ def _measurable(
             "fvvdp-1.0: left out, since pyfvvdp has no foveated tables for these parameters;"
             " leave --gaze out to compute it"
         )
+    blind = [metric for metric in usable if metric.needs_gaze and not gaze.points_px]
+    if blind:
+        usable = tuple(metric for metric in usable if metric not in blind)
+        names = ", ".join(metric.name for metric in blind)
+        notes.append(f"{names}: left out, measures only around a gaze (--gaze)")
     if left_out:
         needs = "clips with a mask of holes (--mask)" if not pairs[0].is_picture else "clips"
         names = ", ".join(metric.name for metric in left_out)
@@ -233,6 +241,7 @@ def _collected(
     values: dict[tuple[str, str, str], float | None] = {}
     per_frame: dict[tuple[str, str, str], list[float | None]] = {}
     maps: dict[str, dict[str, NDArray[np.float32]]] = {}
+    curves: dict[str, dict[str, Curve]] = {}
     for job in jobs:
         measured, clip = found[job.key], job.subject.name
         for (metric, region), value in measured.values.items():
@@ -241,6 +250,8 @@ def _collected(
         for (metric, region), numbers in measured.per_frame.items():
             if metric in names:
                 per_frame[clip, metric, region] = numbers
+        if measured.curves:
+            curves[clip] = dict(measured.curves)
         if measured.error_map is not None:
             maps.setdefault(job.family.name, {})[clip] = measured.error_map
     kind = "flip" if "flip" in maps else "pixels"
@@ -254,4 +265,5 @@ def _collected(
         per_frame=per_frame,
         maps=maps.get(kind, {}),
         map_metric="FLIP" if kind == "flip" else "root-mean-square error",
+        curves=curves,
     )

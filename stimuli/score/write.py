@@ -20,7 +20,18 @@ from stimuli.whole_file import write_whole
 CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
 JSON_NAME, HTML_NAME = "scores.json", "scores.html"
-_OURS = {CACHE_FOLDER, CSV_NAME, FRAMES_NAME, TABLES_NAME, JSON_NAME, HTML_NAME, "figures"}
+BANDS_NAME = "bands.csv"
+_OURS = {
+    CACHE_FOLDER,
+    BANDS_NAME,
+    CSV_NAME,
+    FRAMES_NAME,
+    TABLES_NAME,
+    JSON_NAME,
+    HTML_NAME,
+    "figures",
+    "pictures",
+}
 
 
 def check_out(out: Path) -> None:
@@ -69,6 +80,17 @@ def frames_csv(results: Results) -> str:
     return _csv(("scene", "size", "method", "region", "metric", "frame", "value"), rows)
 
 
+def bands_csv(results: Results) -> str:
+    """One line per clip, level of the pyramid and ring around the gaze."""
+    rows = [
+        [item.scene, item.size, item.method, name, _number(x), _number(y)]
+        for item in results.subjects.items
+        for name, points in results.curves.get(item.name, {}).items()
+        for x, y in points
+    ]
+    return _csv(("scene", "size", "method", "level", "eccentricity_deg", "ratio"), rows)
+
+
 def scores_json(results: Results, times_ms: dict[str, float], renderer: str) -> dict[str, Json]:
     """Return every number and all that it depends on; an infinite one as the text "inf"."""
     settings = results.settings
@@ -101,6 +123,10 @@ def scores_json(results: Results, times_ms: dict[str, float], renderer: str) -> 
                     for metric in results.metrics
                     for region in metric.regions
                     if region in item.pair.regions
+                },
+                "band_ratios": {
+                    name: [[round(x, 3), round(y, 5)] for x, y in points]
+                    for name, points in results.curves.get(item.name, {}).items()
                 },
             }
             for item in results.subjects.items

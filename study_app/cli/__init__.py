@@ -7,6 +7,7 @@ add one line to `SLOTS`.
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -21,6 +22,7 @@ SLOTS = (
     Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
     Slot("demo", "See the whole chain at work.", "study_app.cli.demo.command:demo"),
     Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
+    Slot("foveate", "Show one picture to a gaze.", "study_app.cli.foveate:foveate"),
     Slot("new-study", "Make a folder to start a study from.", "study_app.cli.new_study:new_study"),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
@@ -69,4 +71,8 @@ def metamerlab(
 
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
-    app(prog_name="metamerlab")
+    try:
+        with user_errors():  # what is found while commands are imported: plug-ins that do not load
+            app(prog_name="metamerlab")
+    except typer.Exit as end:
+        sys.exit(end.exit_code)

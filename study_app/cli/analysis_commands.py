@@ -236,7 +236,7 @@ def import_(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="How to analyse the table, as in the section [analysis] of a protocol; may be"
+            help="How to analyse the table, as in a protocol's section on analysis; may be"
             " given more than once: by=method, level=eccentricity_deg, falling=true,"
             " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
             " rule=independent (abx).",

@@ -84,7 +84,8 @@ def score(
 ) -> None:
     """Score clips against their reference, in holes and over the frame.
 
-    DIR scores a whole batch and writes tables in the layout of the paper's, plots and one
+    DIR scores a whole batch (of foveated images: around their gaze, as far from the eye as
+    they were made for) and writes tables in the layout of the paper's, plots and one
     page. Killed at any point, the same command goes on where it was.
 
     Examples:
@@ -120,8 +121,10 @@ def _score(
     fps: float,
     workers: int | None,
 ) -> None:
+    from protocols.manifest import read_manifest
     from stimuli.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
+    from stimuli.score.foveated import METRICS_OF_FOVEATION, is_foveated, subjects_of_stills
     from stimuli.score.metrics import choose_metrics
     from stimuli.score.run import Settings
     from stimuli.score.run import score as run
@@ -138,7 +141,13 @@ def _score(
                 f"{first}: must be a folder of built clips (this is a file); to score a picture,"
                 " give its reference as well: metamerlab stimuli score TEST REFERENCE"
             )
-        subjects = subjects_of_batch(first)
+        manifest = read_manifest(first)
+        if is_foveated(manifest):
+            subjects, at, viewing = subjects_of_stills(first, manifest, settings.gaze)
+            chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
+            settings = Settings(chosen, viewing, at)
+        else:
+            subjects = subjects_of_batch(first)
         folder: Path | None = out or Path("scores")
     else:
         subjects = subjects_of_two(first, second, mask, fps)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,6 +11,7 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.one_picture import check_file, check_folder, read_parameters
 
 if TYPE_CHECKING:
     import numpy as np
@@ -329,23 +328,8 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
         raise StudyError(
             f"one --method makes one OUT (got {len(methods)}); add --compare FILE to see them all"
         )
-    parameters = _parameters(methods, settings or [])
+    parameters = read_parameters(settings or [], methods)
     return [Choice(name, parameters) for name in methods]
-
-
-def _parameters(methods: list[str], settings: list[str]) -> dict[str, Any]:
-    if settings and len(methods) > 1:
-        raise StudyError("--set needs exactly one --method: whose parameter it is is not clear")
-    parameters: dict[str, Any] = {}
-    for setting in settings:
-        name, equals, value = setting.partition("=")
-        if not equals or not name:
-            raise StudyError(f"--set must be name=value (got {setting!r})")
-        try:
-            parameters[name] = json.loads(value)  # numbers and true or false
-        except json.JSONDecodeError:
-            parameters[name] = value
-    return parameters
 
 
 def _nearer(text: str) -> Nearer:
@@ -359,28 +343,11 @@ def _nearer(text: str) -> Nearer:
 
 def _check_outputs(out: Path, compare: Path | None, steps: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
-    for path in (out, compare):
-        if path is None:
-            continue
-        if path.suffix.lower() not in (".png", ".exr") or (
-            path is compare and path.suffix.lower() != ".png"
-        ):
-            endings = ".png" if path is compare else ".png or .exr"
-            raise StudyError(f"{path}: must end in {endings}")
-        if path.is_dir():
-            raise StudyError(f"{path}: must be a file, and is a folder")
-        _check_folder(path.parent)
+    check_file(out, (".png", ".exr"))
+    if compare is not None:
+        check_file(compare, (".png",))
     if steps is not None:
-        _check_folder(steps)
-
-
-def _check_folder(folder: Path) -> None:
-    """Refuse a folder that is not there and cannot be made."""
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir():
-        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
+        check_folder(steps)
 
 
 def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:

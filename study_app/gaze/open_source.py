@@ -11,6 +11,8 @@ from pathlib import Path
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.plugins import registered
+from protocols.suggest import did_you_mean
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.recording import load_recording
@@ -50,12 +52,10 @@ def _replay(rest: str, desk: Desk) -> GazeSource:
     return ReplaySource(recording, desk.clock)
 
 
-ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = {
-    "lsl": _lsl,
-    "mouse": _mouse,
-    "replay": _replay,
-}
-"""By the word before the colon."""
+ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
+    "trackers", {"lsl": _lsl, "mouse": _mouse, "replay": _replay}
+)
+"""By the word before the colon; entry points of ``metamerlab.trackers`` name such functions."""
 
 
 def open_gaze(specification: str, desk: Desk) -> GazeSource:
@@ -68,7 +68,10 @@ def open_gaze(specification: str, desk: Desk) -> GazeSource:
     """
     kind, _, rest = specification.partition(":")
     if kind not in ADAPTERS:
-        raise StudyError(f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})")
+        raise StudyError(
+            f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})"
+            f"{did_you_mean(kind, ADAPTERS)}"
+        )
     source = ADAPTERS[kind](rest, desk)
     source.open()
     return source

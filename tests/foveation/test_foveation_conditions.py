@@ -1,6 +1,7 @@
 """The registry of conditions and the one call."""
 
 import inspect
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -18,7 +19,15 @@ from pipeline.foveation.conditions import (
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 
-MADE_HERE = [entry.name for entry in CONDITIONS if not entry.takes_path]
+NEEDS_TORCH = pytest.mark.skipif(
+    find_spec("torch") is None,
+    reason="needs the extra `metamers`: script/setup --metamers installs it",
+)
+MADE_HERE = [
+    pytest.param(entry.name, marks=NEEDS_TORCH if entry.name == "energy-metamer" else ())
+    for entry in CONDITIONS
+    if not entry.takes_path
+]
 
 
 @pytest.fixture

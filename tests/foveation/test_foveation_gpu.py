@@ -7,6 +7,8 @@ from skimage import data
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import Foveator, foveate
+from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
+from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
 from pipeline.foveation.pooling import Pooling, make_pooling
@@ -23,7 +25,10 @@ VIEWS = [
     ((9, 13), Flat(100), (2.0, 2.0)),
     ((1, 1), Flat(40), (9.0, 9.0)),
 ]
-TOLERANCE = 0.1 / 255  # the issue demands 1 / 255; measured .01
+# Noise and its weights are half floats: each is off by at most 2^-11 of itself (Mesa truncates),
+# and noise is at most 4 deviations of .25.
+TOLERANCE = 2 * 4 * 0.25 * 2.0**-11
+PLAIN_TOLERANCE = 0.1 / 255  # all else is float32
 
 
 def photograph(size):
@@ -45,13 +50,12 @@ def run(gl_context):
 
 
 @pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
-@pytest.mark.parametrize("law", ["v1", "authors"])
-def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px, law):
-    geometry, pooling = viewing.of(size[1], size[0]), make_pooling(law)
+def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
+    geometry, pooling = viewing.of(size[1], size[0]), make_pooling("authors")
     picture = photograph(size)
     found = run(lambda ctx, g: BlurPass(ctx, g, pooling), geometry, picture, gaze_px)
     wanted = blur(picture, Look(geometry, gaze_px).pools(pooling))
-    np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
+    np.testing.assert_allclose(found, wanted, atol=PLAIN_TOLERANCE)
 
 
 @pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
@@ -71,7 +75,6 @@ def test_metamer_on_gpu_matches_reference(run, size, viewing, gaze_px):
         {"residual": "pooled"},
         {"noise": 0.5},
         {"levels": 1},
-        {"levels": 3},
         {"levels": 6},
         {"pooling": Pooling("linear", 0.46, 0.0)},
     ],
@@ -84,6 +87,41 @@ def test_every_switch_on_gpu_matches_reference(run, switches):
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=1)
     wanted = metamer(picture, look.pools(settings.pooling), settings, 1)
     np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(("size", "viewing", "gaze_px"), VIEWS)
+@pytest.mark.parametrize("match", [False, True])
+def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, match):
+    geometry, settings = viewing.of(size[1], size[0]), DisplacementSettings()
+    picture = photograph(size)
+    field_gaze_px = (gaze_px[0] + 3, gaze_px[1])
+    look = Look(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
+    found = run(
+        lambda ctx, g: DisplacementPass(ctx, g, settings, match=match),
+        geometry,
+        picture,
+        gaze_px,
+        seed=4,
+        field_gaze_px=field_gaze_px,
+    )
+    wanted = (warped_metamer if match else eidolon)(
+        picture,
+        look.pools(settings.pooling),
+        settings,
+        4,
+        field_pools=look.field_pools(settings.pooling),
+    )
+    # Places are known to some 1e-5 px, and a picture's edge is one step of it a pixel.
+    np.testing.assert_allclose(found, wanted, atol=0.5 / 255)
+
+
+def test_carried_displacement_is_left_to_numpy(gl_context, rng):
+    picture, shift = photograph((40, 40)), rng.random((40, 40, 2))
+    foveator = Foveator((40, 40), method="eidolon", ctx=gl_context)
+    drawn = foveator(picture, (-20, 0), noise_shift_px=shift)
+    foveator.release()
+    plain = foveate(picture, (-20, 0), method="eidolon", noise_shift_px=shift)
+    assert (drawn == plain).all()
 
 
 def test_carried_noise_on_gpu_matches_reference(run, rng):
@@ -156,7 +194,7 @@ def test_another_texture_size_is_refused(gl_context):
     made.release()
 
 
-@pytest.mark.parametrize("name", ["reference", "blur", "metamer", "eidolon"])
+@pytest.mark.parametrize("name", ["reference", "blur", "eidolon"])
 def test_the_one_call_takes_a_context_whether_or_not_the_condition_uses_it(gl_context, name):
     picture = photograph((40, 48))
     plain = foveate(picture, (5, 5), method=name, seed=1)

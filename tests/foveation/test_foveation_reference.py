@@ -21,6 +21,7 @@ from pipeline.foveation.noise_plane import noise_plane, noise_tile
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
+from stimuli.score.statistics import statistics_distance
 
 SETTINGS = MetamerSettings()
 
@@ -98,6 +99,22 @@ def test_fovea_is_copied_bit_for_bit_and_the_rest_changes():
         assert result.max() <= 1
 
 
+def test_a_metamer_has_the_statistics_that_a_blur_of_equal_pooling_has_lost():
+    """At most a quarter of the blur's distance; displacement at most half of the noise's."""
+    picture = photograph(412)
+    pools = pools_of(412, 412, (206, 206))
+    blurry, noisy, warped = (
+        statistics_distance(image, picture)
+        for image in (
+            blur(picture, pools),
+            metamer(picture, pools, SETTINGS, 1),
+            warped_metamer(picture, pools, DisplacementSettings(), 1),
+        )
+    )
+    assert noisy < 0.25 * blurry
+    assert warped < 0.5 * noisy
+
+
 def test_flat_pictures_stay_flat():
     picture = np.full((96, 96, 3), (0.2, 0.5, 0.7), np.float32)
     pools = pools_of(96, 96, (10, 10))
@@ -168,7 +185,7 @@ def test_full_chroma_gives_back_what_luma_cannot_explain(rng):
     pools = pools_of(128, 128, (-200, 64))
     deviation = {}
     for chroma in ("luma", "follow", "full"):
-        noise = metamer_parts(picture, pools, MetamerSettings(chroma=chroma), 1).noise
+        noise = metamer_parts(picture, pools, MetamerSettings(chroma=chroma, levels=2), 1).noise
         deviation[chroma] = ycbcr_from_rgb(noise)[..., 1].std()
     assert deviation["luma"] < 1e-12
     assert deviation["follow"] < 0.7 * deviation["full"]
@@ -210,7 +227,7 @@ def test_noise_between_pixels_keeps_its_variance():
 
 @pytest.mark.parametrize("width", [256, 300, 514, 1024])
 def test_a_panoramas_noise_goes_on_over_its_seam_at_full_power(width):
-    tile = noise_tile(3, 4, 1, width).astype(np.float64)
+    tile = noise_tile(3, 4, 1, wrapped_width=width).astype(np.float64)
     assert width % tile.shape[1] == 0
     around = np.concatenate([tile, tile], axis=1)[:, : width + 40] if width % 256 else tile
     steps = np.abs(np.diff(around, axis=1)).mean(axis=(0, 2))  # (columns, bands)

@@ -68,7 +68,9 @@ def make_smaller(folder: Path) -> None:
             # One size, one built-in scene, neither practice nor catch trials.
             text = re.sub(r'\[\[stimuli\.scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)
             text = re.sub(r'\[\[stimuli\.sizes\]\]\nname = "large".*?\n\n', "", text, flags=re.S)
-            text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
+            text = re.sub(
+                r"^\[(task\.catch|design\.practice)\]\n.*?\n(?=\[)", "", text, flags=re.M | re.S
+            )
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -101,11 +103,11 @@ def bring_scenes(folder: Path) -> None:
 def add_scenes(folder: Path, seen: int) -> None:
     """Paste the guide's scenes below the others, as it says; `seen` of its TOML blocks."""
     path = folder / "study.toml"
-    mark = "# --- How much is uncovered"
+    mark = "[[stimuli.sizes]]"
     text = path.read_text(encoding="utf-8")
     assert mark in text
     path.write_text(
-        text.replace(mark, "\n".join(blocks("toml")[:seen]) + "\n" + mark), encoding="utf-8"
+        text.replace(mark, "\n".join(blocks("toml")[:seen]) + "\n" + mark, 1), encoding="utf-8"
     )
 
 

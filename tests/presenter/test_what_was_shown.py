@@ -127,9 +127,9 @@ from study_app import clips, draw, window
 
 read_frame = clips.read_frame
 def swapped_and_mirrored(folder, clip, index):
-    wanted = {3: 4, 4: 3}.get(index, index) if clip.method == "metameric" else index
+    wanted = {3: 4, 4: 3}.get(index, index) if clip.column("method") == "metameric" else index
     frame = read_frame(folder, clip, wanted)
-    return frame[:, ::-1].copy() if clip.method == "push-pull" and index == 2 else frame
+    return frame[:, ::-1].copy() if clip.column("method") == "push-pull" and index == 2 else frame
 clips.read_frame = swapped_and_mirrored
 
 missing = []

@@ -13,8 +13,9 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import clip_fps, explained, study_files
 from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Exclusions, Question, Texts
+from protocols.session_schema import Exclusions, Practice, Question, Texts
 from protocols.tasks import TASKS
+from protocols.tasks.pairs import CatchPair, PrimaryComparison
 from study_app.cli.new_study import slug
 
 
@@ -61,6 +62,9 @@ def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display)
         ("stimuli.clips", Clips),
         ("task", TASKS["two-interval"]),
         ("analysis", TASKS["two-interval"].analysis),
+        ("task.catch", CatchPair),
+        ("design.practice", Practice),
+        ("analysis.primary", PrimaryComparison),
         ("analysis.exclusions", Exclusions),
         ("text.languages.en", Texts),
         ("text.languages.en.questions", Question),
@@ -73,8 +77,17 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
     lines = next(
         text for name, text in zip(parts[1::2], parts[2::2], strict=True) if name == section
     ).splitlines()
-    tables = {"analysis": {"exclusions"}, "text.languages.en": {"questions"}}
+    tables = {
+        "task": {"catch", "sampling"},
+        "design": {"practice"},
+        "analysis": {"primary", "exclusions"},
+        "text.languages.en": {"questions"},
+    }
 
+    for table in tables.get(section, set()):  # what is left out stands there as a comment
+        assert re.search(
+            rf"^(# )?\[+{section}\.{table}\]+$", (made / "study.toml").read_text(), re.M
+        )
     for key in set(model.model_fields) - tables.get(section, set()):
         at = next((i for i, line in enumerate(lines) if re.match(rf"(# )?{key} = ", line)), None)
         assert at is not None, f"[{section}] {key} is missing"
@@ -194,7 +207,7 @@ def test_scene_files_that_are_not_there_are_noted_by_check(metamerlab, made):
     path = made / "study.toml"
     path.write_text(
         path.read_text(encoding="utf-8").replace(
-            "# --- How much",
+            "[[stimuli.sizes]]",
             """[[stimuli.scenes]]
 name = "place"
 kind = "mesh"
@@ -211,7 +224,8 @@ focal_px = 1000.0
 baseline_m = 0.1
 camera = { kind = "stereo" }
 
-# --- How much""",
+[[stimuli.sizes]]""",
+            1,
         ),
         encoding="utf-8",
     )

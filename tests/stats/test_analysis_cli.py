@@ -57,6 +57,7 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
         "answers.csv",
         "attempts.csv",
         "decisions.csv",
+        "decisions.json",
         "dictionary.csv",
         "flow.csv",
         "pwcmp.csv",

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import ndtri
 
 from analysis.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
-from analysis.pairs import JOD_SIGMA, difference_design, has_maximum, probability, solve_pairs
+from analysis.pairs import difference_design, has_maximum, probability, solve_pairs
 from analysis.scaling import contrasts, scale
-from analysis.ties import scale_with_ties
 
 NAMES3 = ("a", "b", "c")
 
@@ -67,16 +65,6 @@ def test_a_tie_as_half_a_vote_each_way_pulls_scores_together():
     together = scale(tied, ("a", "b")).scores
 
     assert 0 < together[0] < apart[0]
-
-
-def test_tie_threshold_of_two_conditions_reproduces_the_answer_shares():
-    """By hand, with two conditions the model is saturated: shares .6, .2, .2."""
-    fitted = scale_with_ties(np.array([[0, 6.0], [2.0, 0]]), np.array([[0, 2.0], [2.0, 0]]), "ab")
-    difference = (fitted.scores[0] - fitted.scores[1]) / JOD_SIGMA
-    threshold = fitted.threshold / JOD_SIGMA
-
-    assert difference - threshold == pytest.approx(ndtri(0.6), abs=1e-5)
-    assert -difference - threshold == pytest.approx(ndtri(0.2), abs=1e-5)
 
 
 def test_disconnected_designs_are_refused_with_their_groups_named():

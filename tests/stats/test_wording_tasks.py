@@ -13,13 +13,13 @@ from analysis.learning import trend
 from analysis.models import glm_logit
 from analysis.power_tasks import power_of_task
 from analysis.rates import correct_rates
-from analysis.report import wording_tasks as say
 from analysis.simulated_tasks import (
     TaskDesign,
     simulate_abx,
     simulate_identification,
     simulate_yes_no,
 )
+from analysis.tasks.rates import wording as say
 from analysis.thresholds import fit_thresholds
 
 

@@ -73,7 +73,7 @@ class Abx(RatesTask):
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance that X is told from the other, by the study's decision rule."""
         share = tabulated(lambda d: abx_share(d, settings.rule))
-        return lambda d_prime, _criterion, _signal: share(d_prime)
+        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from analysis.detection import YesNoResults, d_prime_influence, yes_no
@@ -88,15 +87,24 @@ class Detection(RatesTask):
 
     def draw(self, _settings: RateSettings) -> Draw:
         """Return the chance of yes by a criterion, equal variances."""
-
-        def says(d_prime: Floats, criterion: Floats, signal: NDArray[np.bool_]) -> Floats:
-            return np.asarray(ndtr(np.where(signal, 0.5, -0.5) * d_prime - criterion))
-
-        return says
+        return chance_of_yes
 
     def judge(self) -> Judge:
         """Return the test of differences of d'."""
         return judge_d_prime
+
+
+def chance_of_yes(d_prime: Floats, criterion: Floats, design: CellDesign, typical: float) -> Floats:
+    """Return the chance of the signal's answer in every cell.
+
+    The criterion 0 lies midway between noise and signal of a condition; where conditions share
+    noise, midway between it and the baseline's signal.
+    """
+    if design.noise_only:
+        evidence = np.where(design.signal, d_prime, 0.0) - 0.5 * typical
+    else:
+        evidence = np.where(design.signal, 0.5, -0.5) * d_prime
+    return np.asarray(ndtr(evidence - criterion))
 
 
 def judge_d_prime(
@@ -104,14 +112,12 @@ def judge_d_prime(
 ) -> Floats:
     """Test d' against the first condition's; conditions without noise share that of the others."""
     shown = np.full(events.shape, float(design.repeats))
-    numbers = range(len(design.conditions))
-    noise_only = [k for k in numbers if not design.signal[design.condition == k].any()]
-    shared = np.isin(design.condition, noise_only)
+    shared = np.isin(design.condition, design.noise_only)
     tables = {}
-    for k in numbers:
+    for k in range(len(design.conditions)):
         own = design.condition == k
         signal, noise = own & design.signal, own & ~design.signal
-        if k not in noise_only:
+        if k not in design.noise_only:
             noise = noise if noise.any() else shared
             chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
             tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]

@@ -73,7 +73,7 @@ class Identification(RatesTask):
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance of picking the right one of m."""
         share = tabulated(lambda d: forced_choice_share(d, settings.alternatives))
-        return lambda d_prime, _criterion, _signal: share(d_prime)
+        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

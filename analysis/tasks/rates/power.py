@@ -60,6 +60,14 @@ class CellDesign:
     repeats: int
     by_scene: bool
 
+    @property
+    def noise_only(self) -> tuple[int, ...]:
+        """Conditions that never hold the signal, where others always do and share its noise."""
+        numbers = range(len(self.conditions))
+        held = [self.signal[self.condition == k] for k in numbers]
+        lacking = any(one.all() for one in held)
+        return tuple(k for k in numbers if lacking and not held[k].any())
+
     def grid(self, counts: Floats, chosen: NDArray[np.bool_]) -> Floats:
         """Sum counts (participants, cells) of chosen cells into (participants, scenes)."""
         scene = self.scene if self.by_scene else 0 * self.scene
@@ -68,9 +76,10 @@ class CellDesign:
         return np.asarray(counts @ where)
 
 
-Draw = Callable[[Floats, Floats, NDArray[np.bool_]], Floats]
-"""From d' and criterion (participants, cells) and signal (cells,) to the chance of the event that a
-task counts: an answer that is right, or in yes-no tasks the signal's answer."""
+Draw = Callable[[Floats, Floats, CellDesign, float], Floats]
+"""From d' and criterion (participants, cells), the design, and d' of the typical participant to the
+baseline, to the chance of the event that a task counts: an answer that is right, or in yes-no tasks
+the signal's answer."""
 Judge = Callable[[Floats, CellDesign, Sequence[int], RateSettings], Floats]
 """From events (participants, cells) to p (numbers of participants, comparisons)."""
 
@@ -308,6 +317,7 @@ def _events(
 ) -> Floats:
     """Draw how often the event happens (participants, cells)."""
     conditions, scenes = len(design.conditions), int(design.scene.max()) + 1
+    yes_no_noise = design.noise_only if "criterion" in assumed else ()
 
     def effects(units: int, sd: float) -> Floats:
         shared = rng.standard_normal((units, 1))
@@ -315,13 +325,14 @@ def _events(
         return np.asarray(sd * (np.sqrt(COMMON) * shared + np.sqrt(1.0 - COMMON) * own))
 
     typical = np.full(design.condition.size, assumed["d_prime"])
-    typical += assumed.get("difference", 0.0) * (design.condition > 0)
+    compared = [k for k in range(conditions) if k not in yes_no_noise]
+    typical += assumed.get("difference", 0.0) * (design.condition != compared[0])
     typical += assumed.get("slope", 0.0) * (design.place - 0.5)
     d = typical + effects(people, assumed["participant_sd"])[:, design.condition]
     d = d + effects(scenes, assumed.get("scene_sd", 0.0))[design.scene, design.condition]
     criterion = np.full(d.shape, assumed.get("criterion", 0.0))
     criterion += effects(people, assumed.get("criterion_sd", 0.0))[:, design.condition]
-    chance = draw(d, criterion, design.signal)
+    chance = draw(d, criterion, design, assumed["d_prime"])
     return rng.binomial(design.repeats, chance).astype(np.float64)
 
 

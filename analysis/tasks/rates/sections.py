@@ -69,14 +69,17 @@ def _decides(results: RateResults, settings: RateSettings) -> str:
 
 def sections(results: RateResults, settings: RateSettings) -> tuple[Section, ...]:
     """Return every section that these results allow, in reading order."""
-    found = [
+    found = (
+        []
+        if not results.counts
+        else [Section("levels", f"By {settings.level}", "Levels", _levels(results, settings))]
+    )
+    answers = [
         Section("correct", "Right answers", "Right answers", _correct(results, settings)),
         Section("sensitivity", "Sensitivity", "Sensitivity", _sensitivity(results, settings)),
     ]
-    if results.counts:
-        found.append(
-            Section("levels", f"By {settings.level}", "Levels", _levels(results, settings))
-        )
+    # Where levels were chosen from the answers, thresholds are the result.
+    found = [*found, *answers] if settings.adaptive else [*answers, *found]
     if results.models is not None:
         found.append(Section("models", "Models", "Models", _models(results)))
     found.append(

@@ -162,9 +162,10 @@ def analyse_rates(
     typical = _typical(tabled, signal, shown, level, notes) if signal is not None else ()
     step("learning, reaction times")
     answered = None
-    if scaling is not None and settings.answers and (rows["answer"] != "").all():
-        said = (rows["answer"] == settings.answers[0]).astype(float)
-        answered = rate(said, grid(rows), condition=settings.answers[0], level=level)
+    answers = _answers(rows, settings)
+    if scaling is not None and answers:
+        said = (rows["answer"] == answers[0]).astype(float)
+        answered = rate(said, grid(rows), condition=answers[0], level=level)
     if settings.adaptive:
         comparisons = thresholds.contrasts if thresholds is not None else ()
         notes.append(
@@ -174,13 +175,14 @@ def analyse_rates(
     elif isinstance(sensitivity, YesNoResults):
         comparisons = sensitivity.d_prime_contrasts
     elif reference is not None:
-        comparisons = rate_contrasts(rows, BY, reference=reference, level=level)
+        comparisons = _tested(rate_contrasts(rows, BY, reference=reference, level=level))
     else:
         comparisons = ()
+    if reference is not None and rows["participant"].nunique() < 2:
+        notes.append("one participant only: no test between conditions speaks about people")
     missing = [settings.label(name) for name in settings.values if name not in shown]
     if missing:
         notes.append(f"no decisions of {', '.join(missing)}")
-    answers = _answers(rows, settings)
     return RateResults(
         rates=_in_order(rates, shown, lambda one: one.condition),
         sensitivity=sensitivity,
@@ -240,7 +242,7 @@ def _sorted_sensitivity(
     found: YesNoResults | DiscriminationResults, order: Sequence[str]
 ) -> YesNoResults | DiscriminationResults:
     def contrasts(several: Sequence[Difference]) -> tuple[Difference, ...]:
-        return _in_order(several, order, lambda one: one.first)
+        return _in_order(_tested(several), order, lambda one: one.first)
 
     if isinstance(found, YesNoResults):
         return replace(
@@ -255,6 +257,11 @@ def _sorted_sensitivity(
         conditions=_in_order(found.conditions, order, lambda one: one.condition),
         contrasts=contrasts(found.contrasts),
     )
+
+
+def _tested(several: Sequence[Difference]) -> tuple[Difference, ...]:
+    """Leave out differences that nothing can be said of: of a single participant."""
+    return tuple(one for one in several if np.isfinite(one.p))
 
 
 def _counts(rows: pd.DataFrame, level: str) -> Counts:

@@ -1,7 +1,7 @@
 # Numbers of R that our statistics must repeat, written to oracle.json.
 # Run: Rscript tests/stats/oracles/oracle.R tests/stats/oracles [FOLDER_OF_PUBLISHED_TABLES]
-# Made with R 4.2.2, glmmTMB 1.1.5, lme4 1.1-31, geepack 1.3.9, brglm2 0.9.
-suppressMessages({library(glmmTMB); library(lme4); library(geepack); library(brglm2)})
+# Made with R 4.2.2, glmmTMB 1.1.5, lme4 1.1-31, brglm2 0.9.
+suppressMessages({library(glmmTMB); library(lme4); library(brglm2)})
 args <- commandArgs(trailingOnly = TRUE)
 num <- function(x) paste0("[", paste(format(unname(x), digits = 12, trim = TRUE), collapse = ", "), "]")
 out <- character()
@@ -16,9 +16,6 @@ put("glmm", fixef(m)$cond); put("glmm_se", sqrt(diag(vcov(m)$cond)))
 put("glmm_sd", sapply(VarCorr(m)$cond, function(v) attr(v, "stddev"))); put("glmm_loglik", as.numeric(logLik(m)))
 l <- glmer(y ~ 1 + cond + (1 | participant) + (1 | item), d, family = binomial)
 put("glmer", fixef(l))
-d <- d[order(d$participant), ]
-e <- geeglm(y ~ 1 + cond, id = participant, data = d, family = binomial, corstr = "exchangeable")
-put("gee", coef(e)); put("gee_se", sqrt(diag(vcov(e))))
 
 # Bradley-Terry by logistic regression, and Firth's penalty, on the counts of a printed figure.
 bt <- data.frame(k = c(106, 125, 132), n = 132, ours = c(1, -1, 0), pp = c(-1, 0, -1))

@@ -1,0 +1,348 @@
+"""Pictures shown to a gaze, with rings or a cut drawn in: the recipe `foveated-images`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from protocols.chance import Chance
+from protocols.errors import Problem
+from protocols.hashing import Json
+from protocols.prose import Block
+from protocols.recipes.base import Recipe, Stimulus
+from protocols.units import (
+    Degrees,
+    Model,
+    Name,
+    Parameters,
+    Pixels,
+    Positive,
+    Scalar,
+    Seed,
+    Share,
+    SignedDegrees,
+    Text,
+)
+
+if TYPE_CHECKING:
+    from protocols.display import Display
+
+REFERENCE = "reference"
+CLOSED, OPEN = "closed", "open"
+CONSISTENT, INCONSISTENT = "consistent", "inconsistent"
+_TURN = 360
+_FINER = 1000  # of a degree: angles are whole thousandths, the same on every platform
+
+
+class Picture(Model):
+    """One picture: the scene."""
+
+    name: Name
+    """Its name in this study."""
+    file: Text
+    """Relative to the protocol file."""
+
+
+class Shown(Model):
+    """One way to show pictures."""
+
+    name: Name
+    """Its name in this study; the condition of that name, unless `method` says another."""
+    method: Text | None = None
+    """A condition of `metamerlab foveate --list`; left out: the name."""
+    parameters: Parameters = Field(default_factory=dict)
+    """Of the condition; the rest keep their defaults."""
+    label: Text | None = None
+    """What reports print for it; left out: the name."""
+
+    @property
+    def condition(self) -> str:
+        """The condition's name in the registry."""
+        return self.method or self.name
+
+
+class GazePoint(Model):
+    """Where the eye looks; the study's fixation dot must be there."""
+
+    name: Name
+    """Its name in this study."""
+    x_deg: SignedDegrees = 0.0
+    """Right of the picture's middle."""
+    y_deg: SignedDegrees = 0.0
+    """Below the picture's middle."""
+
+
+class Rings(Model):
+    """Landolt rings in the picture, before it is shown to the gaze: one in each stimulus."""
+
+    eccentricities_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
+    """From the gaze to the middle of the ring."""
+    height_deg: Degrees = 1.25
+    """Outer diameter; stroke and gap are a fifth of it (ISO 8596)."""
+    places: Positive = 5
+    """Rings of each kind per eccentricity, each at a polar angle of its own: one in every
+    sector of equal size, where in it follows from the seed; equal for all methods and scenes."""
+    gaps_deg: Annotated[tuple[SignedDegrees, ...], Field(min_length=1)] = (0.0,)
+    """Directions of the gap, counter-clockwise from the right."""
+    closed: bool = True
+    """Whether there are closed rings too."""
+    grey: Share = 0.0
+    """Encoded grey of the ring."""
+
+
+class Cuts(Model):
+    """A line through the gaze at a random angle: the method on one side, else the reference.
+
+    Consistent stimuli are the method on both sides.
+    """
+
+    draws: Positive = 6
+    """Stimuli of each kind, each with an angle and a seed of its own."""
+    ramp_deg: Degrees = 1.0
+    """Width over which the sides are blended."""
+
+
+@dataclass(frozen=True)
+class FoveatedStimulus:
+    """One stimulus in full."""
+
+    name: str
+    condition: dict[str, Scalar]
+    picture: Picture
+    shown: Shown
+    gaze: GazePoint
+    seed: int
+    """Of noise or displacement."""
+    eccentricity_deg: float | None = None
+    polar_deg: float | None = None
+    """Counter-clockwise from the right; None: no ring."""
+    gap_deg: float | None = None
+    """None: a closed ring, or none."""
+    cut_deg: float | None = None
+    """Direction of the line, counter-clockwise from the right; None: not cut."""
+
+
+class FoveatedImages(Recipe):
+    """Pictures as they are shown to a gaze, by every method; stills."""
+
+    kind: Literal["foveated-images"]
+    width_px: Pixels
+    """Width of every stimulus: none is rescaled on the screen."""
+    height_px: Pixels
+    """Height of every stimulus."""
+    fit: Literal["exact", "cover"] = "exact"
+    """`exact`: every picture has that size; `cover`: it is scaled to cover it, and cut to it."""
+    pictures: Annotated[tuple[Picture, ...], Field(min_length=1)]
+    """The scenes."""
+    methods: Annotated[tuple[Shown, ...], Field(min_length=1)]
+    """The ways to show them; `reference` is the picture itself."""
+    gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
+    """Where the eye looks."""
+    draws: Positive = 1
+    """Stimuli of each kind that differ in the seed alone, where nothing is drawn in."""
+    texture_seed: Seed = 0
+    """Decides noise, displacements, polar angles and cuts."""
+    rings: Rings | None = None
+    """Rings in the pictures; left out: none."""
+    cuts: Cuts | None = None
+    """Cut pictures; left out: whole ones."""
+
+    @model_validator(mode="after")
+    def _names_once(self) -> FoveatedImages:
+        for what, names in (
+            ("picture", [one.name for one in self.pictures]),
+            ("method", [one.name for one in self.methods]),
+            ("gaze", [one.name for one in self.gazes]),
+        ):
+            for name, count in Counter(names).items():
+                if count > 1:
+                    raise ValueError(f"every {what} must be named once (got {name!r} {count}x)")
+        if self.rings is not None and self.cuts is not None:
+            raise ValueError("rings and cuts are two experiments: give one of them")
+        if self.draws > 1 and (self.rings is not None or self.cuts is not None):
+            raise ValueError("draws is for whole pictures: rings have places, cuts have draws")
+        if self.cuts is not None and all(one.condition == REFERENCE for one in self.methods):
+            raise ValueError("cuts need a method beside 'reference'")
+        for gaze in self.gazes:
+            if max(abs(gaze.x_deg), abs(gaze.y_deg)) >= 90:
+                raise ValueError(f"gaze {gaze.name!r} must lie within 90 degrees of the middle")
+        return self
+
+    def stimuli(self) -> tuple[FoveatedStimulus, ...]:
+        """Return every stimulus in full, in the order of the pool."""
+        return tuple(self._stimuli())
+
+    def _stimuli(self) -> Iterator[FoveatedStimulus]:
+        for picture, shown, gaze in product(self.pictures, self.methods, self.gazes):
+            named = [picture.name, shown.name]
+            condition: dict[str, Scalar] = {"scene": picture.name, "method": shown.name}
+            if len(self.gazes) > 1:
+                named.append(gaze.name)
+                condition["gaze"] = gaze.name
+            if self.rings is not None:
+                drawn = self._rings(self.rings, picture, gaze)
+            elif self.cuts is not None:
+                drawn = self._cuts(self.cuts, picture, shown, gaze)
+            else:
+                drawn = self._plain()
+            for words, more, extra in drawn:
+                name = "__".join([*named, *words])
+                yield FoveatedStimulus(
+                    name,
+                    condition | more,
+                    picture,
+                    shown,
+                    gaze,
+                    **extra,  # type: ignore[arg-type]
+                )
+
+    def _plain(self) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+        for draw in range(self.draws):
+            words = [f"d{draw}"] if self.draws > 1 else []
+            more: dict[str, Scalar] = {"draw": draw} if self.draws > 1 else {}
+            yield words, more, {"seed": self._seed_of(draw)}
+
+    def _rings(
+        self, rings: Rings, picture: Picture, gaze: GazePoint
+    ) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+        kinds: list[tuple[str, float | None]] = [(OPEN, gap) for gap in rings.gaps_deg]
+        if rings.closed:
+            kinds.append((CLOSED, None))
+        for eccentricity, (symbol, gap) in product(rings.eccentricities_deg, kinds):
+            for place in range(rings.places):
+                chance = Chance(self.texture_seed, "polar", eccentricity, symbol, gap, place)
+                within = chance.below(_FINER) / _FINER
+                polar = round((place + within) * _TURN / rings.places * _FINER) / _FINER
+                words = [f"e{_word(eccentricity)}", symbol]
+                if len(rings.gaps_deg) > 1 and gap is not None:
+                    words.append(f"g{_word(gap)}")
+                words.append(f"p{place}")
+                more: dict[str, Scalar] = {
+                    "eccentricity_deg": eccentricity,
+                    "symbol": symbol,
+                    "gap_deg": 0.0 if gap is None else gap,
+                    "place": place,
+                    "polar_deg": polar,
+                }
+                # Of the picture, not of the method: methods differ in nothing else.
+                seed = self._seed_of(picture.name, gaze.name, eccentricity, symbol, gap, place)
+                yield (
+                    words,
+                    more,
+                    {
+                        "seed": seed,
+                        "eccentricity_deg": eccentricity,
+                        "polar_deg": polar,
+                        "gap_deg": gap,
+                    },
+                )
+
+    def _cuts(
+        self, cuts: Cuts, picture: Picture, shown: Shown, gaze: GazePoint
+    ) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+        # A reference beside a reference is consistent, whatever the cut.
+        alone = shown.condition == REFERENCE
+        for cut, draw in product([CONSISTENT] if alone else [CONSISTENT, INCONSISTENT],
+                                 range(cuts.draws)):  # fmt: skip
+            chance = Chance(
+                self.texture_seed, "cut", picture.name, shown.name, gaze.name, cut, draw
+            )
+            angle = chance.below(_TURN * _FINER) / _FINER
+            more: dict[str, Scalar] = {"cut": cut, "draw": draw, "cut_deg": angle}
+            seed = self._seed_of(picture.name, gaze.name, cut, draw)
+            yield (
+                [cut, f"d{draw}"],
+                more,
+                {
+                    "seed": seed,
+                    "cut_deg": angle if cut == INCONSISTENT else None,
+                },
+            )
+
+    def _seed_of(self, *what: Scalar | None) -> int:
+        return Chance(self.texture_seed, "noise", *what).below(2**53)
+
+    def pool(self) -> tuple[Stimulus, ...]:
+        """Return every stimulus: scene by scene, method by method."""
+        return tuple(Stimulus(one.name, one.condition) for one in self.stimuli())
+
+    def identity(self) -> dict[str, Json]:
+        """Return everything that decides the pixels; labels do not."""
+        raw = self.model_dump(mode="json")
+        for method in raw["methods"]:
+            method.pop("label")
+        return {"stimuli": raw}
+
+    def labels(self) -> dict[str, str]:
+        """Return what reports print for methods."""
+        return {one.name: one.label for one in self.methods if one.label}
+
+    def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
+        """Return pictures, methods and what is drawn in."""
+        methods = [
+            f"{one.name}: {one.condition}"
+            + "".join(f", {key} {value}" for key, value in one.parameters.items())
+            for one in self.methods
+        ]
+        drawn = []
+        if self.rings is not None:
+            at = ", ".join(f"{value:g}" for value in self.rings.eccentricities_deg)
+            drawn.append(
+                f"Landolt rings {self.rings.height_deg:g} degrees high at {at} degrees from the"
+                f" gaze, {self.rings.places} of each kind"
+                + (", open and closed." if self.rings.closed else ".")
+            )
+        if self.cuts is not None:
+            drawn.append(
+                "Cut by a line through the gaze at a random angle, blended over"
+                f" {self.cuts.ramp_deg:g} degrees, {self.cuts.draws} of each kind."
+            )
+        return (
+            f"{len(self.stimuli())} pictures, {self.width_px} x {self.height_px} px, on"
+            f" {display.name}: {display.description or 'no description'}.",
+            f"Scenes: {', '.join(scene for scene in scenes if scene)}.",
+            methods,
+            *drawn,
+        )
+
+    def size_px(self, _display: Display) -> tuple[int, int]:
+        """Return (width, height) of every picture."""
+        return self.width_px, self.height_px
+
+    @property
+    def frame_hz(self) -> float:
+        """1: stills."""
+        return 1.0
+
+    @property
+    def frames(self) -> int:
+        """1: stills."""
+        return 1
+
+    @property
+    def seed(self) -> int:
+        """Seed of every texture."""
+        return self.texture_seed
+
+    def problems(self, folder: Path) -> list[Problem]:
+        """Return a problem for every picture that is not below `folder`."""
+        return [
+            Problem(
+                f"stimuli.pictures[{index}].file",
+                f"the file of {one.name!r} is not there (looked for {folder / one.file});"
+                " 'metamerlab stimuli build' needs it",
+            )
+            for index, one in enumerate(self.pictures)
+            if not (folder / one.file).exists()
+        ]
+
+
+def _word(value: float) -> str:
+    """A number in a name: 2.5 is 2-5, -45 is m45."""
+    return ("m" if value < 0 else "") + f"{abs(value):g}".replace(".", "-")

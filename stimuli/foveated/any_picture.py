@@ -1,0 +1,200 @@
+"""Any picture file as encoded colour, and what had to be decided on the way.
+
+Integers (PNG, JPEG, TIFF, ...) are display-referred R'G'B' as stored. Floats (OpenEXR, Radiance,
+float TIFF) are scene-linear light with sRGB primaries, encoded by the sRGB curve, unless told
+otherwise. Whatever is changed or left out is said.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour import encode_srgb
+from pipeline.errors import InputError
+from pipeline.image_file import Pixels, from_integers, read_pixels
+from stimuli.channels import need
+from stimuli.exr import Transfer
+from stimuli.exr_parts import read_parts
+
+_TRANSFER = "metamerlab:transfer"  # as `stimuli.exr` writes it
+_SRGB = ("srgb", "iec 61966", "iec61966")
+_GREY = ("Y", "L", "I")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is said about a file.
+
+    Parameters
+    ----------
+    background : float
+        Encoded grey, from 0 to 1, behind transparent pixels.
+    clip : bool
+        Clip light that a display cannot show, instead of refusing it.
+    stops : float
+        Light is multiplied by 2 to this power before it is encoded.
+    encoded : bool
+        A float file holds encoded colour, not light.
+    """
+
+    background: float = 0.5
+    clip: bool = False
+    stops: float = 0.0
+    encoded: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.background <= 1:
+            raise InputError(f"background must lie in 0..1 (got {self.background})")
+        if not -64 <= self.stops <= 64:
+            raise InputError(f"stops must lie in -64..64 (got {self.stops})")
+
+
+@dataclass(frozen=True, eq=False)
+class AnyPicture:
+    """A picture, and how it came to be.
+
+    Attributes
+    ----------
+    colour : ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    bits : int
+        What a PNG of it needs: 8 or 16.
+    notes : tuple of str
+        What was decided on the way, a sentence each.
+    """
+
+    colour: NDArray[np.float32]
+    bits: int
+    notes: tuple[str, ...] = field(default=())
+
+
+def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
+    """Read a picture of whatever kind.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not a whole picture, has no colour, or holds NaN or light that no display shows.
+    """
+    reading = reading or Reading()
+    pixels = read_pixels(path)
+    integers = pixels.data.dtype.kind == "u"
+    if integers and (reading.stops != 0 or reading.encoded):
+        raise InputError(
+            f"{path}: stops and encoded are for files of floats, such as .exr and .hdr"
+            " (this one holds encoded integers)"
+        )
+    notes: list[str] = []
+    colour, alpha = _colour_and_alpha(path, pixels, notes)
+    premultiplied = not pixels.attributes.get("oiio:UnassociatedAlpha", 0)
+    if integers:
+        shown = from_integers(colour)
+    else:
+        stored = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
+        encoded = reading.encoded or stored is Transfer.ENCODED
+        if alpha is not None and premultiplied and not encoded:
+            # The background is put behind in light, where alpha was made.
+            behind = ((reading.background + 0.055) / 1.055) ** 2.4 / 2.0**reading.stops
+            colour = colour + (1 - alpha) * np.float32(behind)
+            shown = _shown(path, colour, reading, notes, encoded=False)
+            notes.append(_transparent(reading))
+            return AnyPicture(_upright(shown, pixels, notes), 16, tuple(notes))
+        shown = _shown(path, colour, reading, notes, encoded=encoded)
+    if alpha is not None:
+        over = shown if premultiplied else shown * alpha
+        shown = np.clip(over + (1 - alpha) * np.float32(reading.background), 0, 1)
+        notes.append(_transparent(reading))
+    profile = str(pixels.attributes.get("ICCProfile:profile_description", ""))
+    if profile and not any(name in profile.lower() for name in _SRGB):
+        notes.append(f"taken as sRGB, though its colour profile says {profile!r}")
+    bits = 8 if pixels.data.dtype == np.uint8 else 16
+    return AnyPicture(_upright(shown.astype(np.float32), pixels, notes), bits, tuple(notes))
+
+
+def _transparent(reading: Reading) -> str:
+    return f"transparent: put on a grey of {reading.background:g}"
+
+
+def _colour_and_alpha(
+    path: Path, pixels: Pixels, notes: list[str]
+) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
+    """Red, green and blue as stored, and alpha in [0, 1] unless it is 1 everywhere."""
+    data, names = pixels.data, pixels.channels
+    alpha = None
+    if "A" in names:
+        plane = data[..., names.index("A")]
+        plane = from_integers(plane) if data.dtype.kind == "u" else plane
+        if not (np.isfinite(plane) & (plane >= 0) & (plane <= 1)).all():
+            raise InputError(f"{path}: alpha must lie in 0..1")
+        alpha = None if (plane == 1).all() else plane[..., None].astype(np.float32)
+    if {"R", "G", "B"} <= set(names):
+        extra = [name for name in names if name not in ("R", "G", "B", "A")]
+        if extra:
+            notes.append(f"channels that are no colour are left out: {', '.join(extra)}")
+        return data[..., [names.index(name) for name in "RGB"]], alpha
+    rest = [name for name in names if name != "A"]
+    if len(rest) == 1 and rest[0] in _GREY:
+        notes.append("grey: shown as equal red, green and blue")
+        return np.repeat(data[..., names.index(rest[0]), None], 3, axis=-1), alpha
+    if path.suffix.lower() == ".exr":
+        planes = read_parts(path).planes
+        return np.stack([need(path, planes, key) for key in "rgb"], axis=-1), None
+    raise InputError(
+        f"{path}: must have the channels R, G, B or one grey (has {', '.join(names)});"
+        " save it as a PNG in colour"
+    )
+
+
+def _shown(
+    path: Path, stored: NDArray[Any], reading: Reading, notes: list[str], *, encoded: bool
+) -> NDArray[np.float32]:
+    """Encode light, or take floats that are encoded as they are."""
+    if not np.isfinite(stored).all():
+        row, column = np.argwhere(~np.isfinite(stored).all(axis=-1))[0]
+        raise InputError(f"{path}: colour must be finite (row {row}, column {column} is not)")
+    if encoded and reading.stops != 0:
+        raise InputError(f"{path}: stops are for light (this file holds encoded colour)")
+    light = stored.astype(np.float64) * 2.0**reading.stops
+    low, high = float(light.min()), float(light.max())
+    notes.append(
+        "floats: taken as encoded colour"
+        if encoded
+        else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
+    )
+    if reading.clip:
+        share = float(((light < 0) | (light > 1)).mean())
+        if share > 0:
+            notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
+        light = np.clip(light, 0, 1)
+    elif high > 1 or low < 0:
+        darker = ""
+        if high > 1 and not encoded:
+            stops = reading.stops + math.floor(-10 * math.log2(high)) / 10
+            darker = f"darken it by --stops {stops:.1f}, or "
+        raise InputError(
+            f"{path}: must lie in 0..1 to be shown (it reaches from {low:.4g} to {high:.4g});"
+            f" {darker}clip it with --clip"
+        )
+    return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
+
+
+def _upright(colour: NDArray[np.float32], pixels: Pixels, notes: list[str]) -> NDArray[np.float32]:
+    """Turn a photograph as its camera was held: the eight orientations of Exif."""
+    orientation = int(pixels.attributes.get("Orientation", 1))
+    if orientation in range(2, 9):
+        notes.append("turned upright, as its Exif orientation says")
+        if orientation >= 5:
+            colour = colour.transpose(1, 0, 2)
+        if orientation in (2, 3, 6, 7):
+            colour = colour[:, ::-1]
+        if orientation in (3, 4, 7, 8):
+            colour = colour[::-1]
+    return np.ascontiguousarray(colour)

@@ -1,0 +1,385 @@
+"""Mistakes in studies of any task: one message each, with place and cure, and never a traceback."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from protocols.errors import StudyError
+from protocols.feasibility import check_feasible, virtual_manifest
+from protocols.load import load_display, load_protocol
+from protocols.new_study import PARTS, study_files
+from protocols.plan import make_plan
+from protocols.preregister import preregistration
+from stimuli.example_pictures import example_files
+
+DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
+TEXTS = {task: study_files("pilot", "Pilot", DISPLAY, task)["study.toml"] for task in PARTS}
+TABLES = {task: example_files(task).get("stimuli.csv", b"").decode() for task in PARTS}
+ADAPTIVE = """
+[task.adaptive]
+rule = "up-down"
+trials = 10
+column = "contrast"
+by = ["noise"]
+start = 0.2
+harder = [0.04]
+easier = [0.12]
+"""
+
+
+def with_adaptive(*replacements: tuple[str, str]) -> tuple[str, str]:
+    """Return the change that gives `yes-no` adaptive levels with these replacements."""
+    text = ADAPTIVE
+    for old, new in replacements:
+        assert old in text, old
+        text = text.replace(old, new)
+    return "# Trials whose answer is plain", text + "\n# Trials whose answer is plain"
+
+
+@pytest.fixture
+def mistakes(tmp_path):
+    """Load a new study of a task with replacements; return the lines of the message."""
+
+    def load(task: str, *changes: tuple[str, str], table: str | None = None) -> list[str]:
+        text = TEXTS[task]
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new, 1)
+        path = tmp_path / "pilot.toml"
+        path.write_text(text, encoding="utf-8")
+        (tmp_path / "stimuli.csv").write_text(TABLES[task] if table is None else table)
+        with pytest.raises(StudyError) as caught:
+            load_protocol(path)
+        return [line.removeprefix(f"{path}: ") for line in str(caught.value).splitlines()]
+
+    return load
+
+
+@pytest.mark.parametrize(
+    ("task", "old", "new", "message"),
+    [
+        ("yes-no", 'kind = "yes-no"', 'kind = "yesno"',
+         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx"
+         " (got 'yesno'); did you mean 'yes-no'?"),
+        ("yes-no", 'kind = "files"', 'kind = "file"',
+         "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
+         " mean 'files'?"),
+        ("yes-no", 'kind = "detection"', 'kind = "detectoin"',
+         "analysis.kind: must be one of preference, detection, identification, abx (got"
+         " 'detectoin'); did you mean 'detection'?"),
+        ("yes-no", 'kind = "detection"', 'kind = "abx"',
+         "analysis.kind: must be 'detection' for the task 'yes-no' (got 'abx')"),
+        ("yes-no", "stimulus_s = 0.5", "stimulus_s = 0.5\ngap_s = 0.5",
+         "task.gap_s: unknown key; known keys: kind, stimulus_s, adaptive, catch, signal"),
+        ("two-interval", "gap_s = 0.5", "separation_deg = 7.0",
+         "task.separation_deg: unknown key; known keys: kind, stimulus_s, compare, pairings,"
+         " catch, sampling, gap_s"),
+        ("identification", 'named_by = "gap"', 'named_by = "gaps"',
+         "task.named_by: must name a column of the stimuli (stroke, gap, contrast) (got 'gaps');"
+         " did you mean 'gap'?"),
+        ("identification", '"left", "up", "down", "right"]', '"left", "up", "down", "down"]',
+         "task.alternatives: every answer must be given once (got left, up, down, down)"),
+        ("identification", 'keys = [["left"], ["up"], ["down"], ["right"]]',
+         'keys = [["left"], ["up"], ["up"], ["right"]]',
+         "response.keys[2]: a key must do one thing (got 'up' in keys[1] and keys[2])"),
+        ("identification", 'keys = [["left"], ["up"], ["down"], ["right"]]',
+         'keys = [["left"], ["right"]]',
+         "response.keys: must have an entry for each answer of the task (left, up, down, right)"
+         " (got 2)"),
+        ("identification", 'side = "fixed"', 'side = "by-trial"',
+         "design.side: must be 'fixed' for the task 'identification', whose answers are more than"
+         " two (got 'by-trial')"),
+        ("yes-no", "where = { contrast = 0.2 }", "where = { contrast = 0.3 }",
+         "task.catch.where.contrast: must be a value that the stimuli have (0.04, 0.08, 0.12, 0.16,"
+         " 0.2) (got 0.3)"),
+        ("yes-no", 'signal = { pattern = ["grating"] }', 'signal = { pattern = ["gratin"] }',
+         "task.signal.pattern[0]: must be a value that the stimuli have (grating, none) (got"
+         " 'gratin'); did you mean 'grating'?"),
+        ("yes-no", 'signal = { pattern = ["grating"] }',
+         'signal = { pattern = ["grating", "none"] }',
+         "task.signal: must hold for some stimuli and not for others (every right answer is"
+         " 'yes')"),
+        ("abx", "standard = { blur_px = 0.0 }", "standard = { blur_px = 0.25 }",
+         "task.standard.blur_px: must be a value that the stimuli have (0.0, 0.5, 1.0, 1.5, 2.0)"
+         " (got 0.25)"),
+        ("abx", "standard = { blur_px = 0.0 }\n", "", "task: must have either standard or compare"),
+        ("yes-no", 'by = "noise"', 'by = "nose"',
+         "analysis.by: must name a column of the stimuli (scene, noise, pattern, contrast) (got"
+         " 'nose'); did you mean 'noise'?"),
+        ("yes-no", 'level = "contrast"', 'level = "pattern"',
+         "analysis.level: must be a column of numbers (got 'grating' in pattern)"),
+        ("yes-no", *with_adaptive(("start = 0.2", "start = 0.3")),
+         "task.adaptive.start: must be one of the levels, which go from 0.04 to 0.2 (got 0.3)"),
+        ("yes-no", *with_adaptive(('"contrast"', '"noise"')),
+         "task.adaptive.column: must be a column of two numbers or more (got fine, coarse)"),
+        ("yes-no", *with_adaptive(('"contrast"', '"contrst"')),
+         "task.adaptive.column: must name a column of the stimuli (scene, noise, pattern, contrast)"
+         " (got 'contrst'); did you mean 'contrast'?"),
+        ("yes-no", *with_adaptive(("harder = [0.04]", "harder = [0.4]")),
+         "task.adaptive.harder[0]: a step must be greater than 0 and no longer than the range of"
+         " the levels, 0.16 (got 0.4); take smaller steps, or add levels"),
+        ("yes-no", *with_adaptive(('"up-down"', '"up-and-down"')),
+         "task.adaptive.rule: must be one of quest-plus, up-down (got 'up-and-down'); did you mean"
+         " 'up-down'?"),
+        ("yes-no",
+         *with_adaptive(('"up-down"', '"quest-plus"'), ("start = 0.2", "threshold = [0.1, 0.5]"),
+                        ("harder = [0.04]", "width = [0.1]"), ("easier = [0.12]\n", "")),
+         "task.adaptive.threshold: must lie within the levels, from 0.04 to 0.2 (got 0.5); no level"
+         " could tell such thresholds apart: add levels, or leave these values out"),
+        ("yes-no",
+         *with_adaptive(('"up-down"', '"quest-plus"'), ("start = 0.2", "threshold = [0.2, 0.1]"),
+                        ("harder = [0.04]", "width = [0.1]"), ("easier = [0.12]\n", "")),
+         "task.adaptive.threshold[1]: must be above the one before it, 0.2 (got 0.1);"
+         " list each once, from the lowest to the highest"),
+        ("two-interval", "repeats = 2", "repeats = 0",
+         "design.repeats: must be greater than 0 (got 0)"),
+    ],
+)  # fmt: skip
+def test_each_mistake_is_told_with_its_place_and_its_cure(mistakes, task, old, new, message):
+    assert message in mistakes(task, (old, new))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.replace("stimulus,file", "stimulus,path", 1),
+         "stimuli.csv: line 1: must have a column 'file' (got stimulus, path, scene, noise,"
+         " pattern, contrast)"),
+        (lambda t: t.replace("stimulus,file", "stimuls,file", 1), "did you mean 'stimuls'?"),
+        (lambda t: t.splitlines()[0] + "\n", "must list at least one stimulus"),
+        (lambda _: "", "line 1: must have a column 'stimulus' (got none)"),
+        (lambda t: t.replace(",0.04\n", ",\n", 1), "line 2: column 'contrast' must not be empty"),
+        (lambda t: t.replace(",0.04\n", ",0.04,5\n", 1), "line 2: must have 6 values (got more)"),
+        (lambda t: t.replace("one-fine-grating-04,", "One Fine,", 1),
+         "line 2: stimulus must be lower-case words and numbers joined by single dashes"),
+        (lambda t: t.replace("one-fine-grating-08,", "one-fine-grating-04,", 1),
+         "line 3: every stimulus must be given once (got 'one-fine-grating-04', which line 2 has)"),
+        (lambda t: t.replace("noise", "scene", 1), "every column must come once (got 'scene' 2x)"),
+        (lambda t: t.replace("contrast", "correct", 1),
+         "a column of the stimuli must not be called 'correct', as one of the tables"),
+        (lambda t: t.replace("0.04", "low"), "analysis.level: must be a column of numbers"),
+        (lambda t: t.replace("0.04", "nan"), "analysis.level: must be a column of numbers"),
+        (lambda t: t.replace("noise", "Noise Level", 1), "Noise Level"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_table_name_its_line_or_column(mistakes, change, message):
+    lines = mistakes("yes-no", table=change(TABLES["yes-no"]))
+    assert any(message in line for line in lines), lines
+
+
+def test_a_table_that_is_not_there_is_named(tmp_path):
+    path = tmp_path / "pilot.toml"
+    path.write_text(TEXTS["abx"], encoding="utf-8")
+    with pytest.raises(StudyError, match=r"stimuli\.csv: the table of stimuli must exist"):
+        load_protocol(path)
+
+
+def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
+    from analysis.columns import tables_of
+    from protocols.columns import COMMON_COLUMNS
+
+    for task in PARTS:
+        (tmp_path / "stimuli.csv").write_text(TABLES[task])
+        path = tmp_path / "pilot.toml"
+        path.write_text(TEXTS[task], encoding="utf-8")
+        study = load_protocol(path)
+        own = {c.name for c in study.task.condition_columns(study)}
+        own |= {c.name for c in study.task.answer_columns()}
+        tables = tables_of(study)
+        names = [c.name for table in ("attempts", "decisions") for c in tables[table]]
+        assert set(names) - own <= set(COMMON_COLUMNS)
+        for table in ("attempts", "decisions"):
+            columns = [c.name for c in tables[table]]
+            assert len(set(columns)) == len(columns), task
+
+
+def test_a_file_of_format_1_with_mistakes_says_how_places_are_named(tmp_path, format_1):
+    path = tmp_path / "old.toml"
+    path.write_text(format_1.replace("gap_s = 0.5", "gap_s = true"), encoding="utf-8")
+
+    with pytest.raises(StudyError) as caught:
+        load_protocol(path)
+
+    first, second = str(caught.value).splitlines()
+    assert first == f"{path}: task.gap_s: must be a number (got true)"
+    assert "has format 1" in second
+    assert "'metamerlab protocol upgrade FILE --out NEW'" in second
+
+
+@pytest.fixture
+def format_1() -> str:
+    """Return a study of format 1, made from today's by what `protocols/format1.py` says it was."""
+    text = TEXTS["two-interval"].replace("format = 2", "format = 1")
+    for section in ("scenes", "sizes", "methods"):
+        text = text.replace(f"[[stimuli.{section}]]", f"[[{section}]]")
+    text = text.replace("[stimuli.clips]", "[clips]").replace('kind = "preference"\n', "")
+    text = re.sub(r"\[stimuli\]\n.*?\n\n", "", text, count=1, flags=re.S)
+    text = re.sub(r"\[task\]\n.*?(?=\n# --- How often)", "", text, count=1, flags=re.S)
+    text = text.replace("[trial]\n", '[trial]\nkind = "2afc"\ngap_s = 0.5\n')
+    text = text.replace("[design]\n", '[design]\npairings = "all"\n')
+    text = text.replace(
+        "[design.practice]",
+        '[design.catch]\ntrials = 2\nbetter = "reference"\nworse = "push-pull"\nsize = "large"\n\n'
+        "[design.practice]",
+    )
+    text = text.replace(
+        'keys = [["left", "f"], ["right", "j"]]',
+        'left_keys = ["left", "f"]\nright_keys = ["right", "j"]',
+    )
+    text = text.replace(
+        'answers = { first = "first", second = "second" }', 'first = "first"\nsecond = "second"'
+    )
+    tomllib.loads(text)
+    return text
+
+
+def test_upgrade_says_the_same_in_format_2_and_never_writes_over(tmp_path, format_1, metamerlab):
+    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
+    old.write_text(format_1, encoding="utf-8")
+    done = metamerlab("protocol", "upgrade", old, "--out", new)
+
+    assert done.exit_code == 0, done.output
+    assert f"metamerlab protocol check {new}" in done.stdout
+    assert "sittings that were begun with it are resumed" in " ".join(done.stdout.split())
+    assert "Built clips belong to both." in done.stdout
+    before, after = load_protocol(old), load_protocol(new)
+    assert (before.format, after.format) == (1, 2)
+    assert after.model_copy(update={"format": 1}) == before
+    assert before.sha256 != after.sha256
+    assert old.read_text(encoding="utf-8") == format_1
+    comments = [line for line in format_1.splitlines() if line.startswith("# ")]
+    assert sum(line in new.read_text(encoding="utf-8") for line in comments) > 0.9 * len(comments)
+
+    again = metamerlab("protocol", "upgrade", old, "--out", new)
+    assert again.exit_code == 2
+    assert "is never written over" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("new.toml", "--out", "newer.toml"), "format: must be 1 to be upgraded (got 2)"),
+        (("old.toml", "--out", "new.txt"), "--out: must end in .toml"),
+        (("old.toml", "--out", "sub/x.toml"), "--out: must lie in the folder of old.toml"),
+        (("none.toml", "--out", "x.toml"), "must exist"),
+        (("old.toml", "--out", "old.toml"), "is never written over"),
+    ],
+)
+def test_what_cannot_be_upgraded_is_told_and_nothing_is_written(
+    tmp_path, format_1, metamerlab, monkeypatch, words, message
+):
+    (tmp_path / "old.toml").write_text(format_1, encoding="utf-8")
+    (tmp_path / "new.toml").write_text(TEXTS["two-interval"], encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path)
+    before = sorted(path.name for path in tmp_path.rglob("*"))
+
+    done = metamerlab("protocol", "upgrade", *words)
+
+    assert done.exit_code == 2, done.output
+    assert message in " ".join(done.stderr.split())
+    assert sorted(path.name for path in tmp_path.rglob("*")) == before
+
+
+@pytest.fixture
+def metamerlab():
+    """Give a function that runs a command as a user types it."""
+    from typer.testing import CliRunner
+
+    from study_app.cli import app
+
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words], terminal_width=100)
+
+
+# --- fuzzed --------------------------------------------------------------------------------------
+
+LINE = re.compile(r"^(\w+) = (.+)$")
+VALUES = st.one_of(
+    st.sampled_from([
+        "true", "0", "-1", "1.5", '""', '"x"', "[]", "{}", "[[]]", '["a"]', '{ contrast = 0.2 }',
+        "1e308", "inf", "nan", "9223372036854775807", '"yes-no"', '"abx"', '"files"', '"all"',
+        "0.2", "1", "2", '"fixed"', '[["left"], ["right"]]', "1979-05-27", '"contrast"',
+    ]),
+    st.integers(-(2**63), 2**63 - 1).map(str),
+    st.floats(allow_nan=False, allow_infinity=False).map(lambda x: repr(float(x))),
+)  # fmt: skip
+
+
+@st.composite
+def damaged(draw: st.DrawFn) -> tuple[str, str]:
+    """Return a task, and its study with a few lines changed, doubled, moved or gone."""
+    task = draw(st.sampled_from(list(PARTS)))
+    lines = [line for line in TEXTS[task].splitlines() if line and not line.startswith("#")]
+    if draw(st.booleans()) and task == "yes-no":
+        at = lines.index("[task.catch]")
+        lines[at:at] = [line for line in ADAPTIVE.splitlines() if line]
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(lines) - 1))
+        what = draw(st.sampled_from(["value", "gone", "key", "borrowed"]))
+        match = LINE.match(lines[at])
+        if what == "gone":
+            del lines[at]
+        elif match and what == "value":
+            lines[at] = f"{match[1]} = {draw(VALUES)}"
+        elif match and what == "key":
+            lines[at] = f"{match[1]}_{draw(st.sampled_from('xyz'))} = {match[2]}"
+        elif what == "borrowed":  # a line of another task
+            other = TEXTS[draw(st.sampled_from(list(PARTS)))].splitlines()
+            candidates = [line for line in other if LINE.match(line)]
+            lines.insert(at + 1, draw(st.sampled_from(candidates)))
+    return task, "\n".join(lines) + "\n"
+
+
+@settings(
+    max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
+@given(case=damaged())
+def test_fuzzed_studies_give_messages_or_work(tmp_path, case):
+    task, text = case
+    folder = tmp_path / task
+    folder.mkdir(exist_ok=True)
+    path = folder / "pilot.toml"
+    path.write_text(text, encoding="utf-8")
+    if TABLES[task]:
+        (folder / "stimuli.csv").write_text(TABLES[task])
+    try:
+        study = load_protocol(path)
+        if check_feasible(study, DISPLAY):
+            return
+        if study.design.repeats * study.task.stimuli_per_trial > 50:
+            return  # a plan as long as that is valid, and takes its time
+        make_plan(study, virtual_manifest(study, DISPLAY), "P1", 0)
+        preregistration(study, DISPLAY, "x", None)
+    except StudyError as error:
+        said = str(error)
+    else:
+        return
+    assert said.strip()
+    assert all(len(line) < 2000 for line in said.splitlines()), said
+
+
+@settings(
+    max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
+@given(
+    rows=st.lists(st.lists(st.text(max_size=8), max_size=8), max_size=5),
+    cut=st.integers(0, 2000),
+)
+def test_fuzzed_tables_give_messages_or_work(tmp_path, rows, cut):
+    path = tmp_path / "pilot.toml"
+    path.write_text(TEXTS["yes-no"], encoding="utf-8")
+    text = TABLES["yes-no"][:cut] + "\n".join(",".join(row) for row in rows)
+    (tmp_path / "stimuli.csv").write_text(text, encoding="utf-8", errors="replace")
+    try:
+        load_protocol(Path(path))
+    except StudyError as error:
+        said = str(error)
+    else:
+        return
+    assert str(tmp_path) in said

@@ -1,0 +1,493 @@
+"""`metamerlab foveate` from the command line to the picture, and every mistake on the way."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.foveation.conditions import CONDITIONS, foveate
+from pipeline.foveation.geometry import Equirectangular, Flat
+from pipeline.image_file import read_pixels, write_pixels
+from stimuli.exr import load_colour, save_colour
+from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.look_through import Choice, usual_choices
+from stimuli.foveated.looking import look_at, read_gaze
+from stimuli.foveated.moving import shrunk, wandering
+from stimuli.foveated.rings import draw_pools, ring_eccentricities
+from stimuli.foveated.steps import condition_steps
+from study_app.cli import app
+
+HEIGHT, WIDTH = 48, 64
+FAST = ("--numpy",)  # OpenGL has tests of its own
+
+
+def run(*arguments) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, ["foveate", *map(str, arguments)], catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+def refusal(*arguments) -> str:
+    code, _, said = run(*arguments)
+    assert code == 2, said
+    assert said.startswith("error: "), said
+    assert "Traceback" not in said
+    return said
+
+
+@pytest.fixture
+def colour(rng):
+    """Texture of 8-bit values, so that files keep it exactly."""
+    values = rng.integers(60, 200, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    return (values / np.float32(255)).astype(np.float32)
+
+
+@pytest.fixture
+def png(tmp_path, colour):
+    save_colour(tmp_path / "picture.png", colour)
+    return tmp_path / "picture.png"
+
+
+# --- what it writes ----------------------------------------------------------------------
+
+
+def test_the_command_writes_what_the_python_call_returns(png, tmp_path, colour):
+    out = tmp_path / "new" / "out.png"
+    code, said, _ = run(png, out, "--gaze", "20,30", "--fov", 30, "--seed", 7, *FAST)
+
+    asked = foveate(colour, (20, 30), viewing=Flat(width_deg=30), seed=7)
+    assert code == 0
+    assert f"wrote {out} (metamer)" in said
+    np.testing.assert_array_equal(read_pixels(out).data, np.rint(255 * asked))
+
+
+def test_what_is_assumed_is_said(png, tmp_path):
+    _, said, _ = run(png, tmp_path / "out.png", "-m", "blur", *FAST)
+
+    assert "field of view: 40.0 x 30.5 degrees (assumed, since neither" in said
+    assert "gaze: 32.0, 24.0 px" in said
+
+
+def test_the_fovea_comes_out_as_it_went_in(png, tmp_path):
+    run(png, tmp_path / "out.png", "--set", "fovea_deg=8", *FAST)
+
+    given, shown = (read_pixels(path).data for path in (png, tmp_path / "out.png"))
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    distance = 32 / np.tan(np.radians(20))
+    fovea = np.hypot(x - 32, y - 24) < distance * np.tan(np.radians(8)) - 0.01
+    np.testing.assert_array_equal(shown[fovea], given[fovea])
+    assert (shown[~fovea] != given[~fovea]).mean() > 0.8
+
+
+def test_a_seed_decides_every_byte(png, tmp_path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        assert run(png, tmp_path / f"{name}.png", "--seed", seed, *FAST)[0] == 0
+
+    a, b, c = ((tmp_path / f"{name}.png").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def test_a_parameter_reaches_the_condition(png, tmp_path, colour):
+    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=0.9", *FAST)
+
+    wide = foveate(colour, (32, 24), method="blur", scaling=0.9)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, np.rint(255 * wide))
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_with_opengl_the_renderer_is_named(png, tmp_path):
+    _, said, _ = run(png, tmp_path / "gpu.png")
+    run(png, tmp_path / "numpy.png", *FAST)
+
+    gpu, twin = (read_pixels(tmp_path / f"{n}.png").data.astype(int) for n in ("gpu", "numpy"))
+    assert ("renderer: " in said) != ("worked out by numpy" in said)
+    assert np.abs(gpu - twin).max() <= 1
+
+
+def test_a_comparison_shows_every_condition_and_the_pools(png, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    code, said, _ = run(png, tmp_path / "out.png", "--compare", sheet, *FAST)
+
+    assert code == 0
+    assert f"wrote {sheet} ({len(usual_choices())} conditions)" in said
+    assert f"wrote {tmp_path / 'out.png'} (metamer)" in said
+    tile_px = 320 + 12
+    assert read_pixels(sheet).data.shape[1] == 3 * tile_px + 12
+
+
+def test_a_sheet_leaves_out_what_takes_minutes_or_a_folder():
+    names = {choice.name for choice in usual_choices()}
+
+    assert names == {e.name for e in CONDITIONS} - {"energy-metamer", "files:"}
+
+
+def test_steps_are_written_as_pictures(png, tmp_path):
+    folder = tmp_path / "steps"
+    code, _, _ = run(png, tmp_path / "out.png", "-m", "warped-metamer", "--steps", folder, *FAST)
+
+    names = sorted(path.name for path in folder.iterdir())
+    assert code == 0
+    assert names == [
+        "00-picture.png",
+        "01-pools.png",
+        "02-eccentricity.png",
+        "03-pool-width.png",
+        "04-lod.png",
+        "05-fade.png",
+        "06-warped-metamer-displacement.png",
+        "07-warped-metamer-displaced.png",
+        "08-warped-metamer-match.png",
+        "09-warped-metamer-change.png",
+        "10-warped-metamer-shown.png",
+        "sheet.png",
+    ]
+    np.testing.assert_array_equal(
+        read_pixels(folder / "10-warped-metamer-shown.png").data,
+        read_pixels(tmp_path / "out.png").data,
+    )
+
+
+def test_steps_of_a_metamer_show_base_deviations_and_noise(colour):
+    from pipeline.foveation.conditions import create_condition
+    from pipeline.foveation.lod import Pools
+    from pipeline.foveation.pooling import Pooling
+
+    pools = Pools(Flat().of(WIDTH, HEIGHT), (32, 24), Pooling())
+    condition = create_condition("metamer", {"levels": 2})
+    steps = {name: picture for name, _, picture in condition_steps(condition, colour, pools, 0)}
+
+    assert set(steps) == {"base", "noise", "level0-deviation", "level1-deviation"}
+    assert all(picture.shape == (HEIGHT, WIDTH, 3) for picture in steps.values())
+    assert steps["noise"].std() > 10 > np.abs(steps["base"].mean() - 255 * colour.mean())
+
+
+@pytest.mark.parametrize("ending", [".webp", ".png"])
+def test_a_flip_shows_two_seeds_in_turn(png, tmp_path, ending):
+    path = tmp_path / f"flip{ending}"
+    code, _, _ = run(png, tmp_path / "out.png", "--flip", path, *FAST)
+
+    with Image.open(path) as moving:
+        frames = []
+        for index in range(moving.n_frames):
+            moving.seek(index)
+            frames.append(np.asarray(moving.convert("RGB"), int))
+    assert code == 0
+    assert len(frames) == 2
+    assert np.abs(frames[0] - frames[1]).mean() > 5
+    fovea = np.abs(frames[0] - frames[1])[23:25, 31:33]
+    assert fovea.max() <= (40 if ending == ".webp" else 0)  # WebP is lossy
+
+
+def test_the_gaze_of_an_animation_wanders_and_comes_back(png, tmp_path):
+    path = tmp_path / "gaze.webp"
+    run(png, tmp_path / "out.png", "-m", "blur", "--animate", path, *FAST)
+
+    with Image.open(path) as moving:
+        assert moving.n_frames == 48
+    places = np.array(wandering(Flat().of(WIDTH, HEIGHT), 48)) / (WIDTH, HEIGHT)
+    steps = np.linalg.norm(np.diff(places, axis=0, append=places[:1]), axis=1)
+    assert steps.max() < 0.15
+    assert places.min() > 0.1
+    assert places.max() < 0.9
+    quarters = {(x > 0.5, y > 0.5) for x, y in places}
+    assert len(quarters) == 4
+
+
+def test_a_shrunk_picture_keeps_its_field_of_view(rng):
+    picture = rng.random((60, 100, 3)).astype(np.float32)
+    small, viewing = shrunk(picture, Flat(distance_px=200), 50)
+
+    assert small.shape == (30, 50, 3)
+    assert viewing == Flat(distance_px=100)
+    around, same = shrunk(rng.random((64, 128, 3)).astype(np.float32), Equirectangular(), 51)
+    assert around.shape == (26, 52, 3)
+    assert same == Equirectangular()
+    assert shrunk(picture, Flat(), 200)[0] is picture
+
+
+def test_list_names_every_condition_and_law_without_a_picture():
+    code, said, _ = run("--list")
+
+    assert code == 0
+    for name in (*(entry.shown_name for entry in CONDITIONS), "v1", "authors", "quadratic"):
+        assert name in said
+
+
+# --- gaze and display --------------------------------------------------------------------
+
+
+def test_degrees_lie_right_of_and_below_the_middle():
+    flat = look_at((400, 600), fov_deg=90).geometry  # 300 px away
+
+    x, y = read_gaze("45deg,-45deg", flat)
+    assert (x, y) == pytest.approx((600, -100))
+    assert read_gaze("12.5,7", flat) == (12.5, 7)
+    around = look_at((180, 360), panorama=True).geometry
+    assert read_gaze("90deg,-45deg", around) == pytest.approx((270, 45))
+    assert read_gaze(None, around) == (180, 90)
+
+
+def test_a_display_says_how_far_the_eye_is():
+    """By hand: 597.7 mm over 1920 px, seen from 700 mm: 2248.6 px away."""
+    looking = look_at((1080, 1920), display="fhd27-60hz")
+
+    assert looking.geometry.distance_px == pytest.approx(700 * 1920 / 597.7)
+    assert "46.2 x 27.0 degrees (display fhd27-60hz, pixel for pixel)" in looking.words
+    assert not looking.notes
+    assert "larger than the display" in look_at((1081, 100), display="fhd27-60hz").notes[0]
+
+
+def test_a_panorama_has_no_seam(tmp_path, rng):
+    save_colour(tmp_path / "around.png", rng.random((32, 64, 3)).astype(np.float32))
+    for name, gaze in (("a", "0,16"), ("b", "64,16"), ("c", "-180deg,0deg")):
+        out = tmp_path / f"{name}.png"
+        assert run(tmp_path / "around.png", out, "--panorama", "--gaze", gaze, *FAST)[0] == 0
+
+    a, b, c = ((tmp_path / f"{name}.png").read_bytes() for name in "abc")
+    assert a == b == c
+
+
+def test_a_gaze_off_the_picture_is_said(png, tmp_path):
+    code, said, _ = run(png, tmp_path / "out.png", "--gaze", "-30deg,0deg", "-m", "blur", *FAST)
+
+    assert code == 0
+    assert "off the picture" in said
+
+
+def test_pools_are_drawn_as_wide_as_they_are():
+    """By hand: at 10 degrees, scaling .25, a pool is some 2.5 degrees wide at half maximum."""
+    from pipeline.foveation.pooling import Pooling
+
+    geometry = Flat(width_deg=40).of(400, 400)
+    grey = np.full((400, 400, 3), 128, np.uint8)
+    drawn, shown = draw_pools(grey, geometry, (200, 200), Pooling())
+    assert shown == (2, 5, 10, 20)
+    row = np.flatnonzero((drawn[200].astype(int) @ [1, 1, -2] > 200) & (np.arange(400) > 200))
+    px = 200 + geometry.distance_px * np.tan(np.radians([10 - 1.24, 10 + 1.24]))
+    for edge in px:
+        assert np.abs(row + 0.5 - edge).min() < 1.5
+    assert ring_eccentricities(Flat(width_deg=1).of(8, 8), (4, 4)) == pytest.approx(
+        (0.31,), abs=0.1
+    )
+
+
+# --- any picture -------------------------------------------------------------------------
+
+
+def test_sixteen_bits_stay_sixteen(tmp_path, rng):
+    data = rng.integers(0, 65536, (16, 24, 3)).astype(np.uint16)
+    write_pixels(tmp_path / "deep.png", data, ("R", "G", "B"))
+
+    run(tmp_path / "deep.png", tmp_path / "out.png", "-m", "reference", *FAST)
+
+    np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, data)
+
+
+@pytest.mark.parametrize("ending", [".jpg", ".tif", ".bmp", ".webp", ".png"])
+def test_every_common_format_is_read(tmp_path, ending):
+    flat = np.full((24, 32, 3), (200, 100, 50), np.uint8)
+    Image.fromarray(flat).save(tmp_path / f"picture{ending}")
+
+    code, _, _ = run(tmp_path / f"picture{ending}", tmp_path / "out.png", *FAST)
+
+    assert code == 0
+    shown = read_pixels(tmp_path / "out.png").data.astype(int)
+    assert np.abs(shown - flat).max() <= 4  # JPEG and WebP round
+
+
+def test_grey_becomes_three_channels(tmp_path):
+    Image.fromarray(np.full((9, 12), 77, np.uint8)).save(tmp_path / "grey.png")
+
+    opened = read_any(tmp_path / "grey.png")
+
+    assert opened.colour.shape == (9, 12, 3)
+    assert (opened.colour == np.float32(77 / 255)).all()
+    assert "grey" in opened.notes[0]
+
+
+def test_transparent_pictures_stand_on_a_stated_grey(tmp_path):
+    """By hand: half of red over a grey of .25."""
+    data = np.zeros((4, 5, 4), np.uint8)
+    data[..., 0], data[..., 3] = 255, 51  # alpha .2
+    Image.fromarray(data).save(tmp_path / "clear.png")
+
+    opened = read_any(tmp_path / "clear.png", Reading(background=0.25))
+
+    np.testing.assert_allclose(opened.colour[0, 0], [0.2 + 0.2, 0.2, 0.2], atol=1e-6)
+    assert "put on a grey of 0.25" in opened.notes[-1]
+
+
+def test_photographs_are_turned_upright(tmp_path):
+    """Orientation 6: the camera was turned, the first row is the right side."""
+    data = np.zeros((16, 32, 3), np.uint8)
+    data[:8] = 255
+    picture = Image.fromarray(data)
+    exif = picture.getexif()
+    exif[0x0112] = 6
+    picture.save(tmp_path / "turned.jpg", exif=exif, quality=95)
+
+    opened = read_any(tmp_path / "turned.jpg")
+
+    assert opened.colour.shape == (32, 16, 3)
+    assert opened.colour[:, 9:].min() > 0.9
+    assert opened.colour[:, :7].max() < 0.1
+    assert any("upright" in note for note in opened.notes)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_every_orientation_agrees_with_pillow(tmp_path, orientation):
+    from PIL import ImageOps
+
+    data = np.zeros((16, 24, 3), np.uint8)
+    data[:8, :8], data[:8, 16:], data[8:, :8] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    picture = Image.fromarray(data)
+    exif = picture.getexif()
+    exif[0x0112] = orientation
+    picture.save(tmp_path / "turned.tif", exif=exif)
+
+    with Image.open(tmp_path / "turned.tif") as stored:
+        upright = np.asarray(ImageOps.exif_transpose(stored))
+    np.testing.assert_array_equal(255 * read_any(tmp_path / "turned.tif").colour, upright)
+
+
+def test_light_is_encoded_and_the_curve_is_named(tmp_path):
+    """By hand: light of .2140 is half of the encoded range."""
+    write_pixels(tmp_path / "light.exr", np.full((8, 8, 3), 0.21404, np.float32), ("R", "G", "B"))
+
+    opened = read_any(tmp_path / "light.exr")
+
+    np.testing.assert_allclose(opened.colour, 0.5, atol=1e-4)
+    assert "sRGB curve" in opened.notes[0]
+    assert opened.bits == 16
+
+
+def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
+    data = np.full((8, 8, 3), 0.5, np.float32)
+    data[2, 3] = 9.0
+    write_pixels(tmp_path / "sun.hdr", data, ("R", "G", "B"))
+    given = (tmp_path / "sun.hdr", tmp_path / "out.png", "-m", "reference", *FAST)
+
+    said = refusal(*given)
+    stops = said.partition("--stops ")[2].split(",")[0]
+
+    assert "must lie in 0..1" in said
+    assert float(stops) == pytest.approx(-3.2)
+    assert run(*given, "--stops", stops)[0] == 0
+    assert run(*given, "--clip")[0] == 0
+    assert load_colour(tmp_path / "out.png")[2, 3, 0] == 1
+
+
+# --- mistakes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--gaze", "here"], "--gaze must be X,Y"),
+        (["--gaze", "1,2,3"], "--gaze must be X,Y"),
+        (["--gaze", "nan,2"], "--gaze must be X,Y"),
+        (["--gaze", "5deg,2"], "--gaze must be X,Y"),
+        (["--gaze", "90deg,0deg"], "within 90 degrees"),
+        (["--panorama"], "must be twice as wide as high (got 64 x 48 px)"),
+        (["--fov", "180"], "must lie between 0 and 180 (got 180.0)"),
+        (["--fov", "0"], "must lie between 0 and 180"),
+        (["--fov", "nan"], "must lie between 0 and 180"),
+        (["--display", "fhd72"], "fhd72"),
+        (["--display", "fhd27-60hz", "--fov", "30"], "not both"),
+        (["--panorama", "--fov", "30"], "leave --fov out"),
+        (["-m", "metamere"], "did you mean 'metamer'"),
+        (["-m", "metamer", "-m", "blur"], "add --compare"),
+        (["-m", "blur", "--set", "scaling"], "must be name=value"),
+        (["-m", "blur", "--set", "scale=1"], "did you mean 'scaling'"),
+        (["-m", "blur", "--set", "scaling=-1"], "must be positive"),
+        (["--stops", "1"], "for files of floats"),
+        (["--encoded"], "for files of floats"),
+        (["--animate", "moving.gif"], "must end in .webp"),
+        (["--compare", "out.png"], "must be different files"),
+        (["--seed", str(2**63)], "seed must be a whole number"),
+    ],
+)
+def test_wrong_options_are_refused_and_nothing_is_written(
+    png, tmp_path, monkeypatch, arguments, said
+):
+    monkeypatch.chdir(tmp_path)
+
+    assert said in refusal(png, "out.png", *arguments, *FAST)
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_files_that_are_no_pictures_are_refused(tmp_path):
+    (tmp_path / "text.png").write_text("not a picture")
+    out = tmp_path / "out.png"
+
+    assert "must be an image" in refusal(tmp_path / "text.png", out)
+    assert "no such file" in refusal(tmp_path / "gone.png", out)
+    assert "it is a folder" in refusal(tmp_path, out)
+    assert not out.exists()
+
+
+def test_light_that_is_no_number_is_refused(tmp_path):
+    data = np.full((8, 8, 3), 0.5, np.float32)
+    data[2, 3, 1] = np.nan
+    write_pixels(tmp_path / "bad.exr", data, ("R", "G", "B"))
+
+    assert "row 2, column 3" in refusal(tmp_path / "bad.exr", tmp_path / "out.png")
+
+
+@pytest.mark.parametrize("choice", usual_choices(), ids=lambda choice: choice.name)
+def test_a_picture_of_one_pixel_is_shown(tmp_path, choice: Choice):
+    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "dot.png")
+
+    code, _, _ = run(tmp_path / "dot.png", tmp_path / "out.png", "-m", choice.name, *FAST)
+
+    assert code == 0
+    assert read_pixels(tmp_path / "out.png").data.shape == (1, 1, 3)
+
+
+def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):
+    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "dot.png")
+    looks = ("--compare", tmp_path / "sheet.png", "--steps", tmp_path / "steps")
+
+    code, _, _ = run(tmp_path / "dot.png", tmp_path / "out.png", *looks, "-m", "metamer", *FAST)
+
+    assert code == 0
+    assert (tmp_path / "steps" / "sheet.png").exists()
+
+
+# --- energy-metamer ----------------------------------------------------------------------
+
+
+def test_without_torch_the_command_names_the_cure(png, tmp_path, monkeypatch):
+    from pipeline.foveation import energy
+
+    monkeypatch.setattr(energy, "find_spec", lambda _: None)
+
+    assert "metamerlab[metamers]" in refusal(png, tmp_path / "out.png", "-m", "energy-metamer")
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_an_interrupted_descent_goes_on_by_the_same_command(png, tmp_path, monkeypatch):
+    pytest.importorskip(
+        "torch", reason="needs the extra `metamers`: script/setup --metamers installs it"
+    )
+    from pipeline.foveation import energy
+
+    out = tmp_path / "out.png"
+    given = (png, out, "-m", "energy-metamer", "--set", "steps=7", *FAST)
+    real = energy._write_state
+
+    def stop(path, key, done, *rest):
+        real(path, key, done, *rest)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(energy, "_write_state", stop)
+        CliRunner().invoke(app, ["foveate", *map(str, given)])
+    state = tmp_path / ".out.png.state.npz"
+    assert state.exists()
+    assert not out.exists()
+    code, said, _ = run(*given)
+
+    assert code == 0
+    assert f"going on where {state} ends" in said
+    assert not state.exists()
+    assert read_pixels(out).data.shape == (HEIGHT, WIDTH, 3)
