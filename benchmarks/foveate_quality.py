@@ -159,6 +159,7 @@ def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
     if importlib.util.find_spec("pyfvvdp") is None:
         return None
     import pyfvvdp
+    import torch
 
     height, width = truth.shape[:2]
     width_m = 2 * DISTANCE_M * math.tan(math.radians(width_deg / 2))
@@ -170,7 +171,8 @@ def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
     metric = pyfvvdp.fvvdp(
         display_name="standard_fhd", display_geometry=geometry, foveated=True, quiet=True
     )
-    jod, _ = metric.predict(test, truth, dim_order="HWC", fixation_point=(width / 2, height / 2))
+    gaze_px = torch.tensor([width / 2, height / 2])
+    jod, _ = metric.predict(test, truth, dim_order="HWC", fixation_point=gaze_px)
     return float(jod)
 
 
