@@ -7,6 +7,7 @@ so that sittings, clips and protocol of format 1 still belong together.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -104,6 +105,17 @@ def protocol_as_written(study: StudyProtocol) -> Json:
         del texts["right"], texts["wrong"]
     result: Json = plain
     return result
+
+
+def says_format_1(study: StudyProtocol) -> bool:
+    """Return whether format 1 can say all of a study: only then do hashes tell studies apart."""
+    try:
+        written = protocol_as_written(study)
+        assert isinstance(written, dict)
+        again = type(study).model_validate_json(json.dumps(upgraded_protocol(written)))
+    except (KeyError, ValueError, StudyError):
+        return False
+    return again == study
 
 
 def upgraded_attempt(raw: Raw) -> Raw:

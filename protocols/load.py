@@ -13,7 +13,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
-from protocols.format1 import upgraded_protocol
+from protocols.format1 import says_format_1, upgraded_protocol
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -69,6 +69,12 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
                 problems.append(problem)
         told = _study_error(path, problems)
         raise StudyError(f"{told}\n{path}: {_OLD}") if old else told from None
+    if study.format == 1 and not says_format_1(study):
+        raise StudyError(
+            f"{path}: format: must be 2 for a file that has what format 2 brought (a task, a"
+            " recipe, feedback or a criterion for practice); set format = 2, or write the file"
+            " anew with 'metamerlab protocol upgrade'"
+        )
     return study
 
 

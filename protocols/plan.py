@@ -135,7 +135,7 @@ def chosen(
     ]
     tries = sum(attempt.trial == trial.id for attempt in attempts)
     chance = Chance(plan.seed, plan.participant, plan.slot, "choose", trial.id, tries)
-    arrangement = rule.choose(protocol, trial, past, chance, len(past) + plan.slot)
+    arrangement = rule.choose(protocol, trial, plan, past, chance)
     return trial.model_copy(
         update={
             "condition": dict(arrangement.condition),

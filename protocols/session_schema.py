@@ -81,8 +81,8 @@ class Design(Model):
     """Scenes of the main trials; left out: all."""
     repeats: Positive
     """How often a participant meets each condition. Arrangements within a trial (which interval
-    comes first, say) alternate: with an even number all come equally often for everyone, with an
-    odd number across slots."""
+    comes first, say) take turns: with a multiple of their number (2, for `abx` 4) all come equally
+    often for everyone, else across slots."""
     scene_order: Literal["random", "balanced"] = "balanced"
     """`balanced`: each round shows every scene once, in a Latin-square order of the slot."""
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"

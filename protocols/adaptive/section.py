@@ -19,7 +19,7 @@ from protocols.units import Condition, Model, Name, Positive, Share
 
 if TYPE_CHECKING:
     from protocols.journal import Attempt
-    from protocols.plan import PlannedTrial
+    from protocols.plan import Plan, PlannedTrial
     from protocols.schema import StudyProtocol
     from protocols.tasks.base import Arrangement, Cell
     from protocols.tasks.pairs import PairTask
@@ -51,20 +51,20 @@ class Adaptive(Model):
         self,
         study: StudyProtocol,
         trial: PlannedTrial,
+        plan: Plan,
         past: Sequence[Attempt],
         chance: Chance,
-        turn: int,
     ) -> Arrangement:
         """Return what a trial shows.
 
         Parameters
         ----------
+        plan : Plan
+            The participant's.
         past : sequence of Attempt
             Completed attempts of the trial's track, oldest first.
         chance : Chance
             Fixed by participant, trial and attempt.
-        turn : int
-            Which arrangement of a condition has its turn.
         """
         raise NotImplementedError
 
@@ -109,31 +109,29 @@ class AdaptiveLevels(Adaptive):
         self,
         study: StudyProtocol,
         trial: PlannedTrial,
+        _plan: Plan,
         past: Sequence[Attempt],
         chance: Chance,
-        turn: int,
     ) -> Arrangement:
         """Return a stimulus of the next level: each right answer is equally likely."""
         history = [
             (float(attempt.condition[self.column]), bool(attempt.correct)) for attempt in past
         ]
         level = self.next_level(study, history)
-        cells = [
-            cell
+        options = [
+            arrangement
             for cell in self._cells(study)
-            if cell.arrangements[0].condition.get(self.column) == level
-            and all(
-                cell.arrangements[0].condition.get(name) == trial.condition[name]
-                for name in self.by
-            )
+            for arrangement in cell.arrangements
+            if arrangement.condition.get(self.column) == level
+            and all(arrangement.condition.get(name) == trial.condition[name] for name in self.by)
         ]
         # The answer first: to avoid the last picture must not make its successor predictable.
-        answers = sorted({str(cell.arrangements[0].correct) for cell in cells})
+        answers = sorted({str(option.correct) for option in options})
         answer = answers[chance.below(len(answers))]
-        fit = [cell for cell in cells if str(cell.arrangements[0].correct) == answer]
+        fit = [option for option in options if str(option.correct) == answer]
         last = set(past[-1].stimulus_names) if past else set()
-        fresh = [cell for cell in fit if set(cell.arrangements[0].stimuli) != last] or fit
-        return fresh[chance.below(len(fresh))].arranged(turn)
+        fresh = [option for option in fit if set(option.stimuli) != last] or fit
+        return fresh[chance.below(len(fresh))]
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
@@ -152,14 +150,23 @@ class AdaptiveLevels(Adaptive):
                 f" {', '.join(map(str, study.stimuli.values(self.column)[:6]))})",
             )
             return
-        for track in self._tracks(study).values():
+        conditions = [cell.arrangements[0].condition for cell in self._cells(study)]
+        lacking = [name for name in self.by if any(name not in entry for entry in conditions)]
+        if lacking:
+            yield Problem(
+                "task.adaptive.by",
+                f"must name columns that differ between trials (got {lacking[0]!r}, which differs"
+                " within a trial)",
+            )
+            return
+        there = {
+            (tuple(entry[name] for name in self.by), entry.get(self.column)) for entry in conditions
+        }
+        for values in dict.fromkeys(track for track, _ in there):
             for level in self.levels(study):
-                if not any(
-                    cell.arrangements[0].condition.get(self.column) == level
-                    and all(cell.arrangements[0].condition.get(n) == track[n] for n in self.by)
-                    for cell in self._cells(study)
-                ):
-                    said = ", ".join(f"{name} = {value}" for name, value in track.items())
+                if (values, level) not in there:
+                    pairs = zip(self.by, values, strict=True)
+                    said = ", ".join(f"{name} = {value}" for name, value in pairs)
                     yield Problem(
                         "task.adaptive.by",
                         f"every track must have stimuli at every level (there is none at"
@@ -283,9 +290,9 @@ class ActivePairs(Adaptive):
         self,
         study: StudyProtocol,
         trial: PlannedTrial,
+        plan: Plan,
         past: Sequence[Attempt],
         _chance: Chance,
-        turn: int,
     ) -> Arrangement:
         """Return the next pair of the present batch, in the trial's scene and size."""
         from protocols.adaptive.active_pairs import next_batch
@@ -299,7 +306,7 @@ class ActivePairs(Adaptive):
             one, other = str(attempt.condition[first]), str(attempt.condition[second])
             won, lost = (one, other) if attempt.answer == first else (other, one)
             wins[methods.index(won), methods.index(lost)] += 1
-        drawn = Chance(study.design.seed, "pairs", batch)
+        drawn = Chance(plan.seed, plan.participant, plan.slot, "pairs", batch)
         # Shuffled: a batch may have one method in many of its pairs.
         pairs = drawn.shuffled(next_batch(wins, drawn))
         i, j = pairs[len(past) % len(pairs)]
@@ -309,7 +316,7 @@ class ActivePairs(Adaptive):
                 f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
                 f" {dict(trial.condition)}"
             )
-        return cell.arranged(turn)
+        return cell.arranged(len(past) + plan.slot)
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield a problem where a scene lacks a stimulus that others have."""

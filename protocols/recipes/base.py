@@ -40,8 +40,8 @@ class Group(NamedTuple):
     scene: str
     parity: int
     """Sum of the places of all other values among those declared: for taking turns."""
-    stimuli: dict[Scalar, Stimulus]
-    """By their value in that column."""
+    stimuli: dict[str, Stimulus]
+    """By their value in that column, as text."""
     condition: dict[str, Scalar]
     """All other columns."""
 
@@ -131,16 +131,18 @@ class Recipe(Model):
             for name in columns
         }
         ranks[SCENE] = {scene: place for place, scene in enumerate(scenes)}
-        found: dict[tuple[Scalar, ...], dict[Scalar, Stimulus]] = {}
+        found: dict[tuple[Scalar, ...], dict[str, Stimulus]] = {}
         for stimulus in self.pool():
             if stimulus.scene in ranks[SCENE] and column in stimulus.condition:
                 key = tuple(stimulus.condition[name] for name in columns)
-                found.setdefault(key, {})[stimulus.condition[column]] = stimulus
+                found.setdefault(key, {})[str(stimulus.condition[column])] = stimulus
         groups = []
         for key, stimuli in found.items():
             condition = dict(zip(columns, key, strict=True))
-            parity = sum(ranks[name][value] for name, value in condition.items())
-            groups.append(Group(str(condition.get(SCENE, "")), parity, stimuli, condition))
+            scene = str(condition.get(SCENE, ""))
+            others = (ranks[name][value] for name, value in condition.items() if name != SCENE)
+            parity = ranks[SCENE][scene] + sum(others)
+            groups.append(Group(scene, parity, stimuli, condition))
         return sorted(groups, key=lambda group: ranks[SCENE][group.scene])
 
     def problems(self, _folder: Path) -> list[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -59,10 +60,14 @@ class Abx(RightOrWrong):
     def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
         """Return every pair that is compared, each in four arrangements."""
         pairs = self._against_standard if self.standard is not None else self._between
-        return [
-            _cell(scene, condition, named, place)
-            for place, (scene, condition, named) in enumerate(pairs(study, scenes))
-        ]
+        rank = {scene: place for place, scene in enumerate(scenes)}
+        seen: Counter[str] = Counter()
+        found = []
+        for scene, condition, named in pairs(study, scenes):
+            # Each condition has another arrangement in every scene.
+            found.append(_cell(scene, condition, named, rank[scene] + seen[scene]))
+            seen[scene] += 1
+        return found
 
     def _between(
         self, study: StudyProtocol, scenes: Sequence[str]
@@ -70,8 +75,7 @@ class Abx(RightOrWrong):
         groups = study.stimuli.groups(scenes, self.compare or "")
         for scene, _, stimuli, condition in groups:
             for one, other in combinations(stimuli, 2):
-                names = {str(one): stimuli[one].name, str(other): stimuli[other].name}
-                yield scene, condition, names
+                yield scene, condition, {name: stimuli[name].name for name in (one, other)}
 
     def _against_standard(
         self, study: StudyProtocol, scenes: Sequence[str]
@@ -144,15 +148,43 @@ class Abx(RightOrWrong):
         elif self.standard is not None:
             yield from self.check_where(study, "task.standard", self.standard)
             yield from self.check_columns(study, "task.matched", self.matched)
+            yield from self._standard_problems(study)
         else:
             yield from self.check_columns(study, "task.compare", (str(self.compare),))
 
+    def _standard_problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield a problem where a stimulus has no standard, or more than one."""
+        pool, where = study.stimuli.pool(), self.standard or {}
+        standards: dict[tuple[Scalar | None, ...], list[str]] = {}
+        for stimulus in pool:
+            if matches(stimulus.condition, where):
+                standards.setdefault(self._key(stimulus), []).append(stimulus.name)
+        for key, names in standards.items():
+            if len(names) > 1:
+                said = ", ".join(f"{c} = {v}" for c, v in zip(self.matched, key, strict=True))
+                yield Problem(
+                    "task.matched",
+                    f"there must be one standard where {said} (got {' and '.join(names[:3])});"
+                    " name the column in which they differ too",
+                )
+        for stimulus in pool:
+            if not matches(stimulus.condition, where) and self._key(stimulus) not in standards:
+                yield Problem(
+                    "task.matched",
+                    "every stimulus must have a standard that agrees with it in"
+                    f" {', '.join(self.matched)} (there is none for {stimulus.name!r})",
+                )
+                return
+
 
 def _cell(scene: str, condition: Mapping[str, Scalar], named: dict[str, str], place: int) -> Cell:
-    """Return both orders of A and B, each with X as the one and as the other."""
+    """Return both orders of A and B, each with X as the one and as the other.
+
+    The right answer alternates, so that any two that follow each other balance it.
+    """
     one, other = named
     arrangements = []
-    for a, b, x in ((one, other, one), (other, one, one), (one, other, other), (other, one, other)):
+    for a, b, x in ((one, other, one), (one, other, other), (other, one, other), (other, one, one)):
         arrangements.append(
             Arrangement(
                 {**condition, "a": a, "b": b, "x": x},

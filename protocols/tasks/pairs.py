@@ -175,13 +175,15 @@ class PairTask(Task):
                 return Cell(scene, self._both_orders(found, pairing, names), parity)
         return None
 
-    def catch_cells(self, study: StudyProtocol) -> list[Cell]:
-        """Return the catch pair in every scene that has it."""
+    def catch_cells(self, study: StudyProtocol, scenes: Sequence[str] | None = None) -> list[Cell]:
+        """Return the catch pair in every scene that has it; left out: the main ones."""
         if self.catch is None:
             return []
         found = []
         pairing = (self.catch.better, self.catch.worse)
-        for scene, _, stimuli, condition in study.stimuli.groups(study.main_scenes(), self.compare):
+        for scene, _, stimuli, condition in study.stimuli.groups(
+            study.main_scenes() if scenes is None else scenes, self.compare
+        ):
             if matches(condition, self.catch.where) and set(pairing) <= set(stimuli):
                 names = {value: stimuli[value].name for value in pairing}
                 found.append(
@@ -198,7 +200,7 @@ class PairTask(Task):
         """Return all pairs, or those whose answer is known where feedback asks for it."""
         practice = study.design.practice
         if practice is not None and (practice.feedback or practice.criterion_share is not None):
-            return [cell for cell in self.catch_cells(study) if cell.scene in scenes]
+            return self.catch_cells(study, scenes)
         return self.cells(study, scenes)
 
     @property
@@ -280,6 +282,20 @@ class PairTask(Task):
         """Yield what does not fit the rest of the study."""
         yield from super().problems(study)
         yield from self.check_columns(study, "task.compare", (self.compare,))
+        for name in set(self.answers()) & set(study.stimuli.columns()):
+            yield Problem(
+                "stimuli", f"a column must not be called {name!r}, as an answer is; rename it"
+            )
+        first: dict[frozenset[tuple[str, Scalar]], str] = {}
+        for stimulus in study.stimuli.pool():
+            other = first.setdefault(frozenset(stimulus.condition.items()), stimulus.name)
+            if other != stimulus.name:
+                yield Problem(
+                    "stimuli",
+                    f"no two stimuli may have one condition (got {other!r} and"
+                    f" {stimulus.name!r}), or it is not known which to show; add a column",
+                )
+                return
         known = [str(value) for value in study.stimuli.values(self.compare)]
         if not known:
             return
