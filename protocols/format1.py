@@ -84,7 +84,7 @@ def protocol_as_written(study: StudyProtocol) -> Json:
     plain = study.model_dump(mode="json")
     stimuli, task, response = (plain.pop(name) for name in ("stimuli", "task", "response"))
     if stimuli["kind"] != "warped-clips" or task["kind"] != "two-interval":
-        raise StudyError("format: a study of format 1 has warped clips in two intervals")
+        raise StudyError("format: must be 2 for this task and recipe (got 1); set format = 2")
     for key in _RECIPE:
         plain[key] = stimuli[key]
     design, trial = plain["design"], plain["trial"]

@@ -42,6 +42,13 @@ class RatesAnalysis(Analysis):
                 f"must be a value of {self.by!r} ({listed}) (got {self.baseline!r})"
                 f"{did_you_mean(str(self.baseline), map(str, known))}",
             )
+        adapted = getattr(task.adaptation, "column", None)
+        if adapted is not None and self.level != adapted:
+            yield Problem(
+                "analysis.level",
+                f"must be {adapted!r}, the column that adapts: thresholds over it are what the"
+                f" study is about (got {self.level!r})",
+            )
         if self.level is None:
             return
         yield from task.check_columns(study, "analysis.level", (self.level,))

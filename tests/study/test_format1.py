@@ -71,10 +71,18 @@ def test_a_study_of_format_1_keeps_its_hashes(name):
     assert protocol.stimuli_sha256 == PLANS[name]["stimuli_sha256"]
 
 
+def with_the_old_fill(path: Path) -> StudyProtocol:
+    """A shipped study as it was: the paper's study has shown the printed method since."""
+    study = load_protocol(path)
+    recipe = study.warped
+    methods = tuple(method.model_copy(update={"method": None}) for method in recipe.methods)
+    return study.model_copy(update={"stimuli": recipe.model_copy(update={"methods": methods})})
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_clips_of_format_1_serve_the_study_in_format_2(name):
     """The hash of what decides the pixels is the same; that of the whole study is not."""
-    old, new = load_protocol(study_file(name, 1)), load_protocol(study_file(name, 2))
+    old, new = load_protocol(study_file(name, 1)), with_the_old_fill(study_file(name, 2))
 
     assert new.stimuli_sha256 == old.stimuli_sha256
     assert new.sha256 != old.sha256

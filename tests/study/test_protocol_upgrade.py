@@ -48,7 +48,11 @@ def test_each_old_study_becomes_what_the_shipped_one_says(upgraded, name):
     text, study = upgraded(old.read_text(encoding="utf-8"))
 
     assert study.format == 2
-    assert study == load_protocol(shipped("studies")[name])
+    now = load_protocol(shipped("studies")[name])
+    # The paper's study has shown the printed method since.
+    methods = tuple(m.model_copy(update={"method": None}) for m in now.warped.methods)
+    stimuli = now.warped.model_copy(update={"methods": methods})
+    assert study == now.model_copy(update={"stimuli": stimuli})
     assert study.model_copy(update={"format": 1}) == load_protocol(old)
     assert text.endswith("\n")
     assert not text.endswith("\n\n")
