@@ -7,7 +7,7 @@ import tomllib
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
@@ -19,6 +19,7 @@ from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
 from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
+from protocols.tasks import TASKS
 
 M = TypeVar("M", bound=BaseModel)
 _OLD = (
@@ -63,7 +64,7 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     try:
         study = StudyProtocol.model_validate(raw)
     except ValidationError as error:
-        problems = problems_of(error, raw, StudyProtocol)
+        problems = _one_kind(raw, problems_of(error, raw, StudyProtocol))
         for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
@@ -76,6 +77,22 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
             " anew with 'metamerlab protocol upgrade'"
         )
     return study
+
+
+def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:
+    """Say of an analysis of the wrong kind that alone: its keys are another's."""
+    task, analysis = raw.get("task"), raw.get("analysis")
+    if not (isinstance(task, dict) and isinstance(analysis, dict) and "kind" in analysis):
+        return problems
+    known = TASKS.get(task.get("kind", ""))
+    if known is None:
+        return problems
+    (wanted,) = get_args(known.analysis.model_fields["kind"].annotation)
+    if analysis["kind"] == wanted:
+        return problems
+    found = f"must be {wanted!r} for the task {task['kind']!r} (got {analysis['kind']!r})"
+    others = [problem for problem in problems if not problem.place.startswith("analysis")]
+    return [*others, Problem("analysis.kind", found)]
 
 
 def _with_tables(raw: dict[str, object], folder: Path) -> dict[str, object]:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from protocols.errors import Problem
+from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS
 from protocols.suggest import cure_for_key, did_you_mean, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 
@@ -107,11 +108,15 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
         wanted = (
             "lower-case words and numbers joined by single dashes or underscores"
             if context["pattern"] == NAME_PATTERN
+            else KEYS_IN_WORDS
+            if context["pattern"] == KEY_PATTERN
             else f"text that matches {context['pattern']}"
         )
         yield Problem(place, f"must be {wanted} (got {_show(found)})")
     elif kind in {"too_short", "string_too_short"}:
         least = context.get("min_length", 1)
+        if isinstance(found, (tuple, list)) and len(found) >= least:
+            return  # an entry is wrong, and said to be: there are enough
         what = "characters" if kind == "string_too_short" else "entries"
         yield Problem(place, f"must have at least {least} {what} (got {_show(found)})")
     elif kind == "value_error":

@@ -153,13 +153,15 @@ class Gaze(Model):
     """A slower gaze source is refused."""
 
 
-KeyName = Annotated[
-    str,
-    StringConstraints(
-        pattern=r"^([a-z0-9]|left|right|up|down|space|enter|escape|tab|backspace|f([1-9]|1[0-2])"
-        r"|kp_[0-9]|pad_(a|b|x|y|left|right|up|down|start|back|lb|rb))$"
-    ),
-]
+KEY_PATTERN = (
+    r"^([a-z0-9]|left|right|up|down|space|enter|escape|tab|backspace|f([1-9]|1[0-2])"
+    r"|kp_[0-9]|pad_(a|b|x|y|left|right|up|down|start|back|lb|rb))$"
+)
+KEYS_IN_WORDS = (
+    "a key: a letter, a digit, left, right, up, down, space, enter, escape, tab, backspace, f1 to"
+    " f12, kp_0 to kp_9, or a button of a gamepad such as pad_a"
+)
+KeyName = Annotated[str, StringConstraints(pattern=KEY_PATTERN)]
 """A key of the keyboard, of the number block (kp_4) or of a gamepad (pad_a)."""
 
 Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]

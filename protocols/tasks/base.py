@@ -192,6 +192,8 @@ class Task(Model):
         yield from self.check_columns(study, place, where)
         for column, value in where.items():
             known = study.stimuli.values(column)
+            if isinstance(value, int | float) and str(value) in map(str, known):
+                continue  # a column of texts that should be one of numbers: told where it is used
             if known and value not in known:
                 listed = ", ".join(map(str, known[:12])) + (", ..." if len(known) > 12 else "")
                 yield Problem(

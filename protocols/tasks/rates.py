@@ -52,12 +52,12 @@ class RatesAnalysis(Analysis):
         if self.level is None:
             return
         yield from task.check_columns(study, "analysis.level", (self.level,))
-        wrong = [
-            value for value in study.stimuli.values(self.level) if isinstance(value, (bool, str))
-        ]
-        if wrong:
+        texts = [v for v in study.stimuli.values(self.level) if isinstance(v, bool | str)]
+        if texts:  # one text makes a column of a table a column of texts
+            found = next((text for text in texts if not _reads_as_number(text)), texts[0])
             yield Problem(
-                "analysis.level", f"must be a column of numbers (got {wrong[0]!r} in {self.level})"
+                "analysis.level",
+                f"must be a column of numbers (got {found!r} in the stimuli's {self.level})",
             )
 
     def compared(self, study: StudyProtocol) -> tuple[str, ...]:
@@ -85,3 +85,11 @@ class RatesAnalysis(Analysis):
                 f" psychometric functions over {self.level} are fitted for each {self.by}."
             )
         return found
+
+
+def _reads_as_number(value: object) -> bool:
+    try:
+        float(str(value))
+    except ValueError:
+        return False
+    return not isinstance(value, bool)

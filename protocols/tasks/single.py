@@ -76,7 +76,15 @@ class RightOrWrong(Task):
         """Yield what does not fit the rest of the study."""
         yield from super().problems(study)
         if self.catch is not None:
-            yield from self.check_where(study, "task.catch.where", self.catch.where)
+            wrong = list(self.check_where(study, "task.catch.where", self.catch.where))
+            yield from wrong
+            if not wrong and not self.catch_cells(study):
+                said = ", ".join(f"{name} = {value}" for name, value in self.catch.where.items())
+                yield Problem(
+                    "task.catch.where",
+                    f"must fit at least one trial of the task (none has {said}); leave out what"
+                    " differs within a trial",
+                )
         if self.adaptive is not None:
             yield from self.adaptive.problems(study)
 
