@@ -140,14 +140,14 @@ def time_odak(edge_px: int) -> list[Line]:
     if importlib.util.find_spec("odak") is None:
         return []
     import torch
-    from odak.learn.perception import MetamericLoss, RadiallyVaryingBlur
+    from odak.learn.perception import MetamerMSELoss, RadiallyVaryingBlur
 
     image = torch.from_numpy(picture(edge_px).transpose(2, 0, 1)[None].copy())
-    loss = MetamericLoss(n_pyramid_levels=5)
+    loss = MetamerMSELoss(n_pyramid_levels=5)
     blur = RadiallyVaryingBlur()
     works = {
         "gen_metamer": lambda: loss.gen_metamer(image, gaze=[0.5, 0.5]),
-        "RadiallyVaryingBlur": lambda: blur.blur(image, centre=[0.5, 0.5]),
+        "RadiallyVaryingBlur": lambda: blur.blur(image, centre=(0.5, 0.5)),
     }
     lines = []
     for name, work in works.items():
