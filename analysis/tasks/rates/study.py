@@ -85,6 +85,11 @@ class RateResults:
     warnings: tuple[str, ...]
 
     @property
+    def by_scene(self) -> bool:
+        """Whether errors are clustered by scene too: where a condition has several scenes."""
+        return any(one.scenes > 1 for one in self.rates)
+
+    @property
     def measure(self) -> str:
         """What the planned comparisons compare."""
         return self.comparisons[0].measure if self.comparisons else ""
