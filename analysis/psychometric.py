@@ -27,6 +27,9 @@ LOG_MAX = 300.0
 Flat answers pull the width towards infinity. Far below this no answer can tell, and the exponential
 stays finite."""
 
+OPEN_RANGES = 10.0
+"""A limit outside the levels shown by more than so many of their ranges is none."""
+
 FLAT = "performance is the same at every level: no curve can be placed"
 
 SATURATED = 0.01
@@ -78,13 +81,14 @@ class Psychometric:
         """Return whether answers at these levels, the ones shown, place the threshold.
 
         They do not where performance is flat, where the threshold lies outside the levels, or
-        where a limit lies further outside than the levels' range. A threshold between the levels
-        can go without limits (the lapse rate ran into its bound): it is placed.
+        where a limit lies so far outside (`OPEN_RANGES`) that nothing bounds it. A
+        threshold between the levels can go without limits (the lapse rate ran into its bound): it
+        is placed.
         """
         low, high = min(levels), max(levels)
         if FLAT in self.warnings or not low <= self.threshold <= high:
             return False
-        reach = high - low
+        reach = OPEN_RANGES * (high - low)
         ends = self.threshold_limits or (self.threshold, self.threshold)
         return low - reach <= ends[0] and ends[1] <= high + reach
 

@@ -6,6 +6,7 @@ import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,11 +14,17 @@ import pytest
 
 from analysis.critical_scaling import critical_scaling
 from analysis.psychometric import fit_psychometric
-from analysis.simulated_tasks import TaskDesign, simulate_abx, simulate_yes_no
+from analysis.simulated_tasks import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
 from analysis.tasks import analysis_of
 from analysis.tasks.rates import wording as say
 from analysis.tasks.rates.sections import sections
-from analysis.thresholds import Threshold
+from analysis.tasks.rates.study import Counts, _placed
+from analysis.thresholds import Threshold, fit_thresholds
 
 UNKNOWN = "not identified by these data"
 
@@ -49,6 +56,11 @@ def matched() -> pd.DataFrame:
 def detected() -> pd.DataFrame:
     design = TaskDesign(6, 4, 4)
     return simulate_yes_no(design, {"blur": 1.5, "ours": 0.5}, np.random.default_rng(5))
+
+
+def at_chance(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return trials half of which are right, whatever was shown."""
+    return trials.drop(columns=["expected", "answer"]).assign(correct=np.arange(len(trials)) % 2)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +97,8 @@ def test_scenes_are_spoken_of_only_where_errors_respect_them(
 def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(matched, tmp_path):
     note = "Differences are means of each participant's own fit"
     other = matched.assign(method="v2", correct=np.roll(matched["correct"], 1))
-    results, page, _ = told("abx", pd.concat([matched, other]), tmp_path, level="scaling")
+    both = pd.concat([matched, other]).drop(columns=["expected", "answer", "order"])
+    results, page, _ = told("abx", both, tmp_path, level="scaling")
     assert results.critical_contrasts
     assert note in page
 
@@ -103,13 +116,13 @@ def test_a_critical_scaling_or_gain_that_is_not_bounded_is_no_number(matched):
         assert f"gain {UNKNOWN}" in text
         assert "s_c = " in text
         assert not re.search(r"123|\binf\b|of ln gain", text)
-    chance = matched.assign(correct=np.arange(len(matched)) % 2)
+    chance = at_chance(matched)
     text = say.apa_critical(critical_scaling(chance))
     assert f"s_c {UNKNOWN}; gain {UNKNOWN}; lapse" in text
 
 
 def test_a_critical_scaling_that_is_not_identified_is_no_number_in_the_table(matched, tmp_path):
-    chance = matched.assign(correct=np.arange(len(matched)) % 2)
+    chance = at_chance(matched)
     results, page, _ = told("abx", chance, tmp_path, level="scaling")
 
     (fit,) = results.critical
@@ -147,15 +160,38 @@ def test_a_threshold_between_the_levels_is_placed_and_one_far_outside_is_not():
 
 
 def test_a_threshold_that_is_not_identified_is_no_number_in_table_or_sentence(matched, tmp_path):
-    flat = matched.assign(correct=np.arange(len(matched)) % 2)
+    flat = at_chance(matched)
     results, page, text = told("abx", flat, tmp_path, level="scaling")
 
     (fit,) = results.curves.values()
     assert not fit.identified([0.1, 0.3, 0.8])
     assert f"'{fit.threshold:.3g}'" not in page
     assert f"'{UNKNOWN}', 'none', 'none'" in page
-    if results.thresholds is not None:
-        (one,) = results.thresholds.thresholds
-        moved = replace(results.thresholds, thresholds=(replace(one, value=-1.25e5),))
-        assert f"all {UNKNOWN}" in say.apa_thresholds(moved, levels=[0.1, 0.8])
-    assert "e+" not in text
+    model = results.thresholds
+    (one,) = model.thresholds
+    assert not one.identified([0.1, 0.3, 0.8])
+    assert f"v1 {UNKNOWN} (participants SD" in text
+    far = replace(model, thresholds=(replace(one, value=-1.25e5, lower=-2e5, upper=0.0),))
+    assert f"v1 {UNKNOWN} (" in say.apa_thresholds(far, levels=[0.1, 0.8])
+    assert "v1 -1.25e+05, 95% CI [-2e+05, 0] (" in say.apa_thresholds(far)
+
+
+def test_thresholds_that_are_not_identified_are_not_compared():
+    rows = simulate_identification(
+        TaskDesign(6, 1, 8),
+        {"a": 14.0, "b": 17.0},
+        np.random.default_rng(4),
+        levels=[5, 10, 15, 20, 25],
+        width=-12.0,
+    )
+    model = fit_thresholds(rows, "level", ("method",))
+    counts = {"a": Counts((5.0, 25.0), (1, 1), (2, 2))}
+    settings = SimpleNamespace(label=str.upper)
+    notes: list[str] = []
+    assert _placed(model, counts, settings, notes) == model.contrasts != ()
+    assert notes == []
+
+    far = replace(model.thresholds[1], value=-1.25e5)
+    moved = replace(model, thresholds=(model.thresholds[0], far))
+    assert _placed(moved, counts, settings, notes) == ()
+    assert notes == [f"thresholds of A and B are not compared: {UNKNOWN}"]
