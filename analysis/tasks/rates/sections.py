@@ -482,7 +482,7 @@ def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[B
 def _models(results: RateResults) -> tuple[Block, ...]:
     beside = results.models
     assert beside is not None
-    groups = list(beside.mixed.random_sd)
+    groups = results.groups
     fits = (
         ("trials independent", beside.independent),
         ("clustered", beside.clustered),

@@ -90,6 +90,16 @@ class RateResults:
         return any(one.scenes > 1 for one in self.rates)
 
     @property
+    def groups(self) -> tuple[str, ...]:
+        """What the models of right answers cluster by: what has several values in the table."""
+        found = {"participant": self.participant_shares, "scene": self.scene_shares}
+        return tuple(
+            group
+            for group, shares in found.items()
+            if len({name for pairs in shares.values() for name, _ in pairs}) > 1
+        )
+
+    @property
     def measure(self) -> str:
         """What the planned comparisons compare."""
         return self.comparisons[0].measure if self.comparisons else ""

@@ -192,7 +192,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
                 " random over participants."
             )
         if results.models is not None:
-            groups = list(results.models.mixed.random_sd)
+            groups = results.groups
             text += (
                 f" Logistic models, {results.models.independent.formula}, are given with trials as"
                 f" independent, with standard errors clustered by {' and '.join(groups)}, and with"
