@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from analysis.critical_scaling import critical_scaling
-from analysis.psychometric import fit_psychometric
+from analysis.psychometric import _Problem, fit_psychometric
 from analysis.simulated_tasks import (
     TaskDesign,
     simulate_abx,
@@ -195,3 +195,25 @@ def test_thresholds_that_are_not_identified_are_not_compared():
     moved = replace(model, thresholds=(model.thresholds[0], far))
     assert _placed(moved, counts, settings, notes) == ()
     assert notes == [f"thresholds of A and B are not compared: {UNKNOWN}"]
+
+
+@pytest.mark.parametrize("shape", ["gauss", "weibull"])
+@pytest.mark.parametrize("log_width", [-1e4, 1e4])
+def test_a_search_that_runs_away_does_not_overflow(shape, log_width):
+    x, right, shown = np.array([1.0, 2.0, 3.0]), np.array([9.0, 10.0, 12.0]), np.full(3, 20.0)
+    problem = _Problem(x, right, shown, 0.5, 0.0, shape, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(problem.loss(np.array([0.5, log_width])))
+
+
+def test_limits_beyond_every_float_are_infinite_without_a_warning(matched, monkeypatch):
+    flat = 1.1e-6 * np.eye(5)
+    monkeypatch.setattr("analysis.critical_scaling.numeric_hessian", lambda *_, **__: flat)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = critical_scaling(matched)
+
+    assert fit.gain_limits == (0.0, float("inf"))
+    assert not fit.gain_identified
+    assert f"gain {UNKNOWN}" in say.apa_critical(fit)
