@@ -38,6 +38,16 @@ FEW_PARTICIPANTS = 5
 HARDLY_SEEN = 1.0
 """d' at the largest scaling below which the law cannot be placed."""
 
+HARDLY_SEEN_NOTE = (
+    "hardly a difference was seen at the largest scaling: critical scaling and gain are little"
+    " more than their priors"
+)
+
+UNBOUNDED = 1000.0
+"""Limits whose ends differ by more than this factor leave a critical scaling or gain open.
+
+The gains that a fit looks at (`GAINS`) span a factor of 133."""
+
 SD_PRIOR = 0.5
 """Scale of the Rayleigh law that the deviations of ln s_c and ln gain are drawn to.
 
@@ -78,6 +88,16 @@ class CriticalScaling:
     participants: int
     individual: Mapping[str, tuple[float, float]]
     warnings: tuple[str, ...]
+
+    @property
+    def critical_identified(self) -> bool:
+        """Whether the answers bound the critical scaling."""
+        return HARDLY_SEEN_NOTE not in self.warnings and _bounded(self.critical_limits)
+
+    @property
+    def gain_identified(self) -> bool:
+        """Whether the answers bound the gain."""
+        return HARDLY_SEEN_NOTE not in self.warnings and _bounded(self.gain_limits)
 
     def d_prime(self, scaling: Floats) -> Floats:
         """Return d' at scalings, of the typical participant."""
@@ -250,9 +270,12 @@ def critical_scaling(
     if proper:
         error = np.sqrt(np.diag(np.linalg.inv(hessian)))
         reach = float(stats.t.ppf(0.5 + 0.5 * level, people - 1)) * error
-        limits = [
-            (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k]))) for k in (0, 1)
-        ]
+        # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
+        with np.errstate(over="ignore", under="ignore"):
+            limits = [
+                (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k])))
+                for k in (0, 1)
+            ]
     values = joint(best)
     mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
     mass /= mass.sum(axis=(1, 2), keepdims=True)
@@ -373,6 +396,11 @@ def _bootstrap(
     return float(np.exp(lower)), float(np.exp(upper))
 
 
+def _bounded(limits: tuple[float, float] | None) -> bool:
+    """Return whether limits of a positive quantity say anything."""
+    return limits is not None and limits[0] > 0 and limits[1] < UNBOUNDED * limits[0]
+
+
 def _own(rows: pd.DataFrame, column: str, rule: AbxRule, law: Law) -> float:
     """Return ln s_c of one person."""
     return float(np.log(fit_person(rows, column=column, rule=rule, law=law, limits=False).critical))
@@ -489,8 +517,5 @@ def _notes(critical: float, gain: float, scalings: Floats, law: Law) -> list[str
     if critical < scalings.min():
         notes.append("the critical scaling lies below all scalings shown: it is extrapolated")
     if float(scaling_d_prime(scalings.max(), critical, gain, law)) < HARDLY_SEEN:
-        notes.append(
-            "hardly a difference was seen at the largest scaling: critical scaling and gain are"
-            " little more than their priors"
-        )
+        notes.append(HARDLY_SEEN_NOTE)
     return notes

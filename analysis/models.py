@@ -273,7 +273,8 @@ def _mixed(
     for column, deviation in zip(names, solution.sd, strict=True):
         if deviation < 1e-3:
             found.append(f"no variance between levels of {column} was found (sd 0)")
-    effects = f"crossed random intercepts ({', '.join(groups)})"
+    crossed = "crossed random" if len(groups) > 1 else "random"
+    effects = f"{crossed} intercepts ({', '.join(groups)})"
     if slopes:
         effects += f", random slopes ({', '.join(names[len(groups) :])})"
     fit = ModelFit(

@@ -1,6 +1,6 @@
 """Psychometric functions with guess and lapse rates, by maximum likelihood."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +20,17 @@ WIDTH_EDGE = 0.05
 """The width spans the sigmoid's rise from this share to one minus it."""
 
 LAPSE_MAX = 0.1
+
+LOG_MAX = 300.0
+"""Largest logarithm of a width (in ranges of x), or of a threshold, that a fit may try.
+
+Flat answers pull the width towards infinity. Far below this no answer can tell, and the exponential
+stays finite."""
+
+OPEN_RANGES = 10.0
+"""A limit outside the levels shown by more than so many of their ranges is none."""
+
+FLAT = "performance is the same at every level: no curve can be placed"
 
 SATURATED = 0.01
 """A level whose rise is this near 0 or 1 says nothing about the width."""
@@ -66,6 +77,21 @@ class Psychometric:
         rise = sigmoid(np.asarray(x, dtype=np.float64), self.threshold, self.width, self.shape)
         return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * rise)
 
+    def identified(self, levels: Sequence[float]) -> bool:
+        """Return whether answers at these levels, the ones shown, place the threshold.
+
+        They do not where performance is flat, where the threshold lies outside the levels, or
+        where a limit lies so far outside (`OPEN_RANGES`) that nothing bounds it. A
+        threshold between the levels can go without limits (the lapse rate ran into its bound): it
+        is placed.
+        """
+        low, high = min(levels), max(levels)
+        if FLAT in self.warnings or not low <= self.threshold <= high:
+            return False
+        reach = OPEN_RANGES * (high - low)
+        ends = self.threshold_limits or (self.threshold, self.threshold)
+        return low - reach <= ends[0] and ends[1] <= high + reach
+
 
 def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
     """Return S(x): one half at `threshold`, from .05 to .95 over `width`.
@@ -85,7 +111,7 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
     slope = _weibull_slope(threshold, width, low - middle, high - middle)
     with np.errstate(divide="ignore"):
         level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + middle
-    return np.asarray(-np.expm1(-np.exp(level)))
+    return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
 
 
 def fit_psychometric(
@@ -182,8 +208,8 @@ class _Problem:
         guess = self.guess if self.guess is not None else 0.5 * float(np.sin(rates.pop(0)) ** 2)
         lapse = self.lapse if self.lapse is not None else LAPSE_MAX * float(np.sin(rates[0]) ** 2)
         scale = self._scale()
-        threshold = float(np.exp(theta[0])) if self.shape == "weibull" else theta[0] * scale
-        return float(threshold), float(np.exp(theta[1]) * scale), guess, lapse
+        threshold = _exp(theta[0]) if self.shape == "weibull" else theta[0] * scale
+        return float(threshold), _exp(theta[1]) * scale, guess, lapse
 
     def _scale(self) -> float:
         return float(np.ptp(self.x))
@@ -290,7 +316,7 @@ def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
     notes = []
     rise = sigmoid(problem.x, threshold, width, problem.shape)
     if np.ptp(share) == 0:
-        notes.append("performance is the same at every level: no curve can be placed")
+        notes.append(FLAT)
     elif np.all((rise < SATURATED) | (rise > 1.0 - SATURATED)):
         notes.append("the answers jump between two levels: the width is only bounded above")
     elif not problem.x.min() <= threshold <= problem.x.max():
@@ -298,6 +324,10 @@ def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
     if problem.lapse is None and lapse > 0.95 * LAPSE_MAX:
         notes.append(f"the lapse rate ran into its bound of {LAPSE_MAX}")
     return tuple(notes)
+
+
+def _exp(value: float) -> float:
+    return float(np.exp(np.clip(value, -LOG_MAX, LOG_MAX)))
 
 
 def _log_terms(successes: Floats, trials: Floats, share: Floats) -> Floats:

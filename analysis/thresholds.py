@@ -37,6 +37,18 @@ class Threshold:
     width: float
     individual: Mapping[str, float]
 
+    def identified(self, levels: Sequence[float] = ()) -> bool:
+        """Return whether the answers place it: with limits, not far outside the levels shown.
+
+        Far is further than the levels' range.
+        """
+        if self.lower is None or self.upper is None:
+            return False
+        if not levels:
+            return True
+        low, high = min(levels), max(levels)
+        return 2.0 * low - high <= self.value <= 2.0 * high - low
+
 
 @dataclass(frozen=True)
 class ThresholdModel:

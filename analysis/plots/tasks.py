@@ -112,9 +112,14 @@ def scaling_plot(
         figure = new_figure(width_in, 2.7 if width_in < 5 else 3.3, simulated=simulated)
         axes = figure.subplots()
         everything = np.concatenate([x for x, *_ in counts.values()])
-        ends = [fit.critical_limits for fit in fits if fit.critical_limits is not None]
-        low = min([everything.min(), *(fit.critical for fit in fits), *(e[0] for e in ends)])
-        high = max([everything.max(), *(fit.critical for fit in fits)])
+        ends = [
+            fit.critical_limits
+            for fit in fits
+            if fit.critical_identified and fit.critical_limits is not None
+        ]
+        placed = [fit.critical for fit in fits if fit.critical_identified]
+        low = min([everything.min(), *placed, *(e[0] for e in ends)])
+        high = max([everything.max(), *placed])
         fine = np.geomspace(low, high, 300)
         bottom = 0.0
         for number, fit in enumerate(fits):
@@ -139,6 +144,8 @@ def scaling_plot(
             )
             curve = abx_d_prime(fit.average_share(fine), fit.rule)
             axes.plot(fine, curve, color=colour, lw=1.8, alpha=0.85)
+            if not fit.critical_identified:
+                continue
             across = axes.get_xaxis_transform()
             height = 0.04 + 0.05 * number
             axes.plot(fit.critical, height, marker, color=colour, ms=4, transform=across)

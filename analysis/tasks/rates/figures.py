@@ -30,13 +30,14 @@ def rate_figures(
     """Return every figure these results allow, in reading order."""
     label, limits = settings.label, f"{100 * settings.confidence:g} %"
     sensitivity = results.sensitivity
+    respected = "participants and scenes" if results.by_scene else "participants"
     made = []
     if isinstance(sensitivity, YesNoResults):
         made.append(
             ReportFigure(
                 "correct",
                 f"Shares of right answers, and of one answer, with {limits} limits that respect"
-                " participants and scenes; p against one half; dashed: one half.",
+                f" {respected}; p against one half; dashed: one half.",
                 lambda width: detection_plot(
                     sensitivity, label=label, width_in=width, simulated=simulated
                 ),
@@ -46,8 +47,8 @@ def rate_figures(
         made.append(
             ReportFigure(
                 "correct",
-                f"Shares of right answers with {limits} limits that respect participants and"
-                " scenes; p against chance, which is dashed.",
+                f"Shares of right answers with {limits} limits that respect {respected};"
+                " p against chance, which is dashed.",
                 lambda width: rates_plot(
                     results.rates, label=label, width_in=width, simulated=simulated
                 ),
@@ -148,7 +149,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                 "scaling",
                 f"d' by {settings.level}: data with standard errors (thin), the population's fit"
                 " (thick); below, critical scalings of the typical participant with"
-                f" {100 * settings.confidence:g} % limits.",
+                f" {100 * settings.confidence:g} % limits, where these data identify them.",
                 lambda width: scaling_plot(
                     results.critical,
                     {fit.condition: counts[fit.condition] for fit in results.critical},  # type: ignore[misc]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from analysis.critical_scaling import CriticalScaling
 from analysis.detection import DiscriminationResults, Measure, YesNoResults
 from analysis.models import ModelFit
+from analysis.psychometric import Psychometric
 from analysis.rates import Difference, Rate
 from analysis.report.wording import big, grouped, number, p_number, p_text, share, share_range
 from analysis.tasks.blocks import (
@@ -20,6 +21,7 @@ from analysis.tasks.blocks import (
 from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
+from analysis.tasks.rates.wording import NOT_IDENTIFIED
 from analysis.thresholds import ThresholdModel
 
 INFINITE = "\N{INFINITY}"
@@ -103,7 +105,7 @@ def _correct(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
         _rate_table(f"Right answers by {settings.by or 'condition'}", rates, settings),
         Paragraph(
             "p: against chance, with errors clustered by participant"
-            + (" and scene" if results.scene_shares else "")
+            + (" and scene" if results.by_scene else "")
             + "; limits belong to the same test. Pooled exact p takes trials as independent, which"
             " they are not.",
             muted=True,
@@ -307,7 +309,8 @@ def _differences(caption: str, found: Sequence[Difference], settings: RateSettin
 def _levels(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
     blocks: list[Block] = [Picture("levels"), *_curves(results, settings)]
     if results.thresholds is not None:
-        blocks += _thresholds(results.thresholds, settings)
+        shown = [level for one in results.counts.values() for level in one.levels]
+        blocks += _thresholds(results.thresholds, shown, settings)
     if results.critical:
         blocks += [Heading("Critical scaling"), Picture("scaling")]
         blocks += _critical(results.critical, settings)
@@ -316,6 +319,15 @@ def _levels(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
             results.critical_contrasts,
             settings,
         )
+        if results.critical_contrasts:
+            blocks.append(
+                Paragraph(
+                    "Differences are means of each participant's own fit. With few trials of each"
+                    " these fits are noisy, and their mean can differ from the typical"
+                    " participant's critical scalings above, even in sign.",
+                    muted=True,
+                )
+            )
     notes = [(settings.label(name), fit.warnings) for name, fit in results.curves.items()]
     if results.thresholds is not None:
         notes.append(("thresholds over participants", results.thresholds.warnings))
@@ -340,9 +352,7 @@ def _curves(results: RateResults, settings: RateSettings) -> list[Block]:
             [
                 (
                     settings.label(name),
-                    f"{fit.threshold:.3g}",
-                    _pair(fit.threshold_limits),
-                    f"{fit.width:.3g}",
+                    *_placed(fit, results.counts[name].levels),
                     share(fit.lapse),
                     p_number(fit.p) if fit.df > 0 else "none",
                 )
@@ -357,7 +367,17 @@ def _curves(results: RateResults, settings: RateSettings) -> list[Block]:
     ]
 
 
-def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
+def _placed(fit: Psychometric, levels: Sequence[float]) -> tuple[str, str, str]:
+    """Return threshold, limits and width as text; none where the answers do not place them."""
+    if not fit.identified(levels):
+        return NOT_IDENTIFIED, "none", "none"
+    return f"{fit.threshold:.3g}", _pair(fit.threshold_limits), f"{fit.width:.3g}"
+
+
+def _thresholds(
+    model: ThresholdModel, levels: Sequence[float], settings: RateSettings
+) -> list[Block]:
+    placed = {one.condition for one in model.thresholds if one.identified(levels)}
     own = sorted({who for one in model.thresholds for who in one.individual})
     blocks: list[Block] = [
         Table.of(
@@ -372,11 +392,15 @@ def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
             [
                 (
                     settings.label(one.condition),
-                    f"{one.value:.3g}",
+                    f"{one.value:.3g}" if one.condition in placed else NOT_IDENTIFIED,
                     _pair(
-                        None if one.lower is None or one.upper is None else (one.lower, one.upper)
+                        (one.lower, one.upper)
+                        if one.condition in placed
+                        and one.lower is not None
+                        and one.upper is not None
+                        else None
                     ),
-                    f"{one.width:.3g}",
+                    f"{one.width:.3g}" if one.condition in placed else "none",
                 )
                 for one in model.thresholds
             ],
@@ -406,7 +430,9 @@ def _thresholds(model: ThresholdModel, settings: RateSettings) -> list[Block]:
                 (
                     who,
                     *(
-                        f"{one.individual[who]:.3g}" if who in one.individual else "none"
+                        f"{one.individual[who]:.3g}"
+                        if who in one.individual and one.condition in placed
+                        else "none"
                         for one in model.thresholds
                     ),
                 )
@@ -435,11 +461,11 @@ def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[B
             [
                 (
                     settings.label(one.condition),
-                    f"{one.critical:.3g}",
-                    _pair(one.critical_limits),
-                    f"{one.gain:.3g}",
-                    _pair(one.gain_limits),
-                    number(one.critical_sd),
+                    f"{one.critical:.3g}" if one.critical_identified else NOT_IDENTIFIED,
+                    _pair(one.critical_limits if one.critical_identified else None),
+                    f"{one.gain:.3g}" if one.gain_identified else NOT_IDENTIFIED,
+                    _pair(one.gain_limits if one.gain_identified else None),
+                    number(one.critical_sd) if one.critical_identified else "none",
                     share(one.lapse),
                 )
                 for one in fits
@@ -456,6 +482,7 @@ def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[B
 def _models(results: RateResults) -> tuple[Block, ...]:
     beside = results.models
     assert beside is not None
+    groups = results.groups
     fits = (
         ("trials independent", beside.independent),
         ("clustered", beside.clustered),
@@ -495,9 +522,10 @@ def _models(results: RateResults) -> tuple[Block, ...]:
         ),
         Paragraph(
             "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
-            " independent, as papers print it; the second clusters its errors by participant and"
-            " scene; the third has them as crossed random intercepts, and so speaks of the typical"
-            " participant.",
+            " independent, as papers print it; the second clusters its errors by"
+            f" {' and '.join(groups)}; the third has"
+            f" {'them as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random intercepts,"
+            f" and so speaks of the typical {groups[0]}.",
             muted=True,
         ),
         Cautions(

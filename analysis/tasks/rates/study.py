@@ -85,6 +85,21 @@ class RateResults:
     warnings: tuple[str, ...]
 
     @property
+    def by_scene(self) -> bool:
+        """Whether errors are clustered by scene too: where a condition has several scenes."""
+        return any(one.scenes > 1 for one in self.rates)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """What the models of right answers cluster by: what has several values in the table."""
+        found = {"participant": self.participant_shares, "scene": self.scene_shares}
+        return tuple(
+            group
+            for group, shares in found.items()
+            if len({name for pairs in shares.values() for name, _ in pairs}) > 1
+        )
+
+    @property
     def measure(self) -> str:
         """What the planned comparisons compare."""
         return self.comparisons[0].measure if self.comparisons else ""
@@ -150,7 +165,9 @@ def analyse_rates(
             thresholds = replace(
                 thresholds,
                 thresholds=_in_order(thresholds.thresholds, shown, lambda one: one.condition),
-                contrasts=_in_order(thresholds.contrasts, shown, lambda one: one.first),
+                contrasts=_in_order(
+                    _placed(thresholds, counts, settings, notes), shown, lambda one: one.first
+                ),
             )
     critical: tuple[CriticalScaling, ...] = ()
     critical_contrasts: tuple[Difference, ...] = ()
@@ -271,6 +288,23 @@ def _counts(rows: pd.DataFrame, level: str) -> Counts:
         tuple(map(int, table["sum"])),
         tuple(map(int, table["size"])),
     )
+
+
+def _placed(
+    model: ThresholdModel, counts: Mapping[str, Counts], settings: RateSettings, notes: list[str]
+) -> tuple[Difference, ...]:
+    """Return the differences of thresholds that the answers place, and note the others."""
+    levels = [level for one in counts.values() for level in one.levels]
+    found = []
+    for one in model.contrasts:
+        if model[one.first].identified(levels) and model[one.second].identified(levels):
+            found.append(one)
+        else:
+            notes.append(
+                f"thresholds of {settings.label(one.first)} and {settings.label(one.second)} are"
+                " not compared: not identified by these data"
+            )
+    return tuple(found)
 
 
 def _curves(

@@ -173,9 +173,18 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         if results.counts:
             text += (
                 f" Psychometric functions over {settings.level} were fitted by maximum likelihood"
-                " with a guess rate of chance. Thresholds in the population come from one mixed"
-                " model of all trials, random over participants and conditions (Laplace"
-                " approximation), with one lapse rate, drawn towards small ones, for all."
+                " with a guess rate of chance."
+            )
+        if results.thresholds is not None:
+            effects = ["participants"]
+            if results.thresholds.scene_sd:
+                effects.append("scenes")
+            if len(results.thresholds.thresholds) > 1:
+                effects.append("participants x conditions")
+            text += (
+                " Thresholds in the population come from one mixed model of all trials, random"
+                f" over {', '.join(effects)} (Laplace approximation), with one lapse rate, drawn"
+                " towards small ones, for all."
             )
         if results.critical:
             text += (
@@ -183,10 +192,12 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
                 " random over participants."
             )
         if results.models is not None:
+            groups = results.groups
             text += (
                 f" Logistic models, {results.models.independent.formula}, are given with trials as"
-                " independent, with standard errors clustered by participant and scene, and with"
-                " both as crossed random intercepts."
+                f" independent, with standard errors clustered by {' and '.join(groups)}, and with"
+                f" {'both as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random"
+                " intercepts."
             )
         corrected = ", Holm-adjusted" if settings.correction == "holm" else ", not adjusted"
         if len(results.comparisons) > 1:
@@ -213,7 +224,8 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             ]
         found += [apa_difference(one) for one in results.comparisons]
         if results.thresholds is not None:
-            found.append(apa_thresholds(results.thresholds))
+            shown = [level for one in results.counts.values() for level in one.levels]
+            found.append(apa_thresholds(results.thresholds, levels=shown))
         found += [apa_critical(one) for one in results.critical]
         if results.models is not None:
             mixed = results.models.mixed

@@ -1,6 +1,7 @@
 """Results of tasks with right answers in words: APA style, ready to paste."""
 
 import math
+from collections.abc import Sequence
 
 from analysis.critical_scaling import CriticalScaling
 from analysis.detection import (
@@ -16,6 +17,8 @@ from analysis.power_tasks import TaskPower
 from analysis.rates import Difference, Rate
 from analysis.report.wording import leading, number, p_text, share, share_range
 from analysis.thresholds import ThresholdModel
+
+NOT_IDENTIFIED = "not identified by these data"
 
 
 def apa_rate(rate: Rate, *, name: str = "") -> str:
@@ -68,16 +71,14 @@ def apa_difference(one: Difference) -> str:
     return text + "."
 
 
-def apa_thresholds(model: ThresholdModel, *, unit: str = "") -> str:
-    """Return the thresholds of all conditions as a sentence."""
+def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[float] = ()) -> str:
+    """Return the thresholds of all conditions as a sentence; `levels` are those shown."""
     after = f" {unit}" if unit else ""
     parts = [
-        f"{one.condition} {_digits(one.value)}{after}"
-        + (
-            f", {_level(model.level)} [{_digits(one.lower)}, {_digits(one.upper)}]"
-            if one.lower is not None and one.upper is not None
-            else " (no limits)"
-        )
+        f"{one.condition} {_digits(one.value)}{after}, {_level(model.level)}"
+        f" [{_digits(one.lower)}, {_digits(one.upper)}]"
+        if one.lower is not None and one.upper is not None and one.identified(levels)
+        else f"{one.condition} {NOT_IDENTIFIED}"
         for one in model.thresholds
     ]
     spread = f"participants SD = {_digits(model.participant_sd)}"
@@ -96,10 +97,13 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "") -> str:
 def apa_critical(fit: CriticalScaling) -> str:
     """Return a critical scaling as a sentence."""
 
-    def limits(ends: tuple[float, float] | None) -> str:
-        if ends is None:
-            return "no limits"
-        return f"{_level(fit.level)} [{_digits(ends[0])}, {_digits(ends[1])}]"
+    def quantity(
+        name: str, value: float, ends: tuple[float, float] | None, identified: bool
+    ) -> str:
+        if not identified or ends is None:
+            return f"{name} {NOT_IDENTIFIED}"
+        interval = f"[{_digits(ends[0])}, {_digits(ends[1])}]"
+        return f"{name} = {_digits(value)}, {_level(fit.level)} {interval}"
 
     who = "one participant" if fit.participants == 1 else f"{fit.participants} participants"
     laws = {
@@ -108,11 +112,17 @@ def apa_critical(fit: CriticalScaling) -> str:
     }
     text = (
         f"Critical scaling of condition {fit.condition} ({who}, ABX by the {fit.rule} rule,"
-        f" {laws[fit.law]}): s_c = {_digits(fit.critical)}, {limits(fit.critical_limits)};"
-        f" gain = {_digits(fit.gain)}, {limits(fit.gain_limits)}"
+        f" {laws[fit.law]}):"
+        f" {quantity('s_c', fit.critical, fit.critical_limits, fit.critical_identified)};"
+        f" {quantity('gain', fit.gain, fit.gain_limits, fit.gain_identified)}"
     )
     if fit.participants > 1:
-        text += f"; SD of ln s_c = {number(fit.critical_sd)}, of ln gain = {number(fit.gain_sd)}"
+        spreads = (
+            ("ln s_c", fit.critical_sd, fit.critical_identified),
+            ("ln gain", fit.gain_sd, fit.gain_identified),
+        )
+        said = [f"of {name} = {number(sd)}" for name, sd, known in spreads if known]
+        text += f"; SD {', '.join(said)}" if said else ""
     return f"{text}; lapse rate {leading(f'{fit.lapse:.3f}')}."
 
 
@@ -150,11 +160,16 @@ def apa_power(found: TaskPower) -> str:
 
 def methods_yes_no(results: YesNoResults) -> str:
     """Return how a yes-no task was analysed, ready to paste."""
+    clusters = (
+        "participant and scene (two-way, Cameron, Gelbach & Miller, 2011, of"
+        if any(one.correct.scenes > 1 for one in results.conditions)
+        else "participant (of"
+    )
     return (
         "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
         f" condition's table{_correction(results.correction)}. Limits and tests, also between"
-        " conditions, are t with standard errors clustered by participant and scene (two-way,"
-        " Cameron, Gelbach & Miller, 2011, of each trial's influence on z); shares have Wilson"
+        f" conditions, are t with standard errors clustered by {clusters}"
+        " each trial's influence on z); shares have Wilson"
         " limits with the effective number of trials, and p from the same score test. Tests"
         " between conditions are Holm-adjusted."
     )
@@ -162,10 +177,12 @@ def methods_yes_no(results: YesNoResults) -> str:
 
 def methods_discrimination(results: DiscriminationResults) -> str:
     """Return how d' of an identification or ABX task was made, ready to paste."""
+    several = any(one.correct.scenes > 1 for one in results.conditions)
+    clusters = "participant and scene" if several else "participant"
     return (
         f"d' ({results.rule}) was taken from each condition's share of correct answers"
         f"{_correction(results.correction)}; its limits are those of the share (Wilson, effective"
-        " number of trials clustered by participant and scene), mapped to d'. Conditions were"
+        f" number of trials clustered by {clusters}), mapped to d'. Conditions were"
         " compared as shares correct, Holm-adjusted."
     )
 

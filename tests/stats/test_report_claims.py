@@ -1,0 +1,219 @@
+"""Reports of right answers claim only what was done, and only what their data identify."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.critical_scaling import critical_scaling
+from analysis.psychometric import _Problem, fit_psychometric
+from analysis.simulated_tasks import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
+from analysis.tasks import analysis_of
+from analysis.tasks.rates import wording as say
+from analysis.tasks.rates.sections import sections
+from analysis.tasks.rates.study import Counts, _placed
+from analysis.thresholds import Threshold, fit_thresholds
+
+UNKNOWN = "not identified by these data"
+
+
+def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
+    """Return results, the sections' text, and methods, sentences and captions as one text."""
+    analysis = analysis_of(kind)
+    trials.to_csv(folder / "t.csv", index=False)
+    chosen = analysis.options(**options)
+    rows = analysis.read(folder / "t.csv", {}, chosen)
+    settings = analysis.settings_of_table(rows, "t", chosen)
+    results = analysis.analyse(rows, settings, lambda _name: None)
+    methods = analysis.methods(
+        results, settings, people=6, decisions=len(rows), flow=(), version="0"
+    )
+    captions = [one.caption for one in analysis.figures(rows, results, settings, simulated=True)]
+    page = repr(sections(results, settings))
+    return results, page, " ".join([methods, *analysis.sentences(results, settings), *captions])
+
+
+@pytest.fixture(scope="module")
+def matched() -> pd.DataFrame:
+    return simulate_abx(
+        TaskDesign(6, 3, 3), {"v1": 0.2}, np.random.default_rng(3), scalings=[0.1, 0.3, 0.8]
+    )
+
+
+@pytest.fixture(scope="module")
+def detected() -> pd.DataFrame:
+    design = TaskDesign(6, 4, 4)
+    return simulate_yes_no(design, {"blur": 1.5, "ours": 0.5}, np.random.default_rng(5))
+
+
+def at_chance(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return trials half of which are right, whatever was shown."""
+    return trials.drop(columns=["expected", "answer"]).assign(correct=np.arange(len(trials)) % 2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "trials", "options"),
+    [
+        ("abx", "matched", {"level": "scaling"}),
+        ("detection", "detected", {"signal": "inconsistent"}),
+    ],
+)
+def test_scenes_are_spoken_of_only_where_errors_respect_them(
+    kind, trials, options, tmp_path, request
+):
+    table = request.getfixturevalue(trials)
+    _, page, text = told(kind, table, tmp_path, **options)
+    assert "clustered by participant and scene" in text
+    assert "respect participants and scenes" in text
+    assert "both as crossed random intercepts" in text
+    assert "clusters its errors by participant and scene; the third has them as crossed" in page
+
+    for rows, test in (
+        (table, "participant"),
+        (table.drop(columns="scene"), "participant-scene"),
+        (table.assign(scene="park"), "participant-scene"),
+    ):
+        _, page, text = told(kind, rows, tmp_path, test=test, **options)
+        assert "clustered by participant" in text
+        assert "respect participants;" in text
+        assert "participants as random intercepts" in text
+        assert "clusters its errors by participant; the third has participants as random" in page
+        assert not re.search(r"and scene|crossed|two-way", text)
+        assert not re.search(r"participants? and scene\b|crossed", page)
+
+
+def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(matched, tmp_path):
+    note = "Differences are means of each participant's own fit"
+    other = matched.assign(method="v2", correct=np.roll(matched["correct"], 1))
+    both = pd.concat([matched, other]).drop(columns=["expected", "answer", "order"])
+    results, page, _ = told("abx", both, tmp_path, level="scaling")
+    assert results.critical_contrasts
+    assert note in page
+
+    _, alone, _ = told("abx", matched, tmp_path, level="scaling")
+    assert note not in alone
+
+
+def test_a_critical_scaling_or_gain_that_is_not_bounded_is_no_number(matched):
+    fit = critical_scaling(matched)
+    known = replace(fit, critical_limits=(0.1, 0.3), gain_limits=(2.0, 9.0), warnings=())
+    assert UNKNOWN not in say.apa_critical(known)
+
+    for ends in ((0.0, float("inf")), (1e-200, 1e200), None):
+        text = say.apa_critical(replace(known, gain=123.0, gain_limits=ends))
+        assert f"gain {UNKNOWN}" in text
+        assert "s_c = " in text
+        assert not re.search(r"123|\binf\b|of ln gain", text)
+    chance = at_chance(matched)
+    text = say.apa_critical(critical_scaling(chance))
+    assert f"s_c {UNKNOWN}; gain {UNKNOWN}; lapse" in text
+
+
+def test_a_critical_scaling_that_is_not_identified_is_no_number_in_the_table(matched, tmp_path):
+    chance = at_chance(matched)
+    results, page, _ = told("abx", chance, tmp_path, level="scaling")
+
+    (fit,) = results.critical
+    assert not fit.critical_identified
+    assert f"'{fit.critical:.3g}'" not in page
+    assert f"'{UNKNOWN}', 'none', '{UNKNOWN}', 'none', 'none'" in page
+
+
+@pytest.mark.parametrize("shape", ["gauss", "logistic", "weibull"])
+@pytest.mark.parametrize(
+    "right", [(10, 10, 10, 10), (11, 10, 10, 9), (20, 20, 20, 20), (9, 9, 9, 10)]
+)
+def test_flat_answers_are_fitted_without_overflow_and_place_no_threshold(shape, right):
+    levels = np.array([1.0, 2.0, 3.0, 4.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = fit_psychometric(levels, np.array(right), np.full(4, 20.0), shape=shape)
+
+    assert np.isfinite([fit.threshold, fit.width]).all()
+    assert not fit.identified(levels.tolist())
+
+
+def test_a_threshold_between_the_levels_is_placed_and_one_far_outside_is_not():
+    levels = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    fit = fit_psychometric(levels, np.array([20, 22, 30, 38, 40.0]), np.full(5, 40.0))
+    assert fit.identified(levels.tolist())
+    assert not replace(fit, threshold=-1.25e5).identified(levels.tolist())
+    assert not replace(fit, threshold_limits=(-1.25e5, 3.5)).identified(levels.tolist())
+    assert replace(fit, threshold_limits=None).identified(levels.tolist())
+
+    one = Threshold("ours", 3.0, 2.0, 4.0, 2.0, {})
+    assert one.identified(levels.tolist())
+    assert not replace(one, value=-1.25e5).identified(levels.tolist())
+    assert not replace(one, lower=None, upper=None).identified(levels.tolist())
+
+
+def test_a_threshold_that_is_not_identified_is_no_number_in_table_or_sentence(matched, tmp_path):
+    flat = at_chance(matched)
+    results, page, text = told("abx", flat, tmp_path, level="scaling")
+
+    (fit,) = results.curves.values()
+    assert not fit.identified([0.1, 0.3, 0.8])
+    assert f"'{fit.threshold:.3g}'" not in page
+    assert f"'{UNKNOWN}', 'none', 'none'" in page
+    model = results.thresholds
+    (one,) = model.thresholds
+    assert not one.identified([0.1, 0.3, 0.8])
+    assert f"v1 {UNKNOWN} (participants SD" in text
+    far = replace(model, thresholds=(replace(one, value=-1.25e5, lower=-2e5, upper=0.0),))
+    assert f"v1 {UNKNOWN} (" in say.apa_thresholds(far, levels=[0.1, 0.8])
+    assert "v1 -1.25e+05, 95% CI [-2e+05, 0] (" in say.apa_thresholds(far)
+
+
+def test_thresholds_that_are_not_identified_are_not_compared():
+    rows = simulate_identification(
+        TaskDesign(6, 1, 8),
+        {"a": 14.0, "b": 17.0},
+        np.random.default_rng(4),
+        levels=[5, 10, 15, 20, 25],
+        width=-12.0,
+    )
+    model = fit_thresholds(rows, "level", ("method",))
+    counts = {"a": Counts((5.0, 25.0), (1, 1), (2, 2))}
+    settings = SimpleNamespace(label=str.upper)
+    notes: list[str] = []
+    assert _placed(model, counts, settings, notes) == model.contrasts != ()
+    assert notes == []
+
+    far = replace(model.thresholds[1], value=-1.25e5)
+    moved = replace(model, thresholds=(model.thresholds[0], far))
+    assert _placed(moved, counts, settings, notes) == ()
+    assert notes == [f"thresholds of A and B are not compared: {UNKNOWN}"]
+
+
+@pytest.mark.parametrize("shape", ["gauss", "weibull"])
+@pytest.mark.parametrize("log_width", [-1e4, 1e4])
+def test_a_search_that_runs_away_does_not_overflow(shape, log_width):
+    x, right, shown = np.array([1.0, 2.0, 3.0]), np.array([9.0, 10.0, 12.0]), np.full(3, 20.0)
+    problem = _Problem(x, right, shown, 0.5, 0.0, shape, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(problem.loss(np.array([0.5, log_width])))
+
+
+def test_limits_beyond_every_float_are_infinite_without_a_warning(matched, monkeypatch):
+    flat = 1.1e-6 * np.eye(5)
+    monkeypatch.setattr("analysis.critical_scaling.numeric_hessian", lambda *_, **__: flat)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = critical_scaling(matched)
+
+    assert fit.gain_limits == (0.0, float("inf"))
+    assert not fit.gain_identified
+    assert f"gain {UNKNOWN}" in say.apa_critical(fit)
