@@ -1,0 +1,46 @@
+"""A ring as the presenter puts it on the screen, pixel by pixel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from protocols.feasibility import virtual_manifest
+from protocols.load import load_study
+from protocols.phases import Optotype, Phase
+from study_app.optotype import landolt_ring
+from study_app.presenter import Presenter
+from study_app.stage import Picture
+
+
+@pytest.mark.parametrize("gap_deg", [None, 90.0])
+def test_a_phase_with_an_optotype_shows_the_ring_and_nothing_else(gl_context, tmp_path, gap_deg):
+    study, display = load_study(Path("demo"))
+    size = (display.width_px, display.height_px)
+    pixels = gl_context.texture(size, 4)
+    screen = gl_context.framebuffer([pixels])
+    screen.use()
+    window = SimpleNamespace(ctx=gl_context, size=size, display=display, now=lambda: 0.0)
+    manifest = virtual_manifest(study, display)
+    presenter = Presenter(
+        window, study, study.text.languages["en"], manifest, tmp_path, refresh_hz=60.0
+    )
+    ring = Optotype(gap_deg, height_deg=1.25, x_deg=5.0, y_deg=-3.0)
+
+    presenter._draw(Picture(Phase("ring", 9, (ring,))))
+
+    shown = np.frombuffer(screen.read(components=3), np.uint8).reshape(size[1], size[0], 3)[::-1]
+    image, (x, y) = landolt_ring(ring, display)
+    alpha = image[..., 3:] / 255.0
+    grey = round(255 * study.display.background)
+    wanted = np.full((size[1], size[0], 3), float(grey))
+    part = wanted[y : y + len(image), x : x + len(image)]
+    part[:] = alpha * image[..., :3] + (1 - alpha) * part
+    presenter.close()
+    screen.release()
+    pixels.release()
+    assert np.abs(shown - wanted).max() <= 1.0
+    assert (shown < 100).any(), "the ring is black on grey"
