@@ -26,16 +26,3 @@ COMMON_COLUMNS = (
     "gaze_blinks", "gaze_violations", "gaze_mean_deg", "gaze_max_deg", "included", "exclusion",
 )  # fmt: skip
 """Names that the tables of every task have: no column of the stimuli may take one."""
-
-
-RESERVED = frozenset(
-    {
-        "session", "participant", "slot", "simulated", "trial", "kind", "attempt", "attempts",
-        "position", "order", "block", "repeat", "outcome", "void_reason", "key_place", "rt_s", "at",
-        "dropped", "warned", "included", "exclusion", "excluded", "first", "second", "expected",
-        "first_side", "chosen", "rejected", "choice", "chose_first", "chosen_side", "answer",
-        "correct", "track", "stimulus", "file", "frames_shown", "frames_planned", "gaze_samples",
-        "gaze_lost_share", "gaze_blinks", "gaze_violations", "gaze_mean_deg", "gaze_max_deg",
-    }
-)  # fmt: skip
-"""Names that tables have for themselves: no column of a condition may take one."""

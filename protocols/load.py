@@ -88,7 +88,8 @@ def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:
     if known is None:
         return problems
     (wanted,) = get_args(known.analysis.model_fields["kind"].annotation)
-    if analysis["kind"] == wanted:
+    kinds = [get_args(t.analysis.model_fields["kind"].annotation)[0] for t in TASKS.values()]
+    if analysis["kind"] == wanted or analysis["kind"] not in kinds:
         return problems
     found = f"must be {wanted!r} for the task {task['kind']!r} (got {analysis['kind']!r})"
     others = [problem for problem in problems if not problem.place.startswith("analysis")]

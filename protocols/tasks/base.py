@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, ClassVar
 
-from protocols.columns import RESERVED, Column
+from protocols.columns import Column
 from protocols.errors import Problem, StudyError
 from protocols.phases import Clip, Fixation, Image, Phase, Text
 from protocols.session_schema import Analysis
@@ -157,13 +157,6 @@ class Task(Model):
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        for name in study.stimuli.columns():
-            if name in RESERVED:
-                yield Problem(
-                    "stimuli",
-                    f"a column of the conditions must not be called {name!r}, which tables use for"
-                    " something else; rename it",
-                )
         if study.stimuli.clip_s is None and self.stimulus_s is None:
             yield Problem("task.stimulus_s", "missing: the stimuli are stills, say how long")
         if study.stimuli.clip_s is not None and self.stimulus_s is not None:

@@ -57,7 +57,7 @@ class RatesAnalysis(Analysis):
             found = next((text for text in texts if not _reads_as_number(text)), texts[0])
             yield Problem(
                 "analysis.level",
-                f"must be a column of numbers (got {found!r} in the stimuli's {self.level})",
+                f"must be a column of numbers (got {found!r} in {self.level})",
             )
 
     def compared(self, study: StudyProtocol) -> tuple[str, ...]:

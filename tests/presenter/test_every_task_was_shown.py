@@ -144,7 +144,7 @@ CASES = {
         'kind = "yes-no"\nsignal = { method = ["two"] }\nstimulus_s = 0.2\n'
         'adaptive = { rule = "up-down", trials = 6, column = "level", start = 2.0,'
         " harder = [1.0], easier = [1.0] }",
-        {"yes": "yes", "no": "no"}, 'kind = "detection"',
+        {"yes": "yes", "no": "no"}, 'kind = "detection"\nlevel = "level"',
     ),
 }  # fmt: skip
 

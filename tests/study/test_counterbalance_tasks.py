@@ -87,8 +87,10 @@ def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, repository):
         'adaptive = { rule = "up-down", column = "level", trials = 24, start = 3.0,'
         " harder = [1.0], easier = [1.0] }\n"
     )
+    old, new = ABX_CHANGES["analysis"]
+    changes = ABX_CHANGES | {"analysis": (old, f'{new}\nlevel = "level"')}
     study = study_of(
-        tmp_path, repository, task, rows, repeats=("repeats = 4", "repeats = 1"), **ABX_CHANGES
+        tmp_path, repository, task, rows, repeats=("repeats = 4", "repeats = 1"), **changes
     )
     manifest = virtual_manifest(study, DISPLAY)
 

@@ -235,6 +235,8 @@ def format_1() -> str:
     text = text.replace(
         'answers = { first = "first", second = "second" }', 'first = "first"\nsecond = "second"'
     )
+    new = "right|wrong|feedback_s|feedback|criterion_share|rounds_max"  # keys of format 2
+    text = re.sub(rf"^({new}) = .*\n", "", text, flags=re.M)
     tomllib.loads(text)
     return text
 
