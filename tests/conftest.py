@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,52 @@ from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+SHORT_STUDY = """
+format = 2
+[study]
+name = "{name}"
+title = "A short study"
+participants = 3
+[display]
+display = "{display}"
+[stimuli]
+{stimuli}
+[task]
+{task}
+[design]
+side = "fixed"
+seed = 5
+{design}
+[trial]
+{trial}
+[gaze]
+{gaze}
+[response]
+keys = [{keys}]
+[text]
+default_language = "en"
+[text.languages.en]
+consent = "Do you agree?"
+instructions = ["Look."]
+practice = "Practice."
+start = "Start."
+question = "Which?"
+answers = {{ {answers} }}
+break_page = "Break."
+paused = "Paused."
+gaze_lost = "Look at the dot."
+too_late = "Too late."
+preparing = "Preparing."
+quit_question = "Stop?"
+thanks = "Thank you."
+right = "Right."
+wrong = "Wrong."
+{texts}
+[analysis]
+{analysis}
+[privacy]
+"""
 
 # No deadline: a busy machine is not a failure. The same examples in every run of CI.
 hypothesis.settings.register_profile("local", deadline=None)
@@ -116,6 +162,43 @@ def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     protocol = load_protocol(Path("demo"))
     simulate_study(Simulation(protocol, load_display(protocol.display.display)), root, 2)
     return root
+
+
+@pytest.fixture(scope="session")
+def short_study() -> Callable[..., str]:
+    """Give the text of a study file that has what every study needs, and the parts given.
+
+    Answers are keyed 1, 2, ... in their order.
+    """
+
+    def text(
+        *,
+        stimuli: str,
+        task: str,
+        answers: Sequence[str],
+        analysis: str,
+        name: str = "short",
+        display: str = "fhd27-60hz",
+        design: str = "",
+        trial: str = "",
+        gaze: str = 'mode = "none"',
+        texts: str = "",
+    ) -> str:
+        return SHORT_STUDY.format(
+            name=name,
+            display=display,
+            stimuli=stimuli,
+            task=task,
+            design=design,
+            trial=trial,
+            gaze=gaze,
+            keys=", ".join(f'["{number}"]' for number, _ in enumerate(answers, 1)),
+            answers=", ".join(f'{answer} = "{answer}"' for answer in answers),
+            texts=texts,
+            analysis=analysis,
+        )
+
+    return text
 
 
 @pytest.fixture(scope="session")

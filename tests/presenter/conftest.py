@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import os
 import re
 import shutil
@@ -21,11 +23,31 @@ from protocols.display import Display
 from protocols.hashing import sha256_file
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.manifest import Clip, Manifest, Renderer, write_manifest
+from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
 from protocols.schema import StudyProtocol
+from study_app.layout import Extras, Layout
+from study_app.strip import Seen
 
 WIDTH, HEIGHT = 640, 480
 METAMERLAB = "from study_app.cli import main; main()"
+# After each flip the presenter waits until the watcher has read it: the capture keeps up on a busy
+# machine. A flip that never comes is waited for in vain, and noticed.
+PACED = """
+import mmap, struct, sys, time
+from study_app import presenter
+from study_app.cli import main
+
+with open(sys.argv.pop(), "r+b") as file:
+    read = mmap.mmap(file.fileno(), 8)
+presenters_flip = presenter.Presenter._flip
+def paced(self, draw):
+    shown = presenters_flip(self, draw)
+    until_s = time.monotonic() + 2.0
+    while struct.unpack("<q", read[:8])[0] < shown.number and time.monotonic() < until_s:
+        time.sleep(0.0005)
+    return shown
+presenter.Presenter._flip = paced
+"""
 NEEDED = ("Xvfb", "openbox", "xdotool")
 
 DISPLAY = f"""
@@ -74,13 +96,76 @@ class Study:
     def display(self) -> Display:
         return load_display(str(self.folder / "little.toml"))
 
+    @property
+    def manifest(self) -> Manifest:
+        return read_manifest(self.stimuli)
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Upper left corners of the stimuli on the screen, from left to right."""
+        layout = Layout.of(self.display, self.protocol, self.manifest, Extras())
+        return sorted(layout.places.values())
+
+    @property
+    def rectangle(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of all that stimuli stand in, side by side."""
+        width, height = self.protocol.stimuli.size_px(self.display)
+        (left, top), (right, _) = self.places[0], self.places[-1]
+        return left, top, right + width - left, height
+
+    def sitting(self, code: str = "P01") -> Path:
+        return self.sessions / self.protocol.study.name / code
+
     def journal(self, code: str = "P01") -> Journal:
-        return read_journal(self.sessions / "demo" / code / "journal.jsonl")
+        return read_journal(self.sitting(code) / "journal.jsonl")
+
+    def flips(self, code: str = "P01") -> list[dict[str, str]]:
+        """Every flip of a participant's attempts, in order."""
+        rows: list[dict[str, str]] = []
+        for attempt in self.journal(code).attempts:
+            with (self.sitting(code) / attempt.flips_file.file).open() as file:
+                rows += csv.DictReader(file)
+        return rows
 
     def frame(self, clip: str, index: int) -> np.ndarray:
         """The pixels of a stored frame, (height, width, 3)."""
         with Image.open(self.stimuli / clip / f"{index:06d}.png") as image:
             return np.asarray(image.convert("RGB"))
+
+    def logged(self) -> tuple[dict[int, str | None], dict[str, str]]:
+        """What the log says of each flip, and the names of pictures by their pixels' hash.
+
+        A picture's name is that of its frames, from left to right, as in ``name/3 + name/3``;
+        None: no frame. Its pixels are composed from the stored files, on grey.
+        """
+        left, top, width, height = self.rectangle
+        frames = {
+            sha: (clip.name, index)
+            for clip in self.manifest.clips
+            for index, sha in enumerate(clip.frames_sha256)
+        }
+        by_flip: dict[int, str | None] = {}
+        names: dict[str, str] = {}
+        for row in self.flips():
+            shown = [frames[sha] for sha in row["frame_sha256"].split()]
+            name = " + ".join(f"{clip}/{index}" for clip, index in shown)
+            by_flip[int(row["flip"])] = name or None
+            if not shown or name in names.values():
+                continue
+            canvas = np.full((height, width, 3), 128, np.uint8)
+            for (clip, index), (x, y) in zip(shown, self.places, strict=True):
+                pixels = self.frame(clip, index)
+                high, wide, _ = pixels.shape
+                canvas[y - top : y - top + high, x - left : x - left + wide] = pixels
+            names[hashlib.sha256(canvas.tobytes()).hexdigest()] = name
+        return by_flip, names
+
+
+def empty_study(folder: Path) -> Study:
+    """Write the little display, and nothing else yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "little.toml").write_text(DISPLAY, encoding="utf-8")
+    return Study(folder)
 
 
 def write_study(
@@ -116,10 +201,8 @@ def write_study(
         }
         | (values or {}),
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "study.toml").write_text(text, encoding="utf-8")
-    (folder / "little.toml").write_text(DISPLAY, encoding="utf-8")
-    study = Study(folder)
+    study = empty_study(folder)
+    study.path.write_text(text, encoding="utf-8")
     protocol, display = study.protocol, study.display
     recipe = protocol.warped
     width, height = recipe.size_px(display)
@@ -175,6 +258,12 @@ def make_study(tmp_path: Path) -> Callable[..., Study]:
         return write_study(tmp_path / name, values, questions=questions)
 
     return make
+
+
+@pytest.fixture
+def start_study(tmp_path: Path) -> Callable[..., Study]:
+    """Give a function that makes a study's folder, with the little display alone."""
+    return lambda name="study": empty_study(tmp_path / name)
 
 
 @dataclass(frozen=True)
@@ -262,6 +351,42 @@ class Screen:
             check=False,
         )
 
+    def watch(self, study: Study, *more: object, also: str = "") -> list[Seen]:
+        """Let an artificial observer do a study while another process watches the screen.
+
+        Parameters
+        ----------
+        study : Study
+            Its stimuli are there.
+        more : object
+            Further arguments of `session run`.
+        also : str
+            Python text that is run before the session.
+
+        Returns
+        -------
+        list of Seen
+            Every picture that the other process saw where stimuli stand.
+        """
+        read = study.folder / "read"  # how far the other process has read
+        read.write_bytes(b"\xff" * 8)
+        script = Path(__file__).with_name("screen_watcher.py")
+        watcher = subprocess.Popen(
+            [sys.executable, script, self.file, *map(str, study.rectangle), read],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert watcher.stdout is not None
+        assert watcher.stdout.readline() == "ready\n"
+        try:
+            arguments = self.session("run", study, "--simulate", "--strip", *more)
+            self.script(PACED + also + "main()\n", *arguments, read)
+        finally:
+            out, _ = watcher.communicate(input="stop\n", timeout=60)
+        lines = (line.split() for line in out.splitlines())
+        return [Seen(int(number), content) for number, content in lines]
+
     def session(self, verb: str, study: Study, *more: object, code: str = "P01") -> list[object]:
         """Arguments of `session run` or `session resume`."""
         return [
@@ -325,20 +450,3 @@ def wait_for(
 def wait() -> Callable[..., object]:
     """Give `wait_for`."""
     return wait_for
-
-
-@pytest.fixture
-def flips_of() -> Callable[[Study, str], list[dict[str, str]]]:
-    """Give a function that reads every flip of a participant's attempts, in order."""
-
-    def read(study: Study, code: str = "P01") -> list[dict[str, str]]:
-        import csv
-
-        rows = []
-        for attempt in study.journal(code).attempts:
-            path = study.sessions / "demo" / code / attempt.flips_file.file
-            with path.open() as file:
-                rows += list(csv.DictReader(file))
-        return rows
-
-    return read

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from protocols.plan import make_plan
 from protocols.viewing import Viewing
-from study_app.strip import Seen, compare
+from study_app.strip import compare
 
 ONE_TRIAL = {
     "pairings": '[["metameric", "push-pull"]]',
@@ -28,90 +23,19 @@ def clip_rectangle(study) -> tuple[int, int, int, int]:
     return (640 - width) // 2, (480 - height) // 2, width, height
 
 
-# Paced so that the capture keeps up on a busy machine: after each flip the presenter waits until
-# the watcher has read it. A flip that never comes is waited for in vain, and noticed.
-PACED = """
-import mmap, struct, sys, time
-from study_app import presenter
-from study_app.cli import main
-
-with open(sys.argv.pop(), "r+b") as file:
-    read = mmap.mmap(file.fileno(), 8)
-presenters_flip = presenter.Presenter._flip
-def paced(self, draw):
-    shown = presenters_flip(self, draw)
-    until_s = time.monotonic() + 2.0
-    while struct.unpack("<q", read[:8])[0] < shown.number and time.monotonic() < until_s:
-        time.sleep(0.0005)
-    return shown
-presenter.Presenter._flip = paced
-"""
-
-
-@contextmanager
-def watched(screen, study, read: Path) -> Iterator[list[Seen]]:
-    """Yield a list that holds, afterwards, every picture that another process saw.
-
-    `read` is the file in which it says how far it has read.
-    """
-    seen: list[Seen] = []
-    read.write_bytes(b"\xff" * 8)
-    script = Path(__file__).with_name("screen_watcher.py")
-    watcher = subprocess.Popen(
-        [sys.executable, script, screen.file, *map(str, clip_rectangle(study)), read],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert watcher.stdout is not None
-    assert watcher.stdout.readline() == "ready\n"
-    try:
-        yield seen
-    finally:
-        out, _ = watcher.communicate(input="stop\n", timeout=60)
-        for line in out.splitlines():
-            number, content = line.split()
-            seen.append(Seen(int(number), content))
-
-
-def frame_names(study) -> dict[str, str]:
-    """Hash of the stored pixels -> scene__size__method/number."""
-    names = {}
-    for path in sorted(study.stimuli.glob("*/*.png")):
-        clip, index = path.parent.name, int(path.stem)
-        pixels = np.ascontiguousarray(study.frame(clip, index)).tobytes()
-        names[hashlib.sha256(pixels).hexdigest()] = f"{clip}/{index}"
-    return names
-
-
-def logged_frames(study, rows) -> dict[int, str | None]:
-    """Number of each flip -> the clip frame that the log says it showed, by its file's hash."""
-    from protocols.manifest import read_manifest
-
-    by_hash = {
-        sha: f"{clip.name}/{index}"
-        for clip in read_manifest(study.stimuli).clips
-        for index, sha in enumerate(clip.frames_sha256)
-    }
-    return {int(row["flip"]): by_hash.get(row["frame_sha256"]) for row in rows}
-
-
 @pytest.mark.timeout(900)
 def test_another_process_sees_every_logged_flip_in_order_with_the_right_frame(
-    screen, make_study, tmp_path, flips_of, full
+    screen, make_study, full
 ):
     study = make_study({"repeats": "16" if full else "2"})
-    read = tmp_path / "read"
 
-    with watched(screen, study, read) as seen:
-        arguments = screen.session("run", study, "--simulate", "--strip", "--photodiode")
-        screen.script(PACED + "main()", *arguments, read)
+    seen = screen.watch(study, "--photodiode")
 
-    rows = flips_of(study)
-    logged = logged_frames(study, rows)
+    rows = study.flips()
+    logged, names = study.logged()
     assert len(logged) >= (3000 if full else 300)
     assert sum(frame is not None for frame in logged.values()) >= (900 if full else 90)
-    assert compare(logged, seen, frame_names(study)) == []
+    assert compare(logged, seen, names) == []
     # Pages and waits too: what the camera saw is every flip of the window, without a gap.
     numbers = [entry.number for entry in seen if entry.number >= min(logged)]
     assert numbers[: len(logged)] == sorted(numbers[: len(logged)])
@@ -149,24 +73,17 @@ def swap_buffers(handle):
             return
     swap(handle)
 window.glfw.swap_buffers = swap_buffers
-main()
 """
 
 
-def test_a_frame_that_is_swapped_mirrored_or_missing_is_named_exactly(
-    screen, make_study, tmp_path, flips_of
-):
+def test_a_frame_that_is_swapped_mirrored_or_missing_is_named_exactly(screen, make_study):
     # Each frame stands for six refreshes: one that is missed leaves none of them out.
     study = make_study(ONE_TRIAL | {"fps": "10.0", "duration_s": "0.6"})
-    read = tmp_path / "read"
 
-    with watched(screen, study, read) as seen:
-        arguments = screen.session("run", study, "--simulate", "--strip", "--seed", "1")
-        screen.script(PACED + SABOTAGE, *arguments, read)
+    seen = screen.watch(study, "--seed", 1, also=SABOTAGE)
 
-    rows = flips_of(study)
-    logged = logged_frames(study, rows)
-    found = compare(logged, seen, frame_names(study))
+    logged, names = study.logged()
+    found = compare(logged, seen, names)
     metameric = "garden__small__metameric"
     expected = []
     first_of_frame_1 = next(
@@ -241,10 +158,7 @@ def test_shown_pixels_equal_the_stored_frame_at_its_place_and_size(
     )
     screen.script(PIXELS, study.folder, screen.file, tmp_path / "shots.npz", "patch")
     shots = np.load(tmp_path / "shots.npz")
-    from protocols.manifest import read_manifest
-    from protocols.plan import make_plan
-
-    trial = make_plan(study.protocol, read_manifest(study.stimuli), "P01", 0).trials[0]
+    trial = make_plan(study.protocol, study.manifest, "P01", 0).trials[0]
     x, y, width, height = clip_rectangle(study)
     viewing = Viewing.of(study.display)
     # Degrees as the protocol declares them, to the nearest even pixel, around the centre.
