@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,18 @@ from pipeline.gl.context import create_context, release_context
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
+IN_TURN = """
+import json, sys
+from study_app.cli import main
+
+for words in json.loads(sys.argv[1]):
+    sys.argv = ["metamerlab", *words]
+    try:
+        main()
+    except SystemExit as end:
+        if end.code:
+            raise
+"""
 SHORT_STUDY = """
 format = 2
 [study]
@@ -162,6 +177,60 @@ def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     protocol = load_protocol(Path("demo"))
     simulate_study(Simulation(protocol, load_display(protocol.display.display)), root, 2)
     return root
+
+
+@pytest.fixture
+def install_package(tmp_path: Path) -> Callable[..., Path]:
+    """Give a function that puts a package where Python finds it; it returns the folder.
+
+    `files` holds texts by path; `entry_points` is the text of its entry points.
+    """
+
+    def install(name: str, files: Mapping[str, str], entry_points: str) -> Path:
+        site = tmp_path / "site"
+        metadata = {
+            "METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n",
+            "entry_points.txt": entry_points,
+        }
+        info = f"{name.replace('-', '_')}-1.dist-info"
+        for path, text in {
+            **files,
+            **{f"{info}/{key}": value for key, value in metadata.items()},
+        }.items():
+            (site / path).parent.mkdir(parents=True, exist_ok=True)
+            (site / path).write_text(text, encoding="utf-8")
+        return site
+
+    return install
+
+
+@pytest.fixture(scope="session")
+def lab_site() -> Path:
+    """Return the folder in which a lab's own package is installed."""
+    return Path(__file__).parent / "lab"
+
+
+@pytest.fixture
+def with_packages(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Give a function that runs commands where the packages of a folder are installed.
+
+    All in one process, one after the other, up to the first that fails.
+    """
+
+    def run(
+        site: Path, *commands: Sequence[object], env: Mapping[str, str] = os.environ
+    ) -> subprocess.CompletedProcess[str]:
+        paths = [str(site), env.get("PYTHONPATH", "")]
+        return subprocess.run(
+            [sys.executable, "-c", IN_TURN, json.dumps([[*map(str, words)] for words in commands])],
+            env={**env, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "200"},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ lines here. A package of another lab adds its own by an entry point, see `Plugin
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from protocols.errors import StudyError
@@ -80,7 +80,7 @@ class Metric:
     @property
     def blind(self) -> str:
         """What it does not see, in a sentence."""
-        return BLIND[self.name]
+        return BLIND.get(self.name, "its package does not say")
 
     def badness(self, value: float) -> float:
         """Return a number that is lower for better values, whatever the metric's direction."""
@@ -216,6 +216,8 @@ class PluginMetrics:
 
     family: Family
     metrics: tuple[Metric, ...]
+    blind: Mapping[str, str] = field(default_factory=dict)
+    """What each of them does not see, in a sentence, by name."""
 
 
 def _add_plugins() -> None:
@@ -230,6 +232,7 @@ def _add_plugins() -> None:
             )
         FAMILIES[plugin.family.name] = plugin.family
         METRICS.update({metric.name: metric for metric in plugin.metrics})
+        BLIND.update(plugin.blind)
 
 
 _add_plugins()
