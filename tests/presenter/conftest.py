@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -113,8 +114,12 @@ class Study:
         (left, top), (right, _) = self.places[0], self.places[-1]
         return left, top, right + width - left, height
 
+    @cached_property
+    def name(self) -> str:
+        return self.protocol.study.name
+
     def sitting(self, code: str = "P01") -> Path:
-        return self.sessions / self.protocol.study.name / code
+        return self.sessions / self.name / code
 
     def journal(self, code: str = "P01") -> Journal:
         return read_journal(self.sitting(code) / "journal.jsonl")
