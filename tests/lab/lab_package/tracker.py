@@ -3,8 +3,8 @@
 from study_app.gaze.source import GazeSample, SourceInfo
 
 RATE_HZ = 120.0
-AWAY_FROM_POLL = 30
-"""Half a second of refreshes: the first trial's stimuli are on the screen."""
+AWAY_FROM_POLL = 15
+"""It is asked once a flip: the fixation is over, and the first trial's stimuli are shown."""
 
 
 class Steady:
