@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from protocols.journal import Note, SessionEnd
-from study_app.gaze.fixation import persistence_s
+from gaze_persistence import persistence_s
 
 pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
 

@@ -8,6 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
 from scipy import stats
 from scipy.special import ndtr
 
@@ -19,12 +25,6 @@ from analysis.ideal_observer import (
     corrected_share,
     forced_choice_d_prime,
     forced_choice_share,
-)
-from analysis.simulated_tasks import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
 )
 
 R = json.loads((Path(__file__).parent / "oracles" / "oracle_tasks.json").read_text())

@@ -14,6 +14,12 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
 from typer.testing import CliRunner, Result
 
 from analysis.detection import YesNoResults
@@ -21,12 +27,6 @@ from analysis.export import export_study
 from analysis.export.psychds_rules import broken_rules
 from analysis.report import report_decisions, report_sessions
 from analysis.report.wording import share
-from analysis.simulated_tasks import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note
 from analysis.tidy import read_sessions

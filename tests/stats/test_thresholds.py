@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import TaskDesign, simulate_identification
 
 from analysis.models import glmm_logit
-from analysis.simulated_tasks import TaskDesign, simulate_identification
 from analysis.thresholds import fit_thresholds
 
 LEVELS = list(np.linspace(-3, 3, 7))
