@@ -226,9 +226,21 @@ class QuestPlusLevels(AdaptiveLevels):
     lapse: tuple[Share, ...] = (0.02,)
     """Rates of slips."""
     shape: Literal["gauss", "logistic", "gumbel", "weibull"] = "gauss"
-    """Of the psychometric function."""
+    """Of the psychometric function, in the report too; `weibull` where levels are above 0."""
     falling: bool = False
     """Answers get worse as the level rises."""
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield also a level that the report could not fit the planned shape to."""
+        found = list(super().problems(study))
+        yield from found
+        lowest = min(self.levels(study), default=1.0)
+        if not found and self.shape == "weibull" and lowest <= 0:
+            yield Problem(
+                "task.adaptive.shape",
+                "must be another one, or every level above 0: the report fits thresholds of the"
+                f" Weibull function on logarithms of the level (got a level {lowest:g})",
+            )
 
     def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
         """Return the level of least expected entropy."""

@@ -115,6 +115,7 @@ trials = 24
 threshold = [5.0, 10.0, 15.0, 20.0]
 width = [10.0, 20.0]
 guess = [0.25]
+shape = "weibull"
 falling = true
 """
 
@@ -338,7 +339,7 @@ def test_the_baseline_comes_first_and_comparisons_are_with_it(reported):
     assert [one["condition"] for one in results["sensitivity"]["conditions"]] == order
     assert all(one["second"] == order[0] for one in results["comparisons"])
     assert len(results["comparisons"]) == len(order) - 1
-    measure = {"yes-no": "d'", "identification": "share correct", "adaptive": "threshold"}
+    measure = {"yes-no": "d'", "identification": "share correct", "adaptive": "ln threshold"}
     if reported.task in measure:
         (one,) = results["comparisons"]
         assert one["measure"] == measure[reported.task]

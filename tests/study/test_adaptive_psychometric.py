@@ -23,16 +23,17 @@ def test_threshold_is_at_one_half_and_width_spans_the_rise(shape):
     assert high - low == pytest.approx(3.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("shape", ["gauss", "logistic", "weibull"])
+@pytest.mark.parametrize("shape", SHAPES)
 def test_it_is_the_function_that_the_analysis_fits(shape):
     levels = np.linspace(0.0, 20.0, 41)
 
     for threshold, width in ((8.0, 3.0), (2.0, 6.0), (15.0, 0.7)):
         ours = sigmoid(levels, threshold, width, shape)
         # Both solve for the Weibull slope, to about 1e-12.
-        np.testing.assert_allclose(
-            ours, fitted.sigmoid(levels, threshold, width, shape), rtol=1e-9, atol=1e-12
-        )
+        near = {"rtol": 1e-9, "atol": 1e-12}
+        np.testing.assert_allclose(fitted.sigmoid(levels, threshold, width, shape), ours, **near)
+        falling = fitted.sigmoid(levels, threshold, -width, shape)
+        np.testing.assert_allclose(falling, 1.0 - ours, **near)
 
 
 def test_gumbel_on_logarithms_is_weibull():
