@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.columns import PREFERENCE_COLUMNS, frame
-from analysis.csv_table import number_column, read_table, renamed, text_column
+from analysis.csv_table import IMPORT_HINT, number_column, read_table, renamed, text_column
 from protocols.errors import StudyError
 
 REQUIRED = ("participant", "first", "second")
@@ -92,7 +92,7 @@ def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.D
         raise StudyError(
             f"{path}: must have the columns {', '.join(missing)}"
             f" (found: {', '.join(map(str, table.columns))});"
-            f" say which column holds it: --map {missing[0].split()[0]}=COLUMN"
+            f" {IMPORT_HINT} {missing[0].split()[0]}=COLUMN"
         )
     return named
 

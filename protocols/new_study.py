@@ -2,10 +2,11 @@
 
 A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
 ``#@ NAME`` stands for a section of a part, which begins with the same line there, and ``#+ NAME``
-in a part for one that several parts share (``shared.toml``). A composed template is valid TOML with ``@WORD@`` for what differs between studies. Above the first use of each key come
-its meaning, type and default, taken from the models that read the file, so that comments and
-program cannot drift apart. A line ``#? key = value`` is a key that may be left out, and
-``#? [header]`` a section of such keys: they stay behind a ``#``.
+in a part for a section of ``shared.toml``. What is composed is valid TOML with ``@WORD@`` for what
+differs between studies. Above the first use of each key come its meaning, type and default, taken
+from the models that read the file, so that comments and program cannot drift apart. A line
+``#? key = value`` is a key that may be left out, and ``#? [header]`` a section of such keys: they
+stay behind a ``#``.
 """
 
 from __future__ import annotations

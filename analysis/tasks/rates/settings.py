@@ -40,6 +40,8 @@ class RatesOptions(TableOptions):
     """Over all comparisons with the baseline."""
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     """Level of every test."""
+    shape: Shape = "gauss"
+    """Of psychometric functions; `weibull` where levels are above 0."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,7 @@ def common_settings_of_table(
         planned_participants=None,
         planned_trials=None,
         protocol_sha256=None,
+        shape=options.shape,
     )
 
 
