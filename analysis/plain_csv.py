@@ -5,9 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import PREFERENCE_COLUMNS, frame
+from analysis.columns import frame
 from analysis.csv_table import IMPORT_HINT, number_column, read_table, renamed, text_column
+from protocols.columns import decided
 from protocols.errors import StudyError
+from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
+
+PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
+"""Of a table of preferences that no protocol belongs to."""
 
 REQUIRED = ("participant", "first", "second")
 OPTIONAL = (
