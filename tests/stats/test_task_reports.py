@@ -349,6 +349,17 @@ def test_the_baseline_comes_first_and_comparisons_are_with_it(reported):
         assert f"ours minus reference: {one['difference']:.2f}" in reported.made.headline
 
 
+def test_psychometric_functions_have_the_shape_that_the_rule_plans_with(reported):
+    results = reported.numbers["results"]
+    shape = "weibull" if reported.task == "adaptive" else "gauss"
+
+    assert reported.numbers["settings"]["shape"] == shape
+    for fit in (*results["curves"].values(), *filter(None, [results["thresholds"]])):
+        assert fit["shape"] == shape
+    for said in ("Shape: Weibull", "natural logarithms of thresholds"):
+        assert (said in reported.html) == (reported.task == "adaptive")
+
+
 def test_levels_chosen_from_answers_are_said_to_spoil_shares(reported):
     said = any("levels were chosen from the answers" in note for note in reported.made.warnings)
 

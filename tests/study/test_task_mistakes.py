@@ -138,7 +138,7 @@ def mistakes(tmp_path):
          "task.adaptive.threshold[1]: must be above the one before it, 0.2 (got 0.1);"
          " list each once, from the lowest to the highest"),
         ("yes-no", *with_adaptive(),
-         "design.repeats: must be 1 where a rule chooses what is shown and has trials = 60 of its"
+         "design.repeats: must be 1 where a rule chooses what is shown and has trials = 10 of its"
          " own (got 2)"),
         ("two-interval", "repeats = 2", "repeats = 0",
          "design.repeats: must be greater than 0 (got 0)"),
