@@ -1,8 +1,13 @@
 """Numbers in words, as APA style writes them, and what every report says."""
 
+import unicodedata
 from collections.abc import Sequence
 
 from analysis.exclusions import FlowStep
+
+REPLACED = "\N{REPLACEMENT CHARACTER}"
+# Control, format (among them bidirectional overrides), surrogate, private use.
+_UNPRINTABLE = {"Cc", "Cf", "Cs", "Co"}
 
 
 def p_text(p: float) -> str:
@@ -63,6 +68,14 @@ def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
         text if len(found) == everywhere and everywhere > 1 else f"{'; '.join(found)}: {text}"
         for text, found in names.items()
     ]
+
+
+def printable(text: str) -> str:
+    """Return free text without characters that break or reorder a page, each as a mark."""
+    return "".join(
+        mark if mark in "\n\t" or unicodedata.category(mark) not in _UNPRINTABLE else REPLACED
+        for mark in text
+    )
 
 
 def left_out_sentence(flow: Sequence[FlowStep]) -> str:
