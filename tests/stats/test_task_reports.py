@@ -641,7 +641,7 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
         (["--task", "abx", "--set", "levels=ecc"], "did you mean 'level'"),
         (["--task", "abx", "--set", "level=eccc"], r"eccc.*did you mean 'ecc'|'eccc'"),
         (["--task", "abx", "--set", "alpha=2"], r"--set alpha: must be less than 1 \(got 2\)"),
-        (["--task", "abx", "--set", "shape=cauchy"], "--set shape: must be one of gauss, logistic"),
+        (["--task", "abx", "--set", "shape=cauchy"], "--set shape: must be 'gauss', 'logistic'"),
         (["--task", "abx", "--set", "level"], "--set must read NAME=VALUE"),
         (["--task", "abx", "--set", "by=how", "--set", "baseline=c"], "must be a value of 'how'"),
         (["--task", "yes-no"], "must have the columns expected and answer"),
