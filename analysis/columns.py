@@ -7,13 +7,11 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from protocols.columns import Column
+from protocols.columns import SITTING_COLUMNS, Column, attempted, decided
 from protocols.schema import StudyProtocol
-from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 
 SESSION_COLUMNS = (
-    Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
-    Column("participant", "text", "", "Pseudonymous code"),
+    *SITTING_COLUMNS,
     Column("slot", "integer", "", "Counterbalancing slot"),
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
     Column("status", "text", "", "completed, unfinished, or why the sitting ended"),
@@ -42,71 +40,15 @@ SESSION_COLUMNS = (
     Column("excluded", "text", "", "Rule that leaves the sitting out; empty: kept"),
 )
 
-_TRIAL = (
-    Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
-    Column("participant", "text", "", "Pseudonymous code"),
-    Column("simulated", "0/1", "", "1: an artificial observer answered"),
-    Column("trial", "text", "", "Trial of the plan"),
-    Column("kind", "text", "", "main, catch or practice"),
-)
-_REPEAT = (
-    Column("block", "integer", "", "Block; 0 is practice"),
-    Column("repeat", "integer", "", "Repeat of the condition, from 0"),
-)
-_ANSWERED = (
-    Column("key_place", "integer", "", "Answer key pressed, counted from the left, from 0"),
-    Column("rt_s", "number", "s", "From the onset of the answer phase to the key press"),
-    Column("dropped", "integer", "refreshes", "Missed refreshes from the first stimulus to answer"),
-    Column("gaze_lost_share", "share", "", "Share of watched time without gaze data"),
-)
-
 
 def attempt_columns(study: StudyProtocol) -> tuple[Column, ...]:
     """Return the columns of the table of attempts."""
-    return (
-        *_TRIAL,
-        Column("attempt", "integer", "", "1 for the first attempt at this trial"),
-        Column("position", "integer", "", "Number of this attempt in the sitting, from 0"),
-        *_REPEAT,
-        *study.task.condition_columns(study),
-        Column("outcome", "text", "", "completed or void"),
-        Column("void_reason", "text", "", "Why the attempt was void"),
-        *study.task.answer_columns(),
-        *_ANSWERED,
-        Column("at", "text", "UTC", "Wall clock at the end of the attempt"),
-        Column("warned", "0/1", "", "1: told that gaze had left the dot"),
-        Column("frames_shown", "integer", "frames", "Frames of the stimuli that were displayed"),
-        Column("frames_planned", "integer", "frames", "Frames of the stimuli"),
-        Column("gaze_samples", "integer", "", "Gaze samples watched"),
-        Column("gaze_blinks", "integer", "", "Losses short enough to be pardoned"),
-        Column("gaze_violations", "integer", "", "Times gaze was outside for long enough"),
-        Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot"),
-        Column("gaze_max_deg", "number", "deg", "Largest angle between gaze and dot"),
-    )
+    return attempted(study.task.condition_columns(study), study.task.answer_columns())
 
 
 def decision_columns(study: StudyProtocol) -> tuple[Column, ...]:
     """Return the columns of the table of decisions."""
     return decided(study.task.condition_columns(study), study.task.answer_columns())
-
-
-def decided(condition: tuple[Column, ...], answer: tuple[Column, ...]) -> tuple[Column, ...]:
-    """Return the columns of a table of decisions with these columns of condition and answer."""
-    return (
-        *_TRIAL,
-        Column("order", "integer", "", "Place among the sitting's decided main trials, from 1"),
-        Column("attempts", "integer", "", "Attempts until decided"),
-        *_REPEAT,
-        *condition,
-        *answer,
-        *_ANSWERED,
-        Column("included", "0/1", "", "1: used in the analysis"),
-        Column("exclusion", "text", "", "Why the decision is not used; empty: it is"),
-    )
-
-
-PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
-"""Of a table of preferences that no protocol belongs to."""
 
 
 def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.DataFrame:

@@ -17,6 +17,8 @@ from protocols.load import decode_utf8, read_bytes
 from protocols.suggest import did_you_mean
 
 FIRST_LINE = 2
+IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
+"""Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -96,5 +98,6 @@ def number_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
         raise StudyError(
             f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a number"
             f" (got {raw[wrong[0]]!r})"
+            + ("; write decimals with a point" if "," in raw[wrong[0]] else "")
         )
     return values

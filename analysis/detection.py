@@ -33,19 +33,6 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """d' and criterion from one table of hits and false alarms, trials as independent."""
-
-    d_prime: float
-    standard_error: float
-    criterion: float
-    criterion_error: float
-    hit_rate: float
-    false_alarm_rate: float
-    correction: Correction
-
-
-@dataclass(frozen=True)
 class Measure:
     """A quantity with t limits and p against 0 that respect participants and scenes."""
 
@@ -133,39 +120,6 @@ class DiscriminationResults:
 
     def __getitem__(self, condition: str) -> Discrimination:
         return {one.condition: one for one in self.conditions}[condition]
-
-
-def sensitivity(
-    hits: float,
-    misses: float,
-    false_alarms: float,
-    correct_rejections: float,
-    correction: Correction = "log-linear",
-) -> Sensitivity:
-    """Return d' = z(hits) - z(false alarms) and the criterion -(z + z) / 2.
-
-    Notes
-    -----
-    ``log-linear``: half a trial is added to every cell, also where no rate is 0 or 1 (Hautus
-    1995), so that tables stay comparable. ``none``: a rate of 0 or 1 gives an infinite d'.
-    Standard error: Gourevitch and Galanter 1967, of the corrected table.
-    """
-    signal, noise = hits + misses, false_alarms + correct_rejections
-    if min(signal, noise) <= 0:
-        raise ValueError("signal and noise trials must both be present")
-    hit = float(corrected_share(hits, signal, 0.5, correction))
-    alarm = float(corrected_share(false_alarms, noise, 0.5, correction))
-    z_hit, z_alarm = float(ndtri(hit)), float(ndtri(alarm))
-    variance = _z_variance(hit, signal) + _z_variance(alarm, noise)
-    return Sensitivity(
-        d_prime=z_hit - z_alarm,
-        standard_error=float(np.sqrt(variance)),
-        criterion=-0.5 * (z_hit + z_alarm),
-        criterion_error=0.5 * float(np.sqrt(variance)),
-        hit_rate=hit,
-        false_alarm_rate=alarm,
-        correction=correction,
-    )
 
 
 def yes_no(

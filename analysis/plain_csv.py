@@ -5,9 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import PREFERENCE_COLUMNS, frame
-from analysis.csv_table import number_column, read_table, renamed, text_column
+from analysis.columns import frame
+from analysis.csv_table import IMPORT_HINT, number_column, read_table, renamed, text_column
+from protocols.columns import decided
 from protocols.errors import StudyError
+from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
+
+PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
+"""Of a table of preferences that no protocol belongs to."""
 
 REQUIRED = ("participant", "first", "second")
 OPTIONAL = (
@@ -92,7 +97,7 @@ def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.D
         raise StudyError(
             f"{path}: must have the columns {', '.join(missing)}"
             f" (found: {', '.join(map(str, table.columns))});"
-            f" say which column holds it: --map {missing[0].split()[0]}=COLUMN"
+            f" {IMPORT_HINT} {missing[0].split()[0]}=COLUMN"
         )
     return named
 

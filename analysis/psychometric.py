@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +9,20 @@ from scipy import optimize, stats
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.response import Link
+from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
 
 Floats = NDArray[np.float64]
-Shape = Literal["gauss", "logistic", "weibull"]
 
-LINKS: Mapping[Shape, Link] = {"gauss": "probit", "logistic": "logit", "weibull": "weibull"}
+LINKS: Mapping[Shape, Link] = {
+    "gauss": "probit",
+    "logistic": "logit",
+    "gumbel": "weibull",
+    "weibull": "weibull",
+}
+"""What a shape is of a linear predictor: in the level, for ``weibull`` in its logarithm."""
 
-WIDTH_EDGE = 0.05
-"""The width spans the sigmoid's rise from this share to one minus it."""
+SKEWED: tuple[Shape, ...] = ("gumbel", "weibull")
+"""Shapes that are not symmetric: the falling one is 1 - S, not S turned around."""
 
 LAPSE_MAX = 0.1
 
@@ -96,9 +101,12 @@ class Psychometric:
 def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
     """Return S(x): one half at `threshold`, from .05 to .95 over `width`.
 
-    ``weibull`` works on log(x), with threshold and width given on the axis of x (Wichmann and
-    Hill 2001; widths as Schütt et al. 2016).
+    A negative width gives 1 - S. ``weibull`` works on log(x), with threshold and width given on
+    the axis of x (Wichmann and Hill 2001; widths as Schütt et al. 2016). The same function as
+    `protocols.adaptive.psychometric.sigmoid`, for one threshold and width, and so much faster.
     """
+    if width < 0 and shape in SKEWED:
+        return np.asarray(1.0 - sigmoid(x, threshold, -width, shape))
     if shape == "gauss":
         return np.asarray(ndtr((x - threshold) / width * 2.0 * ndtri(1.0 - WIDTH_EDGE)))
     if shape == "logistic":
@@ -107,6 +115,9 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
         )
     low, high = np.log(-np.log(1.0 - WIDTH_EDGE)), np.log(-np.log(WIDTH_EDGE))
     middle = np.log(np.log(2.0))
+    if shape == "gumbel":
+        level = (high - low) / width * (x - threshold) + middle
+        return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
     # On log x the rise from .05 to .95 spans `slope`; the width on x fixes it.
     slope = _weibull_slope(threshold, width, low - middle, high - middle)
     with np.errstate(divide="ignore"):
@@ -216,13 +227,7 @@ class _Problem:
 
     def loss(self, theta: Floats) -> float:
         threshold, width, guess, lapse = self.unpack(theta)
-        rise = (
-            sigmoid(self.x, threshold, self.sign * width, self.shape)
-            if (self.shape != "weibull")
-            else sigmoid(self.x, threshold, width, self.shape)
-        )
-        if self.shape == "weibull" and self.sign < 0:
-            rise = 1.0 - rise
+        rise = sigmoid(self.x, threshold, self.sign * width, self.shape)
         share = guess + (1.0 - guess - lapse) * rise
         likelihood = float(np.sum(_log_terms(self.successes, self.trials, share)))
         return -likelihood - self.log_prior(theta)

@@ -1,6 +1,6 @@
 """From a linear predictor to the chance of a right answer, for models of trials."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -28,11 +28,14 @@ class Response:
     guess, lapse : float or None
         None: fitted, as the logit of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of
         lapses in Broderick et al. 2023).
+    mirrored : bool
+        1 - F(-eta) in place of F(eta): where a curve that is not symmetric falls with the level.
     """
 
     link: Link = "logit"
     guess: float | None = 0.0
     lapse: float | None = 0.0
+    mirrored: bool = False
 
     @property
     def fitted(self) -> int:
@@ -66,6 +69,8 @@ class Response:
 
     def eta(self, rise: float) -> float:
         """Return where F has this value."""
+        if self.mirrored:
+            return -replace(self, mirrored=False).eta(1.0 - rise)
         if self.link == "logit":
             return float(logit(rise))
         if self.link == "probit":
@@ -104,6 +109,9 @@ class Response:
 
     def _rise(self, eta: Floats) -> tuple[Floats, Floats, Floats]:
         """Return F and its first two derivatives."""
+        if self.mirrored:
+            rise, first, second = replace(self, mirrored=False)._rise(-eta)
+            return 1.0 - rise, first, -second
         if self.link == "logit":
             rise = expit(eta)
             first = rise * (1.0 - rise)

@@ -11,9 +11,10 @@ from scipy import optimize, stats
 from analysis.cells import checked, conditions, grid
 from analysis.clustered import holm
 from analysis.glmm import CrossedFit, fit_crossed
-from analysis.psychometric import LINKS, WIDTH_EDGE, Shape
+from analysis.psychometric import LINKS, SKEWED
 from analysis.rates import Difference
 from analysis.response import Response
+from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ class ThresholdModel:
     """
 
     shape: Shape
+    falling: bool
     logarithmic: bool
     thresholds: tuple[Threshold, ...]
     contrasts: tuple[Difference, ...]
@@ -95,7 +97,8 @@ class ThresholdModel:
         return np.asarray(self._curve(one, np.array(list(one.individual.values())), x).mean(axis=0))
 
     def _curve(self, one: Threshold, values: Floats, x: Floats) -> Floats:
-        response = Response(LINKS[self.shape], self.guess, self.lapse)
+        mirrored = self.falling and self.shape in SKEWED
+        response = Response(LINKS[self.shape], self.guess, self.lapse, mirrored)
         gap = _axis(x, self.logarithmic) - _axis(values, self.logarithmic)[:, None]
         width = np.sign(one.width) * np.log(abs(one.width)) if self.logarithmic else one.width
         return response.share(gap * _span(response) / width, (self.guess, self.lapse))
@@ -109,6 +112,7 @@ def fit_thresholds(
     guess: float | None = 0.5,
     lapse: float | None = None,
     shape: Shape = "gauss",
+    falling: bool = False,
     logarithmic: bool = False,
     own_widths: bool = False,
     scenes: bool = False,
@@ -124,6 +128,9 @@ def fit_thresholds(
         ``participant``, `level_column` (a number), `correct` (0/1), the columns `by`.
     guess, lapse : float or None
         Shared rates; None fits one, drawn towards small rates (`response.RATE_PRIOR`).
+    falling : bool
+        Performance falls with the level. It matters for ``gumbel`` and ``weibull``, whose falling
+        function is 1 - S, as the adaptive rules have it; the slope is free all the same.
     logarithmic : bool
         Thresholds vary, and the curve is symmetric, on the logarithm of the level. Needed for
         ``weibull``.
@@ -183,7 +190,7 @@ def fit_thresholds(
     if scenes and len(places.scenes) > 1:
         groups.append(places.scene)
         kinds.append("scene")
-    response = Response(LINKS[shape], guess, lapse)
+    response = Response(LINKS[shape], guess, lapse, falling and shape in SKEWED)
     y = rows[correct].to_numpy(dtype=np.float64)
     start = _pooled(design, y, response)
     fit = fit_crossed(design, y, groups, response=response, start=start)
@@ -224,6 +231,7 @@ def fit_thresholds(
         notes.append(f"the threshold of {', '.join(outside)} lies outside the levels shown")
     return ThresholdModel(
         shape=shape,
+        falling=falling,
         logarithmic=logarithmic,
         thresholds=found,
         contrasts=_contrasts(names, place_of, covariance, df, level, reference, logarithmic)

@@ -6,7 +6,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from analysis.csv_table import FIRST_LINE, number_column, read_table, renamed, text_column
+from analysis.csv_table import (
+    FIRST_LINE,
+    IMPORT_HINT,
+    number_column,
+    read_table,
+    renamed,
+    text_column,
+)
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 
@@ -103,7 +110,7 @@ def _require(
         raise StudyError(
             f"{path}: must have the columns {', '.join(missing)}"
             f" (found: {', '.join(map(str, table.columns))});"
-            f" say which column holds it: --map {first}=COLUMN"
+            f" {IMPORT_HINT} {first}=COLUMN"
             f"{did_you_mean(first, list(map(str, table.columns)))}"
         )
     if table.empty:

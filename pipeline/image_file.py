@@ -71,6 +71,17 @@ def read_pixels(path: Path) -> Pixels:
     return Pixels(data, tuple(spec.channelnames), attributes)
 
 
+def stated_size_px(path: Path) -> tuple[int, int] | None:
+    """Return width and height as an image file's header has them; None where it is no image."""
+    source = oiio.ImageInput.open(str(path)) if path.is_file() else None
+    if source is None:
+        oiio.geterror()
+        return None
+    spec = source.spec()
+    source.close()
+    return int(spec.width), int(spec.height)
+
+
 def count_pictures(path: Path) -> int:
     """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
     source, count = oiio.ImageInput.open(str(path)), 0

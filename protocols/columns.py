@@ -1,7 +1,11 @@
-"""A column of a tidy table: name, type, unit and meaning, for table and data dictionary alike."""
+"""Columns of tidy tables: name, type, unit and meaning, for table and data dictionary alike.
+
+Here are those that the tables of every task have; a task adds its own in between.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,10 +23,66 @@ class Column:
     meaning: str
 
 
-COMMON_COLUMNS = (
-    "session", "participant", "simulated", "trial", "kind", "attempt", "position", "order",
-    "attempts", "block", "repeat", "outcome", "void_reason", "key_place", "rt_s", "dropped",
-    "gaze_lost_share", "at", "warned", "frames_shown", "frames_planned", "gaze_samples",
-    "gaze_blinks", "gaze_violations", "gaze_mean_deg", "gaze_max_deg", "included", "exclusion",
-)  # fmt: skip
+SITTING_COLUMNS = (
+    Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
+    Column("participant", "text", "", "Pseudonymous code"),
+)
+_TRIAL = (
+    *SITTING_COLUMNS,
+    Column("simulated", "0/1", "", "1: an artificial observer answered"),
+    Column("trial", "text", "", "Trial of the plan"),
+    Column("kind", "text", "", "main, catch or practice"),
+)
+_REPEAT = (
+    Column("block", "integer", "", "Block; 0 is practice"),
+    Column("repeat", "integer", "", "Repeat of the condition, from 0"),
+)
+_ANSWERED = (
+    Column("key_place", "integer", "", "Answer key pressed, counted from the left, from 0"),
+    Column("rt_s", "number", "s", "From the onset of the answer phase to the key press"),
+    Column("dropped", "integer", "refreshes", "Missed refreshes from the first stimulus to answer"),
+    Column("gaze_lost_share", "share", "", "Share of watched time without gaze data"),
+)
+
+
+def attempted(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Column, ...]:
+    """Return the columns of a table of attempts with these columns of condition and answer."""
+    return (
+        *_TRIAL,
+        Column("attempt", "integer", "", "1 for the first attempt at this trial"),
+        Column("position", "integer", "", "Number of this attempt in the sitting, from 0"),
+        *_REPEAT,
+        *condition,
+        Column("outcome", "text", "", "completed or void"),
+        Column("void_reason", "text", "", "Why the attempt was void"),
+        *answer,
+        *_ANSWERED,
+        Column("at", "text", "UTC", "Wall clock at the end of the attempt"),
+        Column("warned", "0/1", "", "1: told that gaze had left the dot"),
+        Column("frames_shown", "integer", "frames", "Frames of the stimuli that were displayed"),
+        Column("frames_planned", "integer", "frames", "Frames of the stimuli"),
+        Column("gaze_samples", "integer", "", "Gaze samples watched"),
+        Column("gaze_blinks", "integer", "", "Losses short enough to be pardoned"),
+        Column("gaze_violations", "integer", "", "Times gaze was outside for long enough"),
+        Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot"),
+        Column("gaze_max_deg", "number", "deg", "Largest angle between gaze and dot"),
+    )
+
+
+def decided(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Column, ...]:
+    """Return the columns of a table of decisions with these columns of condition and answer."""
+    return (
+        *_TRIAL,
+        Column("order", "integer", "", "Place among the sitting's decided main trials, from 1"),
+        Column("attempts", "integer", "", "Attempts until decided"),
+        *_REPEAT,
+        *condition,
+        *answer,
+        *_ANSWERED,
+        Column("included", "0/1", "", "1: used in the analysis"),
+        Column("exclusion", "text", "", "Why the decision is not used; empty: it is"),
+    )
+
+
+COMMON_COLUMNS = tuple({c.name: c for c in (*attempted((), ()), *decided((), ()))})
 """Names that the tables of every task have: no column of the stimuli may take one."""

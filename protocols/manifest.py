@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
@@ -104,17 +106,25 @@ class Manifest(Model):
                 raise ValueError(f"clips must differ in name (got {name} {count} times)")
         return self
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of the whole manifest: the hash of the file that `write_manifest` writes."""
         return sha256_bytes(_file_bytes(self))
 
     def clip(self, name: str) -> Clip:
         """Return one clip; `KeyError` if the manifest lacks it."""
-        for clip in self.clips:
-            if clip.name == name:
-                return clip
-        raise KeyError(name)
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Clip]:
+        return {clip.name: clip for clip in self.clips}
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy without what this one keeps: its hash, its clips by name."""
+        copy = super().model_copy(update=update, deep=deep)
+        for kept in ("sha256", "_by_name"):
+            copy.__dict__.pop(kept, None)
+        return copy
 
 
 def frame_path(clip: object, index: int) -> str:

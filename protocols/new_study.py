@@ -1,11 +1,12 @@
 """The files of a new study: templates, with every key explained from the schema itself.
 
 A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
-``#@ NAME`` stands for a section of a part, which begins with the same line there. A template is
-valid TOML with ``@WORD@`` for what differs between studies. Above the first use of each key come
-its meaning, type and default, taken from the models that read the file, so that comments and
-program cannot drift apart. A line ``#? key = value`` is a key that may be left out, and
-``#? [header]`` a section of such keys: they stay behind a ``#``.
+``#@ NAME`` stands for a section of a part, which begins with the same line there, and ``#+ NAME``
+in a part for a section of ``shared.toml``. What is composed is valid TOML with ``@WORD@`` for what
+differs between studies. Above the first use of each key come its meaning, type and default, taken
+from the models that read the file, so that comments and program cannot drift apart. A line
+``#? key = value`` is a key that may be left out, and ``#? [header]`` a section of such keys: they
+stay behind a ``#``.
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ PICTURES = {
     "identification": "Here: thick and thin rings with a gap on one of four sides.",
     "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
 }
+CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75}
+"""Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even
+a plain one, is an opinion: only who mostly prefers the worse is left out."""
 WANTED_FPS = 30.0
 _WIDTH = 96
 _NO_BOUND = 2**62
@@ -98,6 +102,7 @@ def study_files(
         "PICTURES": PICTURES.get(task, ""),
         "TASK": task,
         "INPUTS": _INPUTS[recipe],
+        "CATCH_MIN_SHARE": CATCH_MIN_SHARE[recipe],
         "POWER": " --rate 0.65" if recipe == "warped-clips" else "",
     }
 
@@ -123,7 +128,8 @@ def composed(task: str, recipe: str) -> str:
         sections[line.removeprefix("#@ ")] if line.startswith("#@ ") else line
         for line in _template("study.toml").splitlines()
     ]
-    text = "\n".join(lines) + "\n"
+    shared = _sections("parts/shared.toml")
+    text = re.sub(r"^#\+ (\w+)$", lambda use: shared[use[1]], "\n".join(lines), flags=re.M) + "\n"
     _check(text)
     return text
 

@@ -96,10 +96,10 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
     blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(protocol, slot, chance)}
     for index, trial in enumerate(main):
         number = 1 + index * design.blocks // len(main)
-        blocks.setdefault(number, []).append(trial.model_copy(update={"block": number}))
+        blocks.setdefault(number, []).append(_changed(trial, block=number))
     for number, catch in _catch_trials(protocol, slot, chance):
         place = chance.below(len(blocks[number])) + 1  # never the first of its block
-        blocks[number].insert(place, catch.model_copy(update={"block": number}))
+        blocks[number].insert(place, _changed(catch, block=number))
     trials: list[PlannedTrial] = []
     for number in sorted(blocks):
         before = trials[-1].shown if trials else None
@@ -168,9 +168,13 @@ def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list
     left = list(trials)
     ordered: list[PlannedTrial] = []
     counts = Counter(trial.shown for trial in left)
+    kinds = Counter(counts.values())  # how many of them have so many trials left
+    most = max(kinds, default=0)
+    shown: frozenset[str] = frozenset()
     while left:
-        shown, most = counts.most_common(1)[0]
         crowded = 2 * most > len(left)  # must come now, or it meets itself at the end
+        if crowded and counts[shown] != most:
+            shown = next(entry for entry, count in counts.items() if count == most)
         place = next(
             (
                 index
@@ -190,7 +194,10 @@ def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list
                 " take fewer repeats"
             )
         trial = left.pop(place)
+        kinds[counts[trial.shown]] -= 1
         counts[trial.shown] -= 1
+        kinds[counts[trial.shown]] += 1
+        most -= not kinds[most]
         ordered.append(trial)
         before = trial.shown
     return ordered
@@ -210,6 +217,13 @@ def _trial(
         answers=protocol.task.answers(),
         correct=arrangement.correct,
     )
+
+
+def _changed(trial: PlannedTrial, **update: object) -> PlannedTrial:
+    """Return the trial with other values of some fields; itself where they are no others."""
+    if all(getattr(trial, name) == value for name, value in update.items()):
+        return trial
+    return trial.model_copy(update=update)
 
 
 def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[PlannedTrial]:
@@ -236,16 +250,16 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
             "design: must have at least one trial (no scene has the stimuli that the task needs:"
             " pairings with the reference, say, need a scene that has one)"
         )
+    of_scene: dict[str, list[Cell]] = {scene: [] for scene in scenes}
+    for cell in cells:
+        of_scene[cell.scene].append(cell)
     ordered: list[tuple[int, Cell]] = []
     rounds = 0
     for repeat in range(protocol.design.repeats):
         if protocol.design.scene_order == "random":
             ordered += [(repeat, cell) for cell in chance.shuffled(cells)]
             continue
-        queues = {
-            scene: chance.shuffled([cell for cell in cells if cell.scene == scene])
-            for scene in scenes
-        }
+        queues = {scene: chance.shuffled(of_scene[scene]) for scene in scenes}
         while any(queues.values()):
             for index in latin_row(len(scenes), slot + rounds):
                 if queues[scenes[index]]:
@@ -306,7 +320,4 @@ def _keyed(
     else:
         turned = mode == "by-participant" and (slot // 2) % 2 == 1
         drawn = [orders[turned]] * len(trials)
-    return [
-        trial.model_copy(update={"answers": order})
-        for trial, order in zip(trials, drawn, strict=True)
-    ]
+    return [_changed(trial, answers=order) for trial, order in zip(trials, drawn, strict=True)]

@@ -210,12 +210,12 @@ def _item(annotation: object, step: int | str) -> object:
     return None
 
 
-def _choose(models: list[Any], raw: object) -> type[BaseModel] | None:
+def _choose(models: Sequence[type[BaseModel]], raw: object) -> type[BaseModel] | None:
     """Return the member of a discriminated union that `raw` says it is."""
     if len(models) > 1 and isinstance(raw, Mapping):
         for entry in models:
             for tag in ("kind", "rule"):
                 field = entry.model_fields.get(tag)
                 if field and raw.get(tag) in get_args(field.annotation):
-                    return entry  # type: ignore[no-any-return]
+                    return entry
     return models[0] if models else None

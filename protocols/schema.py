@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -117,7 +117,7 @@ class StudyProtocol(Model):
         return tuple(s.name for s in self.stimuli.pool() if s.name in names)
 
 
-def problems_between(sections: Mapping[str, object]) -> list[Problem]:
+def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
     """Return every mistake between sections.
 
     Parameters
@@ -129,7 +129,7 @@ def problems_between(sections: Mapping[str, object]) -> list[Problem]:
     problems = cross_check(sections)
     if problems or not {"stimuli", "task", "design"} <= set(sections):
         return problems
-    study = StudyProtocol.model_construct(**sections)  # type: ignore[arg-type]
+    study = StudyProtocol.model_construct(**sections)
     problems += study.task.problems(study)
     problems += _taken_columns(study)
     if "analysis" in sections:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import count_pictures, read_pixels, three_channels
 
@@ -56,11 +57,8 @@ def read_frames(
     count = 0
     for frame in found:
         if frame.shape[:2] != (height, width):
-            raise InputError(
-                f"{path}: must be {width} x {height} px, as the study says (got"
-                f" {frame.shape[1]} x {frame.shape[0]} px); no picture is rescaled: make it again"
-                " at that size, or change width_px and height_px"
-            )
+            got = frame.shape[1], frame.shape[0]
+            raise InputError(f"{path}: {wrong_size(size_px, got)}")
         count += 1
         if count <= frames:
             yield frame
@@ -101,6 +99,26 @@ def read_picture(path: Path) -> Frame:
     return np.ascontiguousarray(three_channels(path, pixels))
 
 
+def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
+    """Return width and height of a stimulus as its header says, without decoding it.
+
+    Of a folder of frames, those of the first. None where they cannot be read: `read_frames` says
+    why.
+    """
+    if fps is None:
+        return image_file.stated_size_px(path)
+    if path.is_dir():
+        return next(map(image_file.stated_size_px, frame_files(path)), None)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        width, height = (
+            round(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
+    finally:
+        video.release()
+    return (width, height) if width > 0 and height > 0 else None
+
+
 def file_sha256(path: Path) -> str:
     """Return the hash of a file, or of the names and files of a folder.
 
@@ -122,6 +140,14 @@ def frame_files(folder: Path) -> list[Path]:
     """Return the files of a folder of frames by name; hidden ones do not count."""
     return sorted(
         entry for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith(".")
+    )
+
+
+def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
+    """Return what is wrong with a stimulus of another size than the study's."""
+    return (
+        f"must be {wanted[0]} x {wanted[1]} px, as the study says (got {got[0]} x {got[1]} px); no"
+        " picture is rescaled: make it again at that size, or change width_px and height_px"
     )
 
 

@@ -9,6 +9,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import FrameType
+from typing import Any, TypeAlias
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -43,6 +45,7 @@ from study_app.validation import PointQuality, summarise, validate
 from study_app.window import Pacing, Window
 
 RecordedEvents = list[AnyEvent]
+Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None
 
 
 @dataclass(frozen=True)
@@ -259,7 +262,7 @@ def _no_marks(_text: str, _t_s: float) -> None:
 def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
     """Let Ctrl-C in the terminal, or a polite kill, press the quit key; a second one stops hard."""
     asked: list[int] = []
-    before: Mapping[int, object] = {}
+    before: Mapping[signal.Signals, Handler] = {}
 
     def on_signal(number: int, _frame: object) -> None:
         asked.append(number)
@@ -279,4 +282,4 @@ def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
+            signal.signal(number, handler)

@@ -124,10 +124,18 @@ def following(
     """Return which trial comes after `trial`, the one that runs; None where that is not known.
 
     It is the same whether the attempt counts or is void: a void trial never comes at once where
-    another is left. What an adaptive trial shows follows from the answer that is awaited.
+    another is left. What an adaptive trial shows follows from the answer that is awaited, and so
+    may whether practice goes on.
     """
     attempts = [event for event in events if isinstance(event, Attempt)]
     queue = remaining(protocol, plan, trial.block, attempts)[1:]
+    for trials in _practice_rounds(protocol, plan) if trial.block == 0 else ():
+        if [entry.id for entry in _queue(protocol, plan, trials, attempts)] == [trial.id]:
+            answers = _right_answers(trials, attempts)
+            passed = {_is_passed(protocol, [*answers, right]) for right in (True, False)}
+            if len(passed) > 1:
+                return None
+            queue = [] if passed == {True} else queue
     queue += [entry for entry in plan.trials if entry.block > trial.block]
     return queue[0] if queue and queue[0].stimuli else None
 
@@ -141,26 +149,42 @@ def remaining(
     trial is left, and not next to one that shows the same. After `max_attempts` it is given up.
     Practice with a criterion ends with the first round that reaches it.
     """
-    practice = protocol.design.practice
-    if block > 0 or practice is None or practice.criterion_share is None:
+    rounds = _practice_rounds(protocol, plan) if block == 0 else []
+    if not rounds:
         return _queue(protocol, plan, plan.block(block), attempts)
-    trials = plan.block(block)
-    rounds = [
-        trials[first : first + practice.trials] for first in range(0, len(trials), practice.trials)
-    ]
     for number, trials in enumerate(rounds):
         left = _queue(protocol, plan, trials, attempts)
         if left:
             return left + [trial for later in rounds[number + 1 :] for trial in later]
-        names = {trial.id for trial in trials}
-        answered = [
-            attempt.correct
-            for attempt in attempts
-            if attempt.trial in names and attempt.outcome == "completed"
-        ]
-        if answered and sum(map(bool, answered)) >= practice.criterion_share * len(answered):
+        if _is_passed(protocol, _right_answers(trials, attempts)):
             break
     return []
+
+
+def _practice_rounds(protocol: StudyProtocol, plan: Plan) -> list[tuple[PlannedTrial, ...]]:
+    """Return the rounds of practice with a criterion; none where practice has none."""
+    practice = protocol.design.practice
+    if practice is None or practice.criterion_share is None:
+        return []
+    trials, each = plan.block(0), practice.trials
+    return [trials[first : first + each] for first in range(0, len(trials), each)]
+
+
+def _right_answers(trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]) -> list[bool]:
+    """Return of every answer to these trials whether it was right."""
+    names = {trial.id for trial in trials}
+    return [
+        bool(attempt.correct)
+        for attempt in attempts
+        if attempt.trial in names and attempt.outcome == "completed"
+    ]
+
+
+def _is_passed(protocol: StudyProtocol, answers: Sequence[bool]) -> bool:
+    """Return whether these answers to a round of practice reach its criterion."""
+    practice = protocol.design.practice
+    share = practice.criterion_share if practice else None
+    return share is not None and bool(answers) and sum(answers) >= share * len(answers)
 
 
 def _queue(

@@ -15,13 +15,12 @@ from analysis.columns import (
 )
 from analysis.export.content import Content, label, write_json
 from analysis.export.psychds_rules import broken_rules
-from protocols.columns import Column
+from protocols.columns import SITTING_COLUMNS, Column
 from protocols.hashing import Json
 
 _ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")
 _ANSWER_COLUMNS = (
-    Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
-    Column("participant", "text", "", "Pseudonymous code"),
+    *SITTING_COLUMNS,
     Column("question", "text", "", "Name of the closing question"),
     Column("text", "text", "", "Answer as typed or chosen"),
 )

@@ -64,6 +64,7 @@ def report_decisions(
     out: Path,
     *,
     protocol: StudyProtocol | None = None,
+    title: str | None = None,
     replace: bool = False,
     figure_files: bool = True,
     progress: Progress | None = None,
@@ -73,8 +74,9 @@ def report_decisions(
     A protocol, where given, says task, conditions and rules; its exclusions are not applied,
     because a plain table does not hold what they need. Without one, the task is the one that
     `analysis import` noted beside the table; a table without that note must hold preferences.
+    `title` stands at the top of the page; left out: the protocol's, or the table's name.
     """
-    source = from_table(path, protocol)
+    source = from_table(path, protocol, title)
     return _write(source, out, replace=replace, figure_files=figure_files, progress=progress)
 
 

@@ -1,7 +1,7 @@
 """What a report is made from: sittings, or a table of decisions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -79,7 +79,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     )
 
 
-def from_table(path: Path, protocol: StudyProtocol | None) -> Source:
+def from_table(path: Path, protocol: StudyProtocol | None, title: str | None = None) -> Source:
     """Read a table of decisions; a protocol, where given, says task, conditions and rules.
 
     Raises
@@ -101,6 +101,8 @@ def from_table(path: Path, protocol: StudyProtocol | None) -> Source:
         analysis = analysis_of(kind)
         decisions = _main(path, analysis.read(path, {}, options))
         settings = analysis.settings_of_table(decisions, path.stem, options)
+    if title is not None:
+        settings = replace(settings, title=title)
     return Source(
         analysis,
         decisions,

@@ -12,6 +12,7 @@ from analysis.tasks import analysis_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
 from protocols.load import decode_utf8, read_bytes
+from protocols.problems import problems_of
 from protocols.suggest import did_you_mean
 
 FORMAT = 1
@@ -91,6 +92,5 @@ def _checked(kind: str, values: Mapping[str, Any], place: str) -> TableOptions:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise StudyError(f"{place}: {key}: {first['msg']} (got {first['input']!r})") from None
+        problems = problems_of(error, dict(values), model)
+        raise StudyError("\n".join(f"{place} {problem}" for problem in problems)) from None

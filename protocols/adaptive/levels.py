@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import TypeAlias
 
 from protocols.errors import StudyError
@@ -39,34 +39,6 @@ def check_levels(levels: Sequence[float], place: str = "levels") -> None:
                 f"{place}[{index}]: must be above the one before it, {levels[index - 1]:g}"
                 f" (got {level:g}); list each once, from the lowest to the highest"
             )
-
-
-def check_available(
-    levels: Iterable[float], available: Collection[float], place: str = "levels"
-) -> None:
-    """Refuse levels that the stimuli do not have.
-
-    Parameters
-    ----------
-    levels : iterable of float
-        What an adaptive rule may ask for.
-    available : collection of float
-        The levels for which there is a stimulus.
-
-    Raises
-    ------
-    StudyError
-        It names every level that is missing, and the range there is.
-    """
-    have = set(available)
-    missing = [f"{level:g}" for level in levels if level not in have]
-    if missing:
-        found = f"from {min(have):g} to {max(have):g}" if have else "for no level"
-        raise StudyError(
-            f"{place}: there must be a stimulus for every level, and there is none for"
-            f" {', '.join(missing)} (there are stimuli {found});"
-            " leave these levels out, or build their stimuli"
-        )
 
 
 def check_history(history: History, levels: Collection[float], place: str = "history") -> None:

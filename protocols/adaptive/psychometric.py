@@ -88,17 +88,6 @@ def slope_of(width: ArrayLike, shape: Shape, threshold: ArrayLike | None = None)
     return np.asarray(np.exp(0.5 * (low + high)))
 
 
-def width_of(slope: ArrayLike, shape: Shape, threshold: ArrayLike | None = None) -> Floats:
-    """Return the width for a slope of the table above; the inverse of `slope_of`."""
-    check_shape(shape)
-    steepness = np.asarray(slope, dtype=np.float64)
-    if shape != "weibull":
-        return np.asarray(_RISE[shape] / steepness)
-    if threshold is None:
-        raise ValueError("weibull needs the threshold to turn a slope into a width")
-    return np.asarray(np.asarray(threshold, dtype=np.float64) * _weibull_rise(steepness))
-
-
 def _weibull_rise(slope: Floats) -> Floats:
     """Return width / threshold of the Weibull function."""
     return np.asarray(np.exp((_HIGH - _MIDDLE) / slope) - np.exp((_LOW - _MIDDLE) / slope))

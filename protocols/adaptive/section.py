@@ -70,7 +70,12 @@ class Adaptive(Model):
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        raise NotImplementedError
+        if study.design.repeats != 1:
+            yield Problem(
+                "design.repeats",
+                f"must be 1 where a rule chooses what is shown and has trials = {self.trials} of"
+                f" its own (got {study.design.repeats})",
+            )
 
     def sentence(self, study: StudyProtocol) -> str:
         """Return what a participant meets, for a preregistration."""
@@ -135,6 +140,7 @@ class AdaptiveLevels(Adaptive):
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
+        yield from super().problems(study)
         task = study.task
         found = [
             *task.check_columns(study, "task.adaptive.column", (self.column,)),
@@ -220,9 +226,21 @@ class QuestPlusLevels(AdaptiveLevels):
     lapse: tuple[Share, ...] = (0.02,)
     """Rates of slips."""
     shape: Literal["gauss", "logistic", "gumbel", "weibull"] = "gauss"
-    """Of the psychometric function."""
+    """Of the psychometric function, in the report too; `weibull` where levels are above 0."""
     falling: bool = False
     """Answers get worse as the level rises."""
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield also a level that the report could not fit the planned shape to."""
+        found = list(super().problems(study))
+        yield from found
+        lowest = min(self.levels(study), default=1.0)
+        if not found and self.shape == "weibull" and lowest <= 0:
+            yield Problem(
+                "task.adaptive.shape",
+                "must be another one, or every level above 0: the report fits thresholds of the"
+                f" Weibull function on logarithms of the level (got a level {lowest:g})",
+            )
 
     def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
         """Return the level of least expected entropy."""
@@ -320,14 +338,10 @@ class ActivePairs(Adaptive):
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield a problem where a scene lacks a stimulus that others have."""
+        yield from super().problems(study)
         task = _pair_task(study)
         if task.pairings != "all":
             yield Problem("task.pairings", "must be left out where sampling chooses the pairs")
-        if study.design.repeats != 1:
-            yield Problem(
-                "design.repeats",
-                f"must be 1 where sampling has trials (got {study.design.repeats})",
-            )
         methods = len(study.stimuli.values(task.compare))
         groups = study.stimuli.groups(study.main_scenes(), task.compare)
         if any(len(stimuli) < methods for _, _, stimuli, _ in groups):

@@ -167,6 +167,12 @@ def read_table(path: Path) -> list[dict[str, object]]:
         rows = list(reader)
     except csv.Error as error:
         raise StudyError(f"{path}: line {reader.line_num}: must be valid CSV ({error})") from None
+    separator = next((mark for mark in ";\t" if mark in "".join(header)), None)
+    if separator is not None and len(header) == 1:
+        raise StudyError(
+            f"{path}: line 1: columns must be separated by commas (got {separator!r} between them);"
+            " save the table as CSV with commas, and decimals with a point"
+        )
     for column in COLUMNS:
         if column not in header:
             raise StudyError(

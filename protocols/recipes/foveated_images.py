@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Required, TypedDict
 
 from pydantic import Field, model_validator
 
@@ -108,6 +108,16 @@ class Cuts(Model):
     """Width over which the sides are blended."""
 
 
+class _Drawn(TypedDict, total=False):
+    """What of a stimulus differs by what is drawn into it."""
+
+    seed: Required[int]
+    eccentricity_deg: float
+    polar_deg: float
+    gap_deg: float | None
+    cut_deg: float | None
+
+
 @dataclass(frozen=True)
 class FoveatedStimulus:
     """One stimulus in full."""
@@ -199,10 +209,10 @@ class FoveatedImages(Recipe):
                     picture,
                     shown,
                     gaze,
-                    **extra,  # type: ignore[arg-type]
+                    **extra,
                 )
 
-    def _plain(self) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+    def _plain(self) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
         for draw in range(self.draws):
             words = [f"d{draw}"] if self.draws > 1 else []
             more: dict[str, Scalar] = {"draw": draw} if self.draws > 1 else {}
@@ -210,7 +220,7 @@ class FoveatedImages(Recipe):
 
     def _rings(
         self, rings: Rings, picture: Picture, gaze: GazePoint
-    ) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+    ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
         kinds: list[tuple[str, float | None]] = [(OPEN, gap) for gap in rings.gaps_deg]
         if rings.closed:
             kinds.append((CLOSED, None))
@@ -245,7 +255,7 @@ class FoveatedImages(Recipe):
 
     def _cuts(
         self, cuts: Cuts, picture: Picture, shown: Shown, gaze: GazePoint
-    ) -> Iterator[tuple[list[str], dict[str, Scalar], dict[str, object]]]:
+    ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
         # A reference beside a reference is consistent, whatever the cut.
         alone = shown.condition == REFERENCE
         for cut, draw in product([CONSISTENT] if alone else [CONSISTENT, INCONSISTENT],

@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 Levels = Annotated[QuestPlusLevels | UpDownLevels, Field(discriminator="rule")]
 
 
+ANSWER_COLUMNS = (
+    Column("expected", "text", "", "The right answer"),
+    Column("answer", "text", "", "The answer given"),
+    Column("correct", "0/1", "", "1: the answer was right"),
+    Column("track", "text", "", "Adaptive track; empty: levels were constant"),
+)
+
+
 class RightOrWrong(Task):
     """A task with a right answer for every trial."""
 
@@ -55,12 +63,7 @@ class RightOrWrong(Task):
 
     def answer_columns(self) -> tuple[Column, ...]:
         """Return what was answered, and whether it was right."""
-        return (
-            Column("expected", "text", "", "The right answer"),
-            Column("answer", "text", "", "The answer given"),
-            Column("correct", "0/1", "", "1: the answer was right"),
-            Column("track", "text", "", "Adaptive track; empty: levels were constant"),
-        )
+        return ANSWER_COLUMNS
 
     def row(self, attempt: Attempt) -> dict[str, object]:
         """Return an attempt in these columns."""

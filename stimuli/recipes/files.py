@@ -13,13 +13,15 @@ from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.schema import StudyProtocol
 from stimuli.png import encode_bytes
-from stimuli.read_file import file_sha256, read_frames
+from stimuli.read_file import file_sha256, read_frames, stated_size_px, wrong_size
 from stimuli.recipes.base import Estimate
 from stimuli.recipes.taken import RESERVED, TakingBuilder
 from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
 
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
+_TOLD = 3
+"""How many files of another size are named one by one."""
 _SOURCES = ("stimuli.read_file", "stimuli.png")
 
 
@@ -34,7 +36,29 @@ class FileBuilder(TakingBuilder[FileEntry]):
         self.recipe = protocol.stimuli
 
     def problems(self) -> list[Problem]:
-        """Return names that folders of the batch have already."""
+        """Return names that folders of the batch have already, and files of another size.
+
+        Only headers are read, and missing files are left to whoever needs them.
+        """
+        return [*self._reserved(), *self._wrong_sizes()]
+
+    def _wrong_sizes(self) -> Iterator[Problem]:
+        size_px, fps = (self.recipe.width_px, self.recipe.height_px), self.recipe.fps
+        wrong = 0
+        for index, entry in enumerate(self.recipe.entries):
+            path = self.folder / entry.file
+            got = stated_size_px(path, fps) if path.exists() else None
+            if got is None or got == size_px:
+                continue
+            wrong += 1
+            if wrong <= _TOLD:
+                yield Problem(
+                    f"stimuli.entries[{index}].file", f"{path}: {wrong_size(size_px, got)}"
+                )
+        if wrong > _TOLD:
+            yield Problem("stimuli", f"{wrong - _TOLD} more files are of another size")
+
+    def _reserved(self) -> list[Problem]:
         return [
             Problem(
                 f"stimuli.entries[{index}].name",

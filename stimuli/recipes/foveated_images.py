@@ -26,6 +26,7 @@ from pipeline.foveation.drawn import bisected, draw_ring, ring_pixels
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.gl.context import create_context, describe, release_context
+from pipeline.image_file import stated_size_px
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
@@ -109,9 +110,23 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 found.append(
                     Problem(f"stimuli.pictures[{index}].name", f"must not be {picture.name!r}")
                 )
+        if self.recipe.fit == "exact":
+            found += self._wrong_sizes()
         if self.recipe.rings is not None:
             found += self._rings_off(self.recipe.rings)
         return found
+
+    def _wrong_sizes(self) -> Iterator[Problem]:
+        """Yield a problem for every picture whose header says another size."""
+        wanted = self.recipe.width_px, self.recipe.height_px
+        for index, picture in enumerate(self.recipe.pictures):
+            path = self.folder / picture.file
+            got = stated_size_px(path)
+            # Sides the other way around: it may be stored turned, which reading it settles.
+            if got is not None and got not in (wanted, wanted[::-1]):
+                yield Problem(
+                    f"stimuli.pictures[{index}].file", f"{path}: {_wrong_size(wanted, got)}"
+                )
 
     def _rings_off(self, rings: Rings) -> list[Problem]:
         for one in self.wanted:
@@ -312,10 +327,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         if colour.shape[:2] == (height, width):
             return colour
         if self.recipe.fit == "exact":
-            raise InputError(
-                f"{path}: must be {width} x {height} px, as the study says (is"
-                f' {colour.shape[1]} x {colour.shape[0]}); cut it, or write fit = "cover"'
-            )
+            got = colour.shape[1], colour.shape[0]
+            raise InputError(f"{path}: {_wrong_size((width, height), got)}")
         share = max(height / colour.shape[0], width / colour.shape[1])
         across, down = (round(share * edge) for edge in colour.shape[1::-1])
         size = max(width, across), max(height, down)
@@ -334,3 +347,10 @@ def _file_hash(path: Path) -> str:
     """A file's hash, read once while it does not change."""
     found = path.stat()
     return _hashed(path, found.st_mtime_ns, found.st_size)
+
+
+def _wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
+    return (
+        f"must be {wanted[0]} x {wanted[1]} px, as the study says (is {got[0]} x {got[1]}); cut it,"
+        ' or write fit = "cover"'
+    )

@@ -72,6 +72,10 @@ def report(
     protocol: Annotated[
         Path | None, typer.Option(help=SESSIONS_PROTOCOL_HELP + " Optional for a table only.")
     ] = None,
+    title: Annotated[
+        str | None,
+        typer.Option(help="Top of the page, for a table only; left out: its file's name."),
+    ] = None,
     figures: Annotated[
         bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
     ] = True,
@@ -93,6 +97,7 @@ def report(
                     sessions,
                     out,
                     protocol=study,
+                    title=title,
                     replace=replace,
                     figure_files=figures,
                     progress=progress,
@@ -101,6 +106,11 @@ def report(
                 raise StudyError(
                     "--protocol must name the protocol of the sessions"
                     " (only a table of decisions goes without one)"
+                )
+            elif title is not None:
+                raise StudyError(
+                    "--title must be left out for sessions: the protocol has it as study.title"
+                    f" ({study.study.title!r})"
                 )
             else:
                 made = report_sessions(

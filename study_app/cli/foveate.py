@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -329,10 +330,7 @@ def _run(
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
         with one_line() as say:
-
-            def report(done: int, total: int, say=say) -> None:  # type: ignore[no-untyped-def]
-                say("drawing frames", done, total)
-
+            report = partial(say, "drawing frames")
             if kind == "animate":
                 size = moving.wander(
                     path, shown, viewing, choices[0], seed=seed, ctx=ctx, report=report,

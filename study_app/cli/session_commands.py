@@ -6,7 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -232,11 +232,11 @@ def _model(
     *,
     utilities: list[str] | None,
     strength: list[str] | None,
-    **given: object,
+    **given: Any,
 ) -> ObserverModel:
     """Return the default population of the task with what was asked for in its place."""
     model = default_model(study)
-    options: dict[str, object] = {name: value for name, value in given.items() if value is not None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     task = study.task
     if utilities:
         known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
@@ -253,7 +253,7 @@ def _model(
                 f"{option}: must be left out for the task {task.kind!r}, whose observers have"
                 f" {', '.join(sorted(fields & _OPTIONS))}"
             )
-    return dataclasses.replace(model, **options)  # type: ignore[arg-type]
+    return dataclasses.replace(model, **options)
 
 
 _OPTIONS = {

@@ -25,15 +25,6 @@ _EPSILON_S = 1e-9
 """Stamps are sums of floats; a rule's own length must not fail by rounding."""
 
 
-def persistence_s(rules: Gaze, rate_hz: float) -> float:
-    """Return how long gaze is outside, from its first sample there, until a violation is sure.
-
-    At least `violation_samples` samples and `violation_s`, in whole sample intervals.
-    """
-    intervals = max(rules.violation_samples - 1, math.ceil(rules.violation_s * rate_hz - 1e-9))
-    return intervals / rate_hz
-
-
 class FixationMonitor:
     """Turns samples into a verdict per frame.
 

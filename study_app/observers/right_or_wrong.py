@@ -14,6 +14,9 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.rates import RatesAnalysis
 from study_app.observers.base import Decision, ObserverModel, deviation
 
+PLAIN = 10.0
+"""Sensitivity to catch trials: only lapses miss them."""
+
 
 @dataclass(frozen=True)
 class SensitivityModel(ObserverModel):
@@ -65,7 +68,9 @@ class SensitivityModel(ObserverModel):
         )
 
     def sensitivity(self, trial: PlannedTrial, seed: int, participant: str) -> float:
-        """Return the sensitivity of a participant to a trial."""
+        """Return the sensitivity of a participant to a trial; to a catch trial, which is plain."""
+        if trial.role == "catch":
+            return PLAIN
         condition = trial.condition
         scene = str(condition.get("scene", ""))
         found = self.strength.get(str(condition.get(self.by, "")), 1.5)

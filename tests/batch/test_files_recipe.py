@@ -195,6 +195,24 @@ def test_a_still_that_cannot_be_shown_as_it_is_is_refused(study, tmp_path, file,
     assert not (made.clips / "manifest.json").exists()
 
 
+def test_check_finds_a_picture_of_another_size_without_decoding_it(metamerlab, stills, tmp_path):
+    Image.fromarray(picture(1, (25, 33))).save(tmp_path / "1.png")
+    whole = (tmp_path / "2.png").read_bytes()
+    (tmp_path / "2.png").write_bytes(whole[: len(whole) // 2])  # for the build to find
+    done = metamerlab("protocol", "check", stills.path)
+
+    assert done.exit_code == 2, done.output
+    said = " ".join(done.stderr.split())
+    assert "stimuli.entries[1].file" in said
+    assert "must be 32 x 24 px, as the study says (got 33 x 25 px)" in said
+    assert "entries[2]" not in said
+    for name in ("0", "2", "3"):
+        Image.fromarray(picture(1, (25, 33))).save(tmp_path / f"{name}.png")
+    said = " ".join(metamerlab("protocol", "check", stills.path).stderr.split())
+    assert "1 more files are of another size" in said
+    assert said.count("must be 32 x 24 px") == 3
+
+
 def test_every_bad_file_has_its_line(stills, tmp_path):
     Image.fromarray(picture(0, (9, 9))).save(tmp_path / "1.png")
     (tmp_path / "3.png").write_text("?")

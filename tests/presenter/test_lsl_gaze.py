@@ -10,9 +10,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from gaze_persistence import persistence_s
 
 from protocols.journal import Note, SessionEnd
-from study_app.gaze.fixation import persistence_s
 
 pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
+from scipy import stats
 
 from protocols.feasibility import check_feasible
 from protocols.journal_file import read_journal
@@ -59,6 +61,19 @@ def test_it_is_in_order_at_once(metamerlab, made, task):
     assert "note:" not in done.stdout
     assert load_protocol(path).task.kind == task
     assert load_protocol(path).format == 2
+
+
+@pytest.mark.parametrize("task", PARTS)
+def test_its_catch_trials_pass_who_slips_now_and_then_and_fail_who_guesses(made, task):
+    """Binomial: a slip in 50 trials passes in 97 % and more, also before feedback teaches."""
+    study = load_protocol(made(task))
+    trials = study.task.catch_trials
+    enough = math.ceil(study.analysis.exclusions.catch_min_share * trials - 1e-9)
+    passed = {share: stats.binom.sf(enough - 1, trials, share) for share in (0.98, 0.5)}
+
+    assert passed[0.98] >= 0.97
+    # A preference is an opinion, so that the rule is milder there.
+    assert passed[0.5] <= (0.12 if task in RIGHT_OR_WRONG else 0.7)
 
 
 @pytest.mark.parametrize("task", PARTS)
@@ -121,7 +136,8 @@ def test_the_examples_of_adaptive_levels_are_valid_and_run(
 ):
     path = made(task)
     text = path.read_text(encoding="utf-8")
-    path.write_text(uncommented(text, first, last), encoding="utf-8")
+    text = uncommented(text, first, last).replace("repeats = 2", "repeats = 1")
+    path.write_text(text, encoding="utf-8")
 
     assert load_protocol(path).task.adaptation.rule == rule
     done = metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)

@@ -109,6 +109,19 @@ def test_import_names_columns_and_says_what_to_do_next(tmp_path):
     assert made.exit_code == 0, made.output
 
 
+def test_a_report_of_a_table_without_our_columns_names_the_command_that_maps_them(tmp_path):
+    (tmp_path / "old.csv").write_text("who,first,second,pick\nA,a,b,1\n")
+
+    result = run("report", tmp_path / "old.csv", "--out", tmp_path / "r")
+
+    assert result.exit_code == 2
+    said = re.sub(r"\s+", " ", result.output)
+    assert "metamerlab analysis import TABLE --map participant=COLUMN" in said
+    (tmp_path / "old.csv").write_text("participant;first;second;chosen;rt_s\nA;a;b;a;0,5\n")
+    said = re.sub(r"\s+", " ", run("report", tmp_path / "old.csv", "--out", tmp_path / "r").output)
+    assert "rt_s must be a number (got '0,5'); write decimals with a point" in said
+
+
 def test_power_prints_a_table_and_draws_the_curve(tmp_path):
     result = run("power", "demo", "--rate", 0.7, "--studies", 200, "--out", tmp_path / "p")
 
@@ -128,6 +141,7 @@ def test_power_prints_a_table_and_draws_the_curve(tmp_path):
         (["report", "nowhere.csv", "--out", "r"], "the table must exist"),
         (["tidy", ".", "--protocol", "nothing", "--out", "t"], "must be a .toml file or one of"),
         (["tidy", ".", "--protocol", "demo", "--out", "t"], "no journal.jsonl was found"),
+        (["report", "nowhere", "--protocol", "demo", "--title", "T", "--out", "r"], "study.title"),
         (["import", "none.csv", "--out", "i"], "no such file"),
         (["import", "none.csv", "--map", "x", "--out", "i"], "OURS=THEIRS"),
         (["power", "nothing"], "must be a .toml file or one of"),

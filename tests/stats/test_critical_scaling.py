@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up_trials import TaskDesign, simulate_abx
 
 from analysis.critical_scaling import (
     critical_scaling,
@@ -11,7 +12,6 @@ from analysis.critical_scaling import (
     fit_person,
     scaling_d_prime,
 )
-from analysis.simulated_tasks import TaskDesign, simulate_abx
 
 SCALINGS = list(np.geomspace(0.06, 0.6, 8))
 

@@ -6,31 +6,31 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from yes_no_table import of_table
 
 from analysis.bias import order_bias, side_bias
-from analysis.detection import sensitivity
 from analysis.learning import trend
 from analysis.reaction import reaction_times
 
 
 def test_d_prime_by_hand():
     """Half hits, 3 of 23 false alarms: z(.5) - z(3/23)."""
-    found = sensitivity(10, 10, 3, 20, "none")
+    found = of_table(10, 10, 3, 20)
 
-    assert found.d_prime == pytest.approx(-stats.norm.ppf(3 / 23))
-    assert found.criterion == pytest.approx(-0.5 * stats.norm.ppf(3 / 23))
-    assert found.criterion_error == pytest.approx(found.standard_error / 2)
+    assert found.d_prime.value == pytest.approx(-stats.norm.ppf(3 / 23))
+    assert found.criterion.value == pytest.approx(-0.5 * stats.norm.ppf(3 / 23))
+    assert found.criterion.standard_error == pytest.approx(found.d_prime.standard_error / 2)
 
 
 def test_the_correction_is_for_every_table_or_for_none():
-    corrected = sensitivity(10, 0, 0, 10)
-    plain = sensitivity(9, 1, 1, 9, "none")
+    perfect = of_table(10, 0, 0, 10, "log-linear").d_prime
+    corrected = of_table(9, 1, 1, 9, "log-linear").d_prime
+    plain = of_table(9, 1, 1, 9).d_prime
 
-    assert corrected.d_prime == pytest.approx(2 * stats.norm.ppf(10.5 / 11))
-    assert sensitivity(9, 1, 1, 9).d_prime < plain.d_prime == pytest.approx(2 * stats.norm.ppf(0.9))
-    assert sensitivity(10, 0, 0, 10, "none").d_prime == np.inf
+    assert perfect.value == pytest.approx(2 * stats.norm.ppf(10.5 / 11))
+    assert corrected.value < plain.value == pytest.approx(2 * stats.norm.ppf(0.9))
     with pytest.raises(ValueError, match="log-linear"):
-        sensitivity(9, 1, 1, 9, "loglinear")
+        of_table(9, 1, 1, 9, "loglinear")
 
 
 def sittings(rng, slopes, trials=60):

@@ -8,23 +8,24 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
 from scipy import stats
 from scipy.special import ndtr
+from yes_no_table import of_table
 
 from analysis.clustered import two_way_influence
-from analysis.detection import abx, d_prime_influence, identification, sensitivity, yes_no
+from analysis.detection import abx, d_prime_influence, identification, yes_no
 from analysis.ideal_observer import (
     abx_d_prime,
     abx_share,
     corrected_share,
     forced_choice_d_prime,
     forced_choice_share,
-)
-from analysis.simulated_tasks import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
 )
 
 R = json.loads((Path(__file__).parent / "oracles" / "oracle_tasks.json").read_text())
@@ -116,12 +117,12 @@ def observed(hits, signal, alarms, noise, *, method="ours", who="a"):
 def test_yes_no_counts_and_measures_are_those_of_the_whole_table():
     rows = pd.concat([observed(15, 20, 4, 18), observed(11, 20, 6, 22, who="b")])
     one = yes_no(rows, ("method",), signal=SIGNAL)["ours"]
-    whole = sensitivity(26, 14, 10, 30)
+    whole = of_table(26, 14, 10, 30, "log-linear")
 
     assert (one.hits, one.misses, one.false_alarms, one.correct_rejections) == (26, 14, 10, 30)
-    assert one.d_prime.value == pytest.approx(whole.d_prime)
-    assert one.criterion.value == pytest.approx(whole.criterion)
-    assert one.d_prime.standard_error >= whole.standard_error
+    assert one.d_prime.value == pytest.approx(whole.d_prime.value)
+    assert one.criterion.value == pytest.approx(whole.criterion.value)
+    assert one.d_prime.standard_error >= whole.d_prime.standard_error
     assert one.correct.count == 26 + 30
     assert one.bias.count == 36
     assert one.bias_answer == SIGNAL
@@ -188,7 +189,10 @@ def test_bias_without_sensitivity_is_told_apart(rng):
 def test_one_participant_gets_the_errors_of_independent_trials():
     one = yes_no(observed(15, 20, 4, 20), signal=SIGNAL)["all"]
 
-    assert one.d_prime.standard_error == pytest.approx(sensitivity(15, 5, 4, 16).standard_error)
+    # Gourevitch and Galanter 1967, of rates with half a trial more in every cell.
+    rates = np.array([15.5, 4.5]) / 21
+    variance = rates * (1 - rates) / (20 * stats.norm.pdf(stats.norm.ppf(rates)) ** 2)
+    assert one.d_prime.standard_error == pytest.approx(np.sqrt(variance.sum()))
     assert one.d_prime.df == np.inf
     assert any("one participant" in note for note in one.warnings)
 

@@ -104,10 +104,13 @@ def test_random_slopes_that_are_there_are_found(rng):
         )
 
 
-@pytest.mark.parametrize("link", ["logit", "probit", "weibull"])
+@pytest.mark.parametrize(
+    ("link", "mirrored"),
+    [("logit", False), ("probit", False), ("weibull", False), ("weibull", True)],
+)
 @pytest.mark.parametrize("rates", [(0.0, 0.0), (0.5, 0.03)])
-def test_slopes_and_curvatures_of_responses_are_their_derivatives(link, rates):
-    response = Response(link, *rates)
+def test_slopes_and_curvatures_of_responses_are_their_derivatives(link, mirrored, rates):
+    response = Response(link, *rates, mirrored)
     eta = np.linspace(-2.0, 1.5, 7)
     successes, trials = np.arange(7.0), np.full(7, 8.0)
 

@@ -9,6 +9,12 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import (
+    TaskDesign,
+    simulate_abx,
+    simulate_identification,
+    simulate_yes_no,
+)
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
@@ -44,12 +50,6 @@ from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
-from analysis.simulated_tasks import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
 from analysis.tasks.preference.power import Assumptions, power_curve
 from analysis.tasks.preference.settings import from_protocol
 from analysis.tasks.preference.study import vote_tensor

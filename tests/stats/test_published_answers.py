@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 from scipy.special import xlogy
+from yes_no_table import of_table
 
 from analysis.bayes import binomial_bayes_factor
 from analysis.bootstrap import bootstrap_scores
 from analysis.clustered import equivalence_p, holm, sign_flip_floor
 from analysis.consistency import agreement, circular_triads, transitivity
-from analysis.detection import sensitivity
 from analysis.glmm import fit_crossed
 from analysis.ideal_observer import forced_choice_d_prime
 from analysis.logit import fit_logit, information
@@ -354,11 +354,10 @@ def test_faces(expected: Answers, stats_data: Reader):
     ]
     # The published table counts (no, yes) answers per stimulus.
     assert [row[::-1] for row in table] == [answer["table"]["A"], answer["table"]["P"]]
-    pooled = sensitivity(table[1][0], table[1][1], table[0][0], table[0][1], "none")
-    assert pooled.d_prime == pytest.approx(answer["dprime_probit"], **CLOSE)
-    assert stats.norm.ppf(pooled.false_alarm_rate) == pytest.approx(
-        answer["probit_intercept"], **CLOSE
-    )
+    pooled = of_table(*table[1], *table[0])
+    d_prime, criterion = pooled.d_prime.value, pooled.criterion.value
+    assert d_prime == pytest.approx(answer["dprime_probit"], **CLOSE)
+    assert -criterion - 0.5 * d_prime == pytest.approx(answer["probit_intercept"], **CLOSE)
 
     crossed = glmm_logit("Resp ~ Stim", faces, groups=("Obs", "Image"))
     wanted = answer["glmer_logit_crossed"]
@@ -536,11 +535,11 @@ def test_seeing_quanta(expected: Answers, stats_data: Reader):
 
 def test_discrimination(expected: Answers):
     answer = expected["sensR"]
-    yes_no = sensitivity(10, 10, 3, 17, "none")
-    assert yes_no.d_prime == pytest.approx(answer["AnotA(10,20,3,20)"]["d"], **CLOSE)
+    yes_no = of_table(10, 10, 3, 17).d_prime
+    assert yes_no.value == pytest.approx(answer["AnotA(10,20,3,20)"]["d"], **CLOSE)
     assert yes_no.standard_error == pytest.approx(answer["AnotA(10,20,3,20)"]["se"], **CLOSE)
-    rated = sensitivity(8, 17, 1, 24, "none")
-    assert rated.d_prime == pytest.approx(answer["SDT 8/25,1/25 d"], **CLOSE)
+    rated = of_table(8, 17, 1, 24).d_prime
+    assert rated.value == pytest.approx(answer["SDT 8/25,1/25 d"], **CLOSE)
     d, above = forced_choice_d_prime(np.array([10 / 15, 10 / 15 + 1e-6]), 2)
     error = np.sqrt(10 * 5 / 15**3) * (above - d) / 1e-6
     assert d == pytest.approx(answer["discrim 2AFC 10/15"]["d"], **CLOSE)
@@ -574,9 +573,9 @@ def test_odour_ratings_at_every_criterion(expected: Answers):
     odour = np.array([7, 38, 50, 117, 101, 62])
     blank = np.array([112, 112, 72, 53, 22, 4])
     found = [
-        sensitivity(
-            odour[cut:].sum(), odour[:cut].sum(), blank[cut:].sum(), blank[:cut].sum(), "none"
-        ).d_prime
+        of_table(
+            odour[cut:].sum(), odour[:cut].sum(), blank[cut:].sum(), blank[:cut].sum()
+        ).d_prime.value
         for cut in range(1, 6)
     ]
 

@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-
-from analysis.critical_scaling import critical_scaling
-from analysis.psychometric import _Problem, fit_psychometric
-from analysis.simulated_tasks import (
+from made_up_trials import (
     TaskDesign,
     simulate_abx,
     simulate_identification,
     simulate_yes_no,
 )
+
+from analysis.critical_scaling import critical_scaling
+from analysis.psychometric import _Problem, fit_psychometric
 from analysis.tasks import analysis_of
 from analysis.tasks.rates import wording as say
 from analysis.tasks.rates.sections import sections

@@ -14,19 +14,21 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
-
-from analysis.detection import YesNoResults
-from analysis.export import export_study
-from analysis.export.psychds_rules import broken_rules
-from analysis.report import report_decisions, report_sessions
-from analysis.report.wording import share
-from analysis.simulated_tasks import (
+from made_up_trials import (
     TaskDesign,
     simulate_abx,
     simulate_identification,
     simulate_yes_no,
 )
+from scipy import stats
+from typer.testing import CliRunner, Result
+
+from analysis.detection import YesNoResults
+from analysis.export import export_study
+from analysis.export.psychds_rules import broken_rules
+from analysis.ideal_observer import abx_share
+from analysis.report import report_decisions, report_sessions
+from analysis.report.wording import share
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note
 from analysis.tidy import read_sessions
@@ -115,6 +117,7 @@ trials = 24
 threshold = [5.0, 10.0, 15.0, 20.0]
 width = [10.0, 20.0]
 guess = [0.25]
+shape = "weibull"
 falling = true
 """
 
@@ -338,12 +341,23 @@ def test_the_baseline_comes_first_and_comparisons_are_with_it(reported):
     assert [one["condition"] for one in results["sensitivity"]["conditions"]] == order
     assert all(one["second"] == order[0] for one in results["comparisons"])
     assert len(results["comparisons"]) == len(order) - 1
-    measure = {"yes-no": "d'", "identification": "share correct", "adaptive": "threshold"}
+    measure = {"yes-no": "d'", "identification": "share correct", "adaptive": "ln threshold"}
     if reported.task in measure:
         (one,) = results["comparisons"]
         assert one["measure"] == measure[reported.task]
         assert one["difference"] > 0
         assert f"ours minus reference: {one['difference']:.2f}" in reported.made.headline
+
+
+def test_psychometric_functions_have_the_shape_that_the_rule_plans_with(reported):
+    results = reported.numbers["results"]
+    shape = "weibull" if reported.task == "adaptive" else "gauss"
+
+    assert reported.numbers["settings"]["shape"] == shape
+    for fit in (*results["curves"].values(), *filter(None, [results["thresholds"]])):
+        assert fit["shape"] == shape
+    for said in ("Shape: Weibull", "natural logarithms of thresholds"):
+        assert (said in reported.html) == (reported.task == "adaptive")
 
 
 def test_levels_chosen_from_answers_are_said_to_spoil_shares(reported):
@@ -608,6 +622,9 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
     assert found["settings"]["values"] == ["b", "a"]
     assert set(found["results"]["curves"]) == {"a", "b"}
     assert all(one["width"] < 0 for one in found["results"]["curves"].values())
+    titled = ("--title", "Acuity <1>", "--no-figures")
+    assert run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "t", *titled)
+    assert "<title>Acuity &lt;1&gt;" in (tmp_path / "t" / "report.html").read_text()
     html = (tmp_path / "r" / "report.html").read_text()
     assert "&lt;p0&gt;" in html
     assert "<p0>" not in html
@@ -623,7 +640,8 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
         (["--task", "abc"], "did you mean 'abx'"),
         (["--task", "abx", "--set", "levels=ecc"], "did you mean 'level'"),
         (["--task", "abx", "--set", "level=eccc"], r"eccc.*did you mean 'ecc'|'eccc'"),
-        (["--task", "abx", "--set", "alpha=2"], "alpha: Input should be less than 1"),
+        (["--task", "abx", "--set", "alpha=2"], r"--set alpha: must be less than 1 \(got 2\)"),
+        (["--task", "abx", "--set", "shape=cauchy"], "--set shape: must be 'gauss', 'logistic'"),
         (["--task", "abx", "--set", "level"], "--set must read NAME=VALUE"),
         (["--task", "abx", "--set", "by=how", "--set", "baseline=c"], "must be a value of 'how'"),
         (["--task", "yes-no"], "must have the columns expected and answer"),
@@ -723,6 +741,33 @@ def test_power_rises_with_people_and_finds_nothing_where_nothing_is(tmp_path, ta
     # Of 100 studies, 12 false ones would be a wonder at .05 (p < .005).
     assert found.false_positives.max() <= 0.12
     assert (found.every <= found.each + 1e-12).all()
+
+
+def test_power_against_chance_is_that_of_the_binomial_where_nobody_differs(tmp_path):
+    """One trial each: participants are independent trials, and their shares can be counted."""
+    text = study_text(
+        "abx",
+        ("a", "b"),
+        entries=entries(*({"scene": "park", "method": name} for name in ("ours", "reference"))),
+        task='kind = "abx"\nstandard = { method = "reference" }',
+        repeats=1,
+        analysis='kind = "abx"',
+    )
+    protocol = protocol_of(text, tmp_path)
+    assumed = {one.name: one.value for one in analysis_of("abx").assumptions(protocol)}
+    assumed |= {"d_prime": 2.5, "participant_sd": 0.0}
+    rng, studies = np.random.default_rng(4), 400
+    found = analysis_of("abx").power(protocol, assumed, rng=rng, studies=studies).result
+    share = float(abx_share(np.array(2.5)))
+
+    tried = [(n, p) for n, p in zip(found.participants, found.each, strict=True) if n >= 10]
+    assert len(tried) >= 3
+    for people, power in tried:
+        count = np.arange(people + 1)
+        ratio = np.abs(count / people - 0.5) / np.sqrt(0.25 / (people - 1))
+        rejected = 2 * stats.t.sf(ratio, people - 1) < 0.05
+        by_hand = stats.binom.pmf(count, people, share)[rejected].sum()
+        assert power == pytest.approx(by_hand, abs=4 * np.sqrt(0.25 / studies))
 
 
 def test_the_power_command_prints_what_it_took_for_true_and_refuses_the_rest(tmp_path):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_trials import TaskDesign, simulate_identification
 
 from analysis.models import glmm_logit
-from analysis.simulated_tasks import TaskDesign, simulate_identification
 from analysis.thresholds import fit_thresholds
+from protocols.adaptive.psychometric import probability
 
 LEVELS = list(np.linspace(-3, 3, 7))
 
@@ -118,6 +119,37 @@ def test_logarithmic_levels_give_thresholds_on_their_own_axis(rng, shape):
     assert 0 < model["all"].lower < model["all"].value < model["all"].upper
     if shape == "gauss":
         assert np.log(model["all"].width) == pytest.approx(1.8, abs=0.6)
+
+
+@pytest.mark.parametrize("shape", ["gumbel", "weibull"])
+@pytest.mark.parametrize("falling", [False, True])
+def test_the_curve_is_the_one_that_an_adaptive_rule_plans_with(rng, shape, falling):
+    """Answers drawn from QUEST+'s own function: threshold and curve come back, the same shape."""
+    levels = np.repeat([2.0, 4.0, 6.0, 8.0, 10.0, 12.0], 300)
+    told = {"guess": 0.5, "lapse": 0.02, "shape": shape, "falling": falling}
+    chance = probability(levels, threshold=7.0, width=6.0, **told)
+    rows = pd.DataFrame(
+        {
+            "participant": np.tile([f"P{n}" for n in range(6)], 300),
+            "level": levels,
+            "correct": (rng.random(levels.size) < chance).astype(int),
+        }
+    )
+    logarithmic = shape == "weibull"
+    model = fit_thresholds(
+        rows, "level", lapse=0.02, shape=shape, falling=falling, logarithmic=logarithmic
+    )
+    x = np.linspace(2.0, 12.0, 11)
+    one = model["all"]
+
+    assert one.value == pytest.approx(7.0, abs=0.6)
+    assert (one.width < 0) == falling
+    np.testing.assert_allclose(
+        model.curve("all", x), probability(x, threshold=7.0, width=6.0, **told), atol=0.07
+    )
+    if not logarithmic:  # widths are ratios there
+        same = probability(x, threshold=one.value, width=abs(one.width), **told)
+        np.testing.assert_allclose(model.curve("all", x), same, rtol=1e-9)
 
 
 def test_a_guess_rate_can_be_fitted(rng):

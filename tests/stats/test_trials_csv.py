@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up_trials import TaskDesign, simulate_abx, simulate_yes_no
 
 from analysis.detection import yes_no
-from analysis.simulated_tasks import TaskDesign, simulate_abx, simulate_yes_no
 from analysis.trials_csv import read_trials
 from protocols.errors import StudyError
 

@@ -6,19 +6,18 @@ import re
 
 import numpy as np
 import pytest
-
-from analysis.critical_scaling import critical_scaling, fit_person
-from analysis.detection import abx, identification, yes_no
-from analysis.learning import trend
-from analysis.models import glm_logit
-from analysis.power_tasks import power_of_task
-from analysis.rates import correct_rates
-from analysis.simulated_tasks import (
+from made_up_trials import (
     TaskDesign,
     simulate_abx,
     simulate_identification,
     simulate_yes_no,
 )
+
+from analysis.critical_scaling import critical_scaling, fit_person
+from analysis.detection import abx, identification, yes_no
+from analysis.learning import trend
+from analysis.models import glm_logit
+from analysis.rates import correct_rates
 from analysis.tasks.rates import wording as say
 from analysis.thresholds import fit_thresholds
 
@@ -112,21 +111,10 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
     assert "Freeman and Simoncelli" in say.apa_critical(one)
 
 
-def test_models_trends_and_power_are_sentences(told):
+def test_models_and_trends_are_sentences(told):
     fit = glm_logit("logit(correct) ~ 1 + method", told, cluster=["participant"])
     assert "t(9) = " in say.apa_term(fit, "method[T.ours]")
     assert "z = " in say.apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
     text = say.apa_trend(trend(told, "correct"))
     assert "Spearman's rho" in text
     assert "over 10 participants" in text
-    power = power_of_task(
-        lambda design, rng: simulate_yes_no(design, {"a": 3.0}, rng),
-        lambda rows: correct_rates(rows, chance=0.5)[0].p,
-        [TaskDesign(8, 1, 10)],
-        rng=np.random.default_rng(1),
-        studies=5,
-    )
-    assert say.apa_power(power) == (
-        "Power at alpha = .05 (5 studies simulated): 1.00 with 8 participants, 1 scene and"
-        " 10 repeats."
-    )

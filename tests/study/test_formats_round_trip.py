@@ -226,6 +226,20 @@ def sample_manifest():
     return virtual_manifest(protocol, load_display(protocol.display.display))
 
 
+def test_a_copy_of_a_manifest_finds_its_own_clips_and_hash(sample_manifest):
+    first, *others = sample_manifest.clips
+    assert sample_manifest.clip(first.name) is first
+    before = sample_manifest.sha256
+    copy = sample_manifest.model_copy(update={"clips": (*others, first)})
+
+    assert copy.clip(others[0].name) is others[0]
+    assert copy.sha256 != before == sample_manifest.sha256
+    fewer = sample_manifest.model_copy(update={"clips": tuple(others)})
+    with pytest.raises(KeyError, match=first.name):
+        fewer.clip(first.name)
+    assert sample_manifest == sample_manifest.model_copy()
+
+
 def test_two_clips_of_one_name_are_refused(sample_manifest):
     plain = sample_manifest.model_dump()
     plain["clips"] = (plain["clips"][0], plain["clips"][0])

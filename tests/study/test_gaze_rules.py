@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gaze_persistence import persistence_s
 
 from protocols.errors import StudyError
 from protocols.load import load_display
 from protocols.session_schema import Gaze
 from protocols.viewing import Viewing
-from study_app.gaze.fixation import FixationMonitor, persistence_s
+from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, GazeEvent, SimulatedGaze

@@ -14,7 +14,7 @@ from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
 from study_app.attempt import run_attempt
 from study_app.observers import ArtificialObserver, PreferenceModel
-from study_app.session import remaining
+from study_app.session import following, remaining
 from study_app.simulate import Simulation, simulate_sitting
 from study_app.trial import Timeline
 from study_app.virtual import VirtualClock, VirtualStage
@@ -47,10 +47,10 @@ def template(sample_sessions):
 
 
 @pytest.fixture
-def after(template):
-    """Give the practice trials left after answers to the first of them."""
+def attempted(template):
+    """Give the attempts after answers to the first trials of practice."""
 
-    def left(study: StudyProtocol, *answers: bool | str):
+    def made(study: StudyProtocol, *answers: bool | str):
         attempts = []
         for answer in answers:
             queue = remaining(study, PLAN, 0, attempts)
@@ -66,9 +66,33 @@ def after(template):
                     }
                 )
             )
-        return remaining(study, PLAN, 0, attempts)
+        return attempts
 
-    return left
+    return made
+
+
+@pytest.fixture
+def after(attempted):
+    """Give the practice trials left after answers to the first of them."""
+    return lambda study, *answers: remaining(study, PLAN, 0, attempted(study, *answers))
+
+
+@pytest.mark.parametrize(
+    ("answers", "follower"),
+    [
+        ((True, True), PLAN.block(0)[3]),
+        ((True, True, True), PLAN.block(1)[0]),  # passed, whatever the fourth answer
+        ((True, True, False), None),  # the fourth decides
+        ((False, False, True), PLAN.block(0)[ROUND]),  # failed, whatever the fourth
+    ],
+)
+def test_what_follows_a_round_is_known_only_where_its_last_answer_decides_nothing(
+    attempted, answers, follower
+):
+    attempts = attempted(STUDY, *answers)
+    (trial, *_) = remaining(STUDY, PLAN, 0, attempts)
+
+    assert following(STUDY, PLAN, attempts, trial) == follower
 
 
 def test_every_round_that_may_come_is_planned():

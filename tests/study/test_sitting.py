@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from gaze_persistence import persistence_s
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -36,7 +37,7 @@ from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.conduct import conduct
-from study_app.gaze.fixation import FixationMonitor, persistence_s
+from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze

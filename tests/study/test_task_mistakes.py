@@ -137,6 +137,9 @@ def mistakes(tmp_path):
                         ("harder = [0.04]", "width = [0.1]"), ("easier = [0.12]\n", "")),
          "task.adaptive.threshold[1]: must be above the one before it, 0.2 (got 0.1);"
          " list each once, from the lowest to the highest"),
+        ("yes-no", *with_adaptive(),
+         "design.repeats: must be 1 where a rule chooses what is shown and has trials = 10 of its"
+         " own (got 2)"),
         ("two-interval", "repeats = 2", "repeats = 0",
          "design.repeats: must be greater than 0 (got 0)"),
     ],
@@ -152,6 +155,9 @@ def test_each_mistake_is_told_with_its_place_and_its_cure(mistakes, task, old, n
          "stimuli.csv: line 1: must have a column 'file' (got stimulus, path, scene, noise,"
          " pattern, contrast)"),
         (lambda t: t.replace("stimulus,file", "stimuls,file", 1), "did you mean 'stimuls'?"),
+        (lambda t: t.replace(",", ";"),
+         "stimuli.csv: line 1: columns must be separated by commas (got ';' between them); save"
+         " the table as CSV with commas, and decimals with a point"),
         (lambda t: t.splitlines()[0] + "\n", "must list at least one stimulus"),
         (lambda _: "", "line 1: must have a column 'stimulus' (got none)"),
         (lambda t: t.replace(",0.04\n", ",\n", 1), "line 2: column 'contrast' must not be empty"),

@@ -45,7 +45,7 @@ class Detection(RatesTask):
             raise StudyError(
                 f"{path}: must have the columns expected and answer: whether answers were right"
                 " does not tell hits from correct rejections; say which columns hold them:"
-                " --map expected=COLUMN --map answer=COLUMN"
+                " metamerlab analysis import TABLE --map expected=COLUMN --map answer=COLUMN"
             )
         return rows
 

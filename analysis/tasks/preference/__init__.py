@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from analysis.columns import PREFERENCE_COLUMNS
 from analysis.exclusions import FlowStep
 from analysis.pairings import pairing_rows
-from analysis.plain_csv import read_decisions
+from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
 from analysis.tasks.base import (
     SEED,

@@ -117,8 +117,10 @@ def rate_figures(
 def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) -> list[ReportFigure]:
     made: list[ReportFigure] = []
     counts = {
-        name: tuple(
-            np.array(part, dtype=np.float64) for part in (one.levels, one.right, one.trials)
+        name: (
+            np.array(one.levels, dtype=np.float64),
+            np.array(one.right, dtype=np.float64),
+            np.array(one.trials, dtype=np.float64),
         )
         for name, one in results.counts.items()
     }
@@ -133,7 +135,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
             f"Right answers by {settings.level}: data of all participants together with binomial"
             " standard errors (thin), fitted psychometric functions (thick); dashed: chance.",
             lambda width: psychometric_plot(
-                series,  # type: ignore[arg-type]
+                series,
                 x_label=str(settings.level),
                 chance=settings.chance,
                 logarithmic=wide,
@@ -152,7 +154,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                 f" {100 * settings.confidence:g} % limits, where these data identify them.",
                 lambda width: scaling_plot(
                     results.critical,
-                    {fit.condition: counts[fit.condition] for fit in results.critical},  # type: ignore[misc]
+                    {fit.condition: counts[fit.condition] for fit in results.critical},
                     label=settings.label,
                     x_label=f"{settings.level} (log axis)",
                     width_in=width,

@@ -203,7 +203,8 @@ def rate_power(
         simulate = _adaptive_studies(study, settings, assumed, sizes, rng)
         notes.append(
             f"a track's threshold is as exact as {TRACKS} simulated tracks of the study's own rule;"
-            " thresholds are compared by paired t tests, not by the report's mixed model"
+            " thresholds are compared by paired t tests, not by the report's mixed model; the"
+            " observers' psychometric functions are cumulative normal distributions"
         )
     else:
         design = cell_design(

@@ -1,6 +1,6 @@
 """The sections of a report of right and wrong answers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from analysis.critical_scaling import CriticalScaling
 from analysis.detection import DiscriminationResults, Measure, YesNoResults
@@ -23,8 +23,15 @@ from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import NOT_IDENTIFIED
 from analysis.thresholds import ThresholdModel
+from protocols.adaptive.psychometric import Shape
 
 INFINITE = "\N{INFINITY}"
+SHAPES: Mapping[Shape, str] = {
+    "gauss": "cumulative normal",
+    "logistic": "logistic",
+    "gumbel": "Gumbel (Weibull on logarithms)",
+    "weibull": "Weibull",
+}
 
 
 def lead(results: RateResults, settings: RateSettings) -> list[Block]:
@@ -361,7 +368,8 @@ def _curves(results: RateResults, settings: RateSettings) -> list[Block]:
         ),
         Paragraph(
             "Threshold: where half of the way from guessing to lapsing is done. Width: from 5 to"
-            " 95 % of that way. These limits speak of answers, not of people; the next table's do.",
+            f" 95 % of that way. Shape: {SHAPES[settings.shape]}. These limits speak of answers,"
+            " not of people; the next table's do.",
             muted=True,
         ),
     ]
@@ -387,7 +395,7 @@ def _thresholds(
                 ("Condition", "l c"),
                 ("Threshold", "strong"),
                 (f"{100 * model.level:g} % limits", "n"),
-                ("Width", ""),
+                ("Width, as a ratio" if model.logarithmic else "Width", ""),
             ),
             [
                 (
@@ -414,11 +422,13 @@ def _thresholds(
                 else ""
             )
             + (f", between scenes by SD {_sd(model.scene_sd)}" if model.scene_sd else "")
+            + (" of the threshold's natural logarithm" if model.logarithmic else "")
             + ".",
             muted=True,
         ),
     ]
-    blocks += _differences("Differences of thresholds", model.contrasts, settings)
+    differing = "natural logarithms of thresholds" if model.logarithmic else "thresholds"
+    blocks += _differences(f"Differences of {differing}", model.contrasts, settings)
     blocks.append(
         Table.of(
             "Participants' thresholds",

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from analysis.ideal_observer import AbxRule
 from analysis.tasks.base import TableOptions
+from protocols.adaptive.psychometric import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
@@ -39,6 +40,8 @@ class RatesOptions(TableOptions):
     """Over all comparisons with the baseline."""
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     """Level of every test."""
+    shape: Shape = "gauss"
+    """Of psychometric functions; `weibull` where levels are above 0."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class RateSettings:
         How many answers there are: chance is 1 / alternatives.
     adaptive : bool
         Levels were chosen from the answers: shares of right answers say nothing, thresholds do.
+    shape : str
+        Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``.
     rule : str
         ABX: how participants are taken to decide.
     """
@@ -77,6 +82,7 @@ class RateSettings:
     planned_trials: int | None
     protocol_sha256: str | None
     rule: AbxRule = "differencing"
+    shape: Shape = "gauss"
 
     @property
     def baseline(self) -> str:
@@ -121,9 +127,11 @@ def common_settings(study: StudyProtocol) -> RateSettings:
     rule = task.adaptation
     level = analysis.level
     falling = analysis.falling
+    shape: Shape = "gauss"
     if isinstance(rule, AdaptiveLevels):
         level = level or rule.column
         falling = bool(getattr(rule, "falling", falling))
+        shape = getattr(rule, "shape", shape)
     return RateSettings(
         study=study.study.name,
         title=study.study.title,
@@ -142,6 +150,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         planned_participants=study.study.participants,
         planned_trials=rule.trials_of(study) if rule else len(cells) * study.design.repeats,
         protocol_sha256=study.sha256,
+        shape=shape,
     )
 
 
@@ -193,6 +202,7 @@ def common_settings_of_table(
         planned_participants=None,
         planned_trials=None,
         protocol_sha256=None,
+        shape=options.shape,
     )
 
 

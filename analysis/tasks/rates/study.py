@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -154,6 +155,9 @@ def analyse_rates(
                 str(settings.level),
                 BY,
                 guess=settings.chance,
+                shape=settings.shape,
+                falling=settings.falling,
+                logarithmic=settings.shape == "weibull",
                 scenes="scene" in rows,
                 reference=reference,
                 level=level,
@@ -317,11 +321,13 @@ def _curves(
             np.array(values, dtype=np.float64) for values in (one.levels, one.right, one.trials)
         )
         fit = _tried(
-            lambda x=x, right=right, trials=trials: fit_psychometric(  # type: ignore[misc]
+            partial(
+                fit_psychometric,
                 x,
                 right,
                 trials,
                 guess=settings.chance,
+                shape=settings.shape,
                 falling=settings.falling,
                 level=settings.confidence,
             ),
@@ -404,7 +410,8 @@ def _typical(
             continue
         table = part[groups].assign(said=said.astype(int), signal=there.astype(float) - 0.5)
         fit = _tried(
-            lambda table=table, groups=groups: glmm_probit(  # type: ignore[misc]
+            partial(
+                glmm_probit,
                 "said ~ 1 + signal",
                 table,
                 groups=groups,

@@ -5,19 +5,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import decided
 from analysis.rates import Difference
 from analysis.tasks.rates.settings import RatesOptions
 from analysis.tasks.rates.study import RateResults
 from analysis.trials_csv import read_trials
-from protocols.columns import Column
+from protocols.columns import Column, decided
+from protocols.tasks.single import ANSWER_COLUMNS
 
-ANSWERS = (
-    Column("expected", "text", "", "The right answer"),
-    Column("answer", "text", "", "The answer given"),
-    Column("correct", "0/1", "", "1: the answer was right"),
-    Column("track", "text", "", "Adaptive track; empty: levels were constant"),
-)
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
 
@@ -61,7 +55,7 @@ def read_answers(
 
 def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
     """Return the columns of a table that was read: ours first, those of its conditions between."""
-    ours = decided((), ANSWERS)
+    ours = decided((), ANSWER_COLUMNS)
     known = {column.name for column in ours}
     condition = tuple(
         Column(str(name), "value", "", "Column of the table's conditions")
@@ -70,7 +64,7 @@ def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
     )
     return tuple(
         column
-        for column in decided(condition, ANSWERS)
+        for column in decided(condition, ANSWER_COLUMNS)
         if column.name in decisions or column.name in _ALWAYS
     )
 

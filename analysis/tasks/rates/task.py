@@ -91,6 +91,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             "test": settings.test,
             "correction": settings.correction,
             "alpha": settings.alpha,
+            "shape": settings.shape,
         }
 
     def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:

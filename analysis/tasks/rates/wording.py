@@ -13,7 +13,6 @@ from analysis.detection import (
 )
 from analysis.learning import Trend
 from analysis.models import ModelFit
-from analysis.power_tasks import TaskPower
 from analysis.rates import Difference, Rate
 from analysis.report.wording import leading, number, p_text, share, share_range
 from analysis.thresholds import ThresholdModel
@@ -144,18 +143,6 @@ def apa_trend(found: Trend) -> str:
         f" t({found.df:.0f}), {p_text(found.p)}; all trials pooled: Spearman's rho ="
         f" {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
     )
-
-
-def apa_power(found: TaskPower) -> str:
-    """Return what a power simulation says as a sentence."""
-    parts = [
-        f"{share(value)} with {design.participants} participants, {design.scenes}"
-        f" scene{'s' * (design.scenes != 1)} and {design.repeats}"
-        f" repeat{'s' * (design.repeats != 1)}"
-        for design, value in zip(found.designs, found.power, strict=True)
-    ]
-    alpha = leading(f"{found.alpha:g}")
-    return f"Power at alpha = {alpha} ({found.studies} studies simulated): {'; '.join(parts)}."
 
 
 def methods_yes_no(results: YesNoResults) -> str:

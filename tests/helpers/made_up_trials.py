@@ -1,4 +1,4 @@
-"""Observers of tasks with right answers, made up: studies to plan with and to test on.
+"""Observers of tasks with right answers, made up: studies for tests to analyse.
 
 Each function returns the table that the statistics take: ``participant``, ``scene``, ``method``,
 the level, ``order``, ``expected``, ``answer``, ``correct``, ``rt_s``.
