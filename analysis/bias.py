@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from analysis.clustered import holm, sign_flip_floor, sign_flip_p, two_way, wilson
+from analysis.clustered import holm, sign_flip_p, two_way
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,10 @@ def _bias(alternative: str, rows: pd.DataFrame, picked: pd.Series, alpha: float)
     else:
         estimate = two_way(chosen, shown)
         share = float(estimate.share)
-        low, high = wilson(estimate.share, estimate.effective_n, estimate.df, 1 - alpha)
-        lower, upper = float(low), float(high)
-        p = float(estimate.p_value()) if estimate.standard_error > 0 else flip
+        low, high = estimate.limits(1.0 - alpha)
+        lower, upper, p = float(low), float(high), float(estimate.p_value())
         if estimate.standard_error == 0:
-            notes.append(
-                "every participant picked equally often: p is the sign-flip test's"
-                f" (floor {sign_flip_floor(people.size):.2g})"
-            )
+            notes.append("every participant picked equally often")
     extreme = tuple(
         (str(name), float(share_of), float(p_of))
         for name, share_of, p_of in zip(people, shares, adjusted, strict=True)

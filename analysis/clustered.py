@@ -19,6 +19,9 @@ EXACT_FLIPS = 16
 
 MONTE_CARLO_FLIPS = 100_000
 
+SAME = 1e-12
+"""Shares nearer than this are the same: rounding is no effect."""
+
 FEW_SCENES = 5
 """Below this the test leans to the safe side, and still cannot be trusted; results say so."""
 
@@ -33,20 +36,97 @@ class ClusteredShare:
         `standard_error` is 0 where all answers agree; no t exists there.
     effective_n : ndarray (...)
         Independent trials that would give the same standard error, at most the trials shown.
+    trials, persons : ndarray (...)
+
+    Notes
+    -----
+    `p_value` and `limits` are one procedure, so that p < 1 - level exactly where the limits leave
+    out the null (docs/decisions/0160). p is the largest of three: of the clustered score test,
+    (share - null) / sqrt(null (1 - null) / n) against t with n = share (1 - share) / error^2; of
+    the score test of independent trials, because people who agree by luck tell no more than
+    their trials do; and of unanimous participants, 2 null^persons. The first two are inverted by
+    Wilson's limits, whose quantile^2 / n is the larger of both (Korn and Graubard 1998 cap their
+    effective n by the same rule). Unanimous participants are votes: their p is the third, and
+    their limits reach at least as far in as the exact ones of participants.
     """
 
     share: Floats
     standard_error: Floats
     df: Floats
     effective_n: Floats
+    trials: Floats
+    persons: Floats
+
+    def score_t(self, null: float = 0.5) -> Floats:
+        """Return the clustered score test's t; infinite where participants agree off the null."""
+        gap = self.share - null
+        gap = np.where(np.abs(gap) < SAME, 0.0, gap)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = gap * np.sqrt(self._size() / (null * (1.0 - null)))
+        return np.asarray(np.where(gap == 0.0, 0.0, ratio))
+
+    def p_parts(self, null: float = 0.5) -> tuple[Floats, Floats, Floats]:
+        """Return p of the clustered test, of independent trials, and of unanimous participants."""
+        gap = np.abs(self.share - null)
+        z = np.where(gap < SAME, 0.0, gap) * np.sqrt(self.trials / (null * (1.0 - null)))
+        toward = np.where(self.share > null, null, 1.0 - null)
+        return (
+            np.asarray(2.0 * stats.t.sf(np.abs(self.score_t(null)), self.df)),
+            np.asarray(2.0 * stats.norm.sf(z)),
+            np.asarray(np.minimum(1.0, 2.0 * toward**self.persons)),
+        )
 
     def p_value(self, null: float = 0.5) -> Floats:
-        """Return the two-sided p of t; NaN where the standard error is 0."""
-        return two_sided_p(self.share - null, self.standard_error, self.df)
+        """Return the two-sided p of share = null."""
+        clustered, independent, floor = self.p_parts(null)
+        p = np.where(
+            self._unanimous(), floor, np.maximum(np.maximum(clustered, independent), floor)
+        )
+        return np.asarray(np.where(np.abs(self.share - null) < SAME, 1.0, p))
+
+    def limits(self, level: float = 0.95, null: float = 0.5) -> tuple[Floats, Floats]:
+        """Return the limits that leave out `null` exactly where its p is below 1 - level."""
+        share, tail = self.share, 0.5 + 0.5 * level
+        inverse = np.maximum(
+            stats.norm.ppf(tail) ** 2 / self.trials, stats.t.ppf(tail, self.df) ** 2 / self._size()
+        )
+        centre = (share + 0.5 * inverse) / (1.0 + inverse)
+        half = np.sqrt(share * (1.0 - share) * inverse + 0.25 * inverse**2) / (1.0 + inverse)
+        # Rounding must not push a limit past the share itself.
+        low = np.minimum(np.clip(centre - half, 0.0, 1.0), share)
+        high = np.maximum(np.clip(centre + half, 0.0, 1.0), share)
+        edge = (1.0 - tail) ** (1.0 / self.persons)
+        low = np.where(share == 1.0, np.maximum(low, edge), low)
+        high = np.where(share == 0.0, np.minimum(high, 1.0 - edge), high)
+        few = self.p_parts(null)[2] >= 1.0 - level
+        low = np.where(few & (share > null), np.minimum(low, null), low)
+        high = np.where(few & (share < null), np.maximum(high, null), high)
+        return np.asarray(low), np.asarray(high)
 
     def equivalence_p(self, margin: float, null: float = 0.5) -> Floats:
-        """Return the larger of the two one-sided p-values of |share - null| < margin."""
-        return equivalence_p(self.share - null, self.standard_error, self.df, margin)
+        """Return the TOST p of |share - null| < margin: the larger of two one-sided ones.
+
+        Schuirmann 1987, with the one-sided halves of `p_value`: p < alpha exactly where the
+        limits at 1 - 2 alpha lie inside the margin. Unanimous answers show no equivalence.
+        """
+        low, high = null - margin, null + margin
+        half_low, half_high = 0.5 * self.p_value(low), 0.5 * self.p_value(high)
+        below = np.where(self.share > low, half_low, 1.0 - half_low)
+        above = np.where(self.share < high, half_high, 1.0 - half_high)
+        return np.asarray(np.where(self._unanimous(), 1.0, np.maximum(below, above)))
+
+    def _unanimous(self) -> NDArray[np.bool_]:
+        return np.asarray((self.share == 0.0) | (self.share == 1.0))
+
+    def _size(self) -> Floats:
+        """Trials that the clustered error stands for, infinite where participants agree."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size = self.share * (1.0 - self.share) / self.standard_error**2
+        return np.asarray(
+            np.where(
+                self._unanimous(), self.trials, np.where(self.standard_error > 0, size, np.inf)
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -188,6 +268,8 @@ def combine(
         standard_error=np.sqrt(variance),
         df=np.asarray(df),
         effective_n=np.minimum(effective, total),
+        trials=np.asarray(total, dtype=np.float64),
+        persons=np.asarray(persons, dtype=np.float64),
     )
 
 
@@ -229,23 +311,6 @@ def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: 
         above = (estimate - margin) / standard_error
     p = np.maximum(stats.t.sf(below, df), stats.t.cdf(above, df))
     return np.asarray(np.where(standard_error > 0, p, 1.0))
-
-
-def wilson(
-    share: Floats, effective_n: Floats, df: Floats, level: float = 0.95
-) -> tuple[Floats, Floats]:
-    """Return Wilson score limits with an effective number of trials and t quantiles.
-
-    Korn and Graubard 1998 use the same idea with exact limits; Wilson's stay inside [0, 1] and
-    finite when all answers agree.
-    """
-    z = stats.t.ppf(0.5 + 0.5 * level, df)
-    scale = 1.0 + z**2 / effective_n
-    centre = (share + z**2 / (2.0 * effective_n)) / scale
-    half = z * np.sqrt(share * (1.0 - share) / effective_n + z**2 / (4.0 * effective_n**2)) / scale
-    # Rounding must not push a limit past the share itself.
-    lower = np.minimum(np.clip(centre - half, 0.0, 1.0), share)
-    return lower, np.maximum(np.clip(centre + half, 0.0, 1.0), share)
 
 
 def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:

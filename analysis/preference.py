@@ -16,11 +16,8 @@ from analysis.clustered import (
     holm,
     sign_flip_floor,
     sign_flip_p,
-    two_sided_p,
     two_way,
-    wilson,
 )
-from analysis.clustered import equivalence_p as tost_p
 from analysis.pairings import ALL_SIZES, counts, found_pairings, pairing_rows
 
 Floats = NDArray[np.float64]
@@ -42,15 +39,15 @@ class Preference:
     share : float
         chosen / trials.
     lower, upper : float
-        Wilson limits with effective n and t quantiles: they respect participants and scenes.
+        Of the test that gives `p`, by inverting it: they leave out .5 exactly where p < alpha.
     effective_n : float
         Independent trials that would tell as much.
     t, df : float or None
-        None where all answers agree.
+        Of the clustered score test; None where participants agree.
     p, p_adjusted : float
         Of the protocol's test; adjusted over the family of comparisons.
     test : str
-        What `p` is, in words.
+        What `p` is, in words: the largest of three (`clustered.ClusteredShare`).
     sign_flip_p, sign_flip_floor : float
         Participant-level sign-flip test, and the smallest p so many participants can give.
     exact_p, exact_lower, exact_upper : float
@@ -60,8 +57,7 @@ class Preference:
     odds_ratio, odds_lower, odds_upper : float
         Odds of choosing `method`; half a vote is added where all answers agree.
     bayes_factor : float
-        BF10 of the clustered t (default prior, as if of df + 1 participants), or of
-        participants as single votes where all answers agree.
+        BF10 (default prior) of the t that so many participants need for the clustered p.
     bayes_factor_pooled : float
         BF10 of all trials as independent, uniform prior.
     margin, equivalence_p : float
@@ -197,41 +193,30 @@ def preference(
     trials, wins = int(shown.sum()), int(chosen.sum())
     by_person, by_scene = shown.sum(axis=1), shown.sum(axis=0)
     shares = chosen.sum(axis=1) / by_person
-    if len(people) > 1:
-        estimate = two_way(chosen, shown)
-        if test == "participant" or len(scenes) == 1:
-            estimate = two_way(chosen.sum(axis=1, keepdims=True), by_person[:, None])
-    else:
-        estimate = ClusteredShare(
-            np.asarray(wins / trials), np.asarray(0.0), np.asarray(1.0), np.asarray(1.0)
-        )
     level = 1.0 - alpha
-    lower, upper = (
-        float(end) for end in wilson(estimate.share, estimate.effective_n, estimate.df, level)
-    )
+    estimate = None
+    if len(people) > 1:
+        one_way = test == "participant" or len(scenes) == 1
+        estimate = (
+            two_way(chosen.sum(axis=1, keepdims=True), by_person[:, None])
+            if one_way
+            else two_way(chosen, shown)
+        )
+    share = wins / trials
     flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
     exact = stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
-    share, error, df = (float(estimate.share), float(estimate.standard_error), float(estimate.df))
     notes = list(_notes(shown, wins, len(people), len(scenes), by_person, by_scene))
-    clustered = error > 0 and len(people) > 1
-    t = (share - 0.5) / error if clustered else None
+    judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
+    if judged.note:
+        notes.append(judged.note)
+    p, words, lower, upper = judged.p, judged.test, judged.lower, judged.upper
     if test == "pooled":
         p, words = float(exact.pvalue), "pooled exact binomial"
         lower, upper = float(exact_limits.low), float(exact_limits.high)
         notes.append("the protocol's test takes trials as independent: p is too small")
-    elif clustered:
-        p = float(two_sided_p(estimate.share - 0.5, estimate.standard_error, estimate.df))
-        words = "two-way clustered t" if test == "participant-scene" else "participant t"
-        if p < floor:
-            notes.append(
-                f"p lies below {floor:.2g}, the least that {len(people)} participants can show"
-                " without assuming a normal distribution"
-            )
-    else:
-        p, words = flip, "participant sign-flip"
+    equivalence = judged.equivalence_p
     odds_share = (wins + 0.5) / (trials + 1.0) if wins in (0, trials) else share
-    equivalence = float(tost_p(estimate.share - 0.5, estimate.standard_error, estimate.df, margin))
     return Preference(
         method=method,
         against=against,
@@ -244,9 +229,9 @@ def preference(
         lower=lower,
         upper=upper,
         level=level,
-        effective_n=float(estimate.effective_n),
-        t=t,
-        df=df if clustered else None,
+        effective_n=judged.effective_n,
+        t=judged.t,
+        df=judged.df,
         p=p,
         p_adjusted=p,
         test=words,
@@ -259,17 +244,68 @@ def preference(
         odds_ratio=odds_share / (1.0 - odds_share),
         odds_lower=_odds(lower, trials),
         odds_upper=_odds(upper, trials),
-        bayes_factor=(
-            t_bayes_factor(t, df + 1.0)
-            if t is not None
-            else binomial_bayes_factor(int((shares > 0.5).sum()), int((shares != 0.5).sum()))
-        ),
+        bayes_factor=judged.bayes_factor,
         bayes_factor_pooled=binomial_bayes_factor(wins, trials),
         margin=margin,
         equivalence_p=equivalence,
         participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
         verdict=_verdict(share, p, equivalence, alpha),
         warnings=tuple(notes),
+    )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What the clustered procedure says of one comparison."""
+
+    p: float
+    lower: float
+    upper: float
+    test: str
+    t: float | None
+    df: float | None
+    effective_n: float
+    bayes_factor: float
+    equivalence_p: float
+    note: str
+
+
+def _judged(
+    estimate: ClusteredShare | None, people: int, alpha: float, margin: float, *, one_way: bool
+) -> _Judged:
+    if estimate is None:
+        test = "none: one participant"
+        return _Judged(1.0, 0.0, 1.0, test, None, None, 1.0, 1.0, 1.0, "")
+    clustered, independent, floor = (float(part) for part in estimate.p_parts())
+    p = float(estimate.p_value())
+    lower, upper = (float(end) for end in estimate.limits(1.0 - alpha))
+    agree = float(estimate.standard_error) == 0.0
+    test, note = "participant score t" if one_way else "two-way clustered score t", ""
+    if p > 0.0 and p == floor and max(clustered, independent) < floor:
+        test = "participants as votes"
+        note = (
+            f"p is held at {floor:.2g}, the least that {people} participants can show without"
+            " assuming a normal distribution"
+        )
+    elif independent > clustered:
+        test = "score test of trials"
+        note = (
+            "answers differ less between participants and scenes than independent trials would:"
+            " p and limits are those of independent trials, because such agreement can be luck"
+        )
+    # One number for the evidence: the t of so many participants that has this very p.
+    t = float(stats.t.isf(0.5 * max(p, 1e-300), people - 1))
+    return _Judged(
+        p=p,
+        lower=lower,
+        upper=upper,
+        test=test,
+        t=None if agree else float(estimate.score_t()),
+        df=None if agree else float(estimate.df),
+        effective_n=float(people if agree else estimate.effective_n),
+        bayes_factor=t_bayes_factor(t, people),
+        equivalence_p=float(estimate.equivalence_p(margin)),
+        note=note,
     )
 
 
@@ -325,8 +361,8 @@ def _notes(
         )
     if wins in (0, trials):
         notes.append(
-            "all answers agree: no variance to estimate; p is the sign-flip test's smallest"
-            f" possible value for {people} participants, limits take participants as single votes"
+            "all answers agree: no variance to estimate; p is the smallest that"
+            f" {people} participants can show"
         )
     if by_person.min() < by_person.max() or by_scene.min() < by_scene.max():
         notes.append(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence, wilson
+from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
 
 Floats = NDArray[np.float64]
 
@@ -149,32 +149,11 @@ def share_limits(
 
     Notes
     -----
-    Score test: |share - chance| / sqrt(chance (1 - chance) / n) against t, with the effective
-    number of trials n and the degrees of freedom of `two_way`. Inverting it gives Wilson's
-    limits (`wilson`), so p and limits never contradict each other. Two things bound what so
-    many participants can show: where all answers agree, participants are the votes (exact
-    binomial limits and p of them); and p is never below that of unanimous participants. Where
-    participants agree on a share between 0 and 1 the trials count as independent.
+    `ClusteredShare.p_value` and `limits`.
     """
     estimate = two_way(chosen, shown)
-    shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), np.shape(chosen))
-    persons = (shown.sum(axis=-1) > 0).sum(axis=-1).astype(np.float64)
-    share, total = estimate.share, shown.sum(axis=(-2, -1))
-    size = np.where(estimate.standard_error > 0, estimate.effective_n, total)
-    low, high = wilson(share, size, estimate.df, level)
-    ratio = np.abs(share - chance) / np.sqrt(chance * (1.0 - chance) / size)
-    p = 2.0 * stats.t.sf(ratio, estimate.df)
-    floor = np.minimum(1.0, 2.0 * np.where(share > chance, chance, 1.0 - chance) ** persons)
-    edge = (0.5 * (1.0 - level)) ** (1.0 / persons)
-    low = np.where(share == 1.0, edge, low)
-    high = np.where(share == 0.0, 1.0 - edge, high)
-    few = floor > 1.0 - level
-    low = np.where(few & (share > chance), np.minimum(low, chance), low)
-    high = np.where(few & (share < chance), np.maximum(high, chance), high)
-    unanimous = (share == 0.0) | (share == 1.0)
-    same = np.abs(share - chance) < 1e-12
-    p = np.where(unanimous, floor, np.maximum(p, floor))
-    return low, high, np.asarray(np.where(same, 1.0, p))
+    lower, upper = estimate.limits(level, chance)
+    return lower, upper, estimate.p_value(chance)
 
 
 def rate_contrasts(

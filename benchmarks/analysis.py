@@ -13,7 +13,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import metadata
 from itertools import product
 from pathlib import Path
@@ -25,10 +25,11 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.bootstrap import bootstrap_scale, bootstrap_scores
-from analysis.clustered import two_sided_p, two_way, wilson
+from analysis.clustered import two_sided_p, two_way
 from analysis.learning import trend
 from analysis.observers import check_observers
 from analysis.pairs import Model, pair_index, probability
+from analysis.power import mean_logit
 from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
 from analysis.tasks.preference.settings import from_protocol
@@ -65,6 +66,26 @@ class TestRates:
     sign_flip: float
     two_way: float
     coverage: float
+
+
+@dataclass(frozen=True)
+class ShareRates:
+    """What p and the 95 % limits of a share do at a true rate: one line of decision 0160's table.
+
+    `significant` is the share of studies with p < .05 against one half: false positives where the
+    rate is .5. `contradictions` counts studies whose p and limits disagree.
+    """
+
+    participants: int
+    scenes: int
+    repeats: int
+    participant_sd: float
+    scene_sd: float
+    rate: float
+    studies: int
+    significant: float
+    coverage: float
+    contradictions: int
 
 
 @dataclass(frozen=True)
@@ -139,12 +160,13 @@ def simulate_shares(
     participant_sd: float,
     scene_sd: float,
     studies: int,
+    rate: float = 0.5,
 ) -> Floats:
-    """Draw counts (studies, participants, scenes) without any preference."""
+    """Draw counts (studies, participants, scenes) whose mean rate is `rate`."""
     people, scenes, repeats = shape
-    logit = rng.normal(0, participant_sd, (studies, people, 1)) + rng.normal(
-        0, scene_sd, (studies, 1, scenes)
-    )
+    logit = mean_logit(rate, float(np.hypot(participant_sd, scene_sd)))
+    logit = logit + rng.normal(0, participant_sd, (studies, people, 1))
+    logit = logit + rng.normal(0, scene_sd, (studies, 1, scenes))
     drawn = rng.binomial(repeats, expit(np.broadcast_to(logit, (studies, people, scenes))))
     return np.asarray(drawn, dtype=np.float64)
 
@@ -168,7 +190,7 @@ def _rates(
     counts = simulate_shares(rng, shape, *spread, studies)
     found = two_way(counts, np.asarray(float(repeats)))
     alone = two_way(counts.sum(axis=2, keepdims=True), np.asarray(float(scenes * repeats)))
-    lower, upper = wilson(found.share, found.effective_n, found.df)
+    lower, upper = found.limits()
     total = people * scenes * repeats
     exact = np.array([stats.binomtest(k, total).pvalue for k in range(total + 1)])
     deviation = counts.mean(axis=2) / repeats - 0.5
@@ -186,6 +208,31 @@ def _rates(
         two_way=float(np.mean(found.p_value() < 0.05)),
         coverage=float(np.mean((lower <= 0.5) & (upper >= 0.5))),
     )
+
+
+def share_rates(scale_down: int) -> list[ShareRates]:
+    """Simulate shares at rates from .5 to .99 and judge p and limits."""
+    rng = np.random.default_rng(5)
+    shapes = [((11, 6, 2), 20_000), ((6, 3, 2), 20_000), ((30, 20, 1), 10_000)]
+    spreads = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.5, 0.5), (0.63, 0.43)]
+    rows = []
+    for (shape, most), rate, spread in product(shapes, (0.5, 0.65, 0.8, 0.9, 0.95, 0.99), spreads):
+        studies = most // scale_down
+        counts = simulate_shares(rng, shape, *spread, studies, rate)
+        found = two_way(counts, np.asarray(float(shape[2])))
+        p, (lower, upper) = found.p_value(), found.limits()
+        rows.append(
+            ShareRates(
+                *shape,
+                *spread,
+                rate,
+                studies,
+                significant=float(np.mean(p < 0.05)),
+                coverage=float(np.mean((lower <= rate) & (rate <= upper))),
+                contradictions=int(np.sum((p < 0.05) != ((lower > 0.5) | (upper < 0.5)))),
+            )
+        )
+    return rows
 
 
 def _sign_flip_p(rng: np.random.Generator, deviation: Floats) -> Floats:
@@ -332,18 +379,25 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     parser.add_argument("--quick", action="store_true", help="a tenth of the simulations")
     parser.add_argument("--speed-only", action="store_true", help="no error rates")
+    parser.add_argument("--only", metavar="TABLE", help="one table, such as share_rates")
     arguments = parser.parse_args(argv)
     scale_down = 10 if arguments.quick else 1
     print(f"{processor()}, {os.cpu_count()} cores, revision {code_revision()}")
-    tables: dict[str, list[dict[str, object]]] = {"timings": [asdict(t) for t in timings()]}
-    _print("timings", tables["timings"])
+    tables: dict[str, list[dict[str, object]]] = {}
     parts: dict[str, Callable[[int], list[object]]] = {
+        "timings": lambda _n: list(timings()),
         "test_rates": lambda n: list(test_rates(n)),
+        "share_rates": lambda n: list(share_rates(n)),
         "scale_coverage": lambda n: list(scale_coverage(n)),
         "observer_rates": lambda n: list(observer_rates(n)),
         "learning_rates": lambda n: list(learning_rates(n)),
     }
-    for name, job in () if arguments.speed_only else parts.items():
+    only = "timings" if arguments.speed_only else arguments.only
+    if only is not None and only not in parts:
+        parser.error(f"--only must be one of {', '.join(parts)} (got {only!r})")
+    for name, job in parts.items():
+        if only not in (None, name):
+            continue
         tables[name] = [dict(vars(row)) for row in job(scale_down)]
         _print(name, tables[name])
     if arguments.json:

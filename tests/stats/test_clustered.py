@@ -13,8 +13,8 @@ from analysis.clustered import (
     participant_t,
     sign_flip_floor,
     sign_flip_p,
+    two_sided_p,
     two_way,
-    wilson,
 )
 
 STUDIES = 20_000
@@ -28,13 +28,17 @@ def simulate(rng, participant_sd, scene_sd, studies=STUDIES):
     return rng.binomial(REPEATS, expit(np.broadcast_to(logit, (studies, PEOPLE, SCENES))))
 
 
+def wald_p(found):
+    return two_sided_p(found.share - 0.5, found.standard_error, found.df)
+
+
 def test_one_scene_gives_the_textbook_t_of_participant_means():
     chosen = np.array([[3.0], [5.0], [9.0], [8.0]])
 
     found = two_way(chosen, np.full((4, 1), 10.0))
     textbook = stats.ttest_1samp([0.3, 0.5, 0.9, 0.8], 0.5)
 
-    assert float(found.p_value()) == pytest.approx(textbook.pvalue, abs=1e-12)
+    assert float(wald_p(found)) == pytest.approx(textbook.pvalue, abs=1e-12)
     assert float(found.df) == 3.0
 
 
@@ -74,7 +78,13 @@ def test_unequal_cells_are_weighted_by_trials():
 
 @pytest.mark.parametrize(
     ("participant_sd", "scene_sd", "lowest", "highest"),
-    [(0.5, 0.0, 0.035, 0.060), (1.0, 0.0, 0.035, 0.060), (0.5, 0.5, 0.0, 0.060)],
+    [
+        (0.0, 0.0, 0.015, 0.060),
+        (0.5, 0.0, 0.025, 0.060),
+        (1.0, 0.0, 0.035, 0.060),
+        (0.5, 0.5, 0.035, 0.060),
+        (0.63, 0.43, 0.035, 0.060),
+    ],
 )
 def test_the_default_test_calls_chance_an_effect_as_often_as_it_says(
     rng, participant_sd, scene_sd, lowest, highest
@@ -92,26 +102,32 @@ def test_the_pooled_binomial_does_not(rng):
     assert float(np.mean(p < 0.05)) > 0.2
 
 
-@pytest.mark.parametrize(("participant_sd", "scene_sd"), [(0.0, 0.0), (0.5, 0.0), (0.63, 0.43)])
-def test_wilson_limits_with_effective_n_cover(rng, participant_sd, scene_sd):
-    found = two_way(simulate(rng, participant_sd, scene_sd), REPEATS)
-    lower, upper = wilson(found.share, found.effective_n, found.df)
+def test_limits_equal_wilsons_where_trials_are_as_good_as_independent():
+    """Answers that vary less than chance would: 132 trials, 76 of them."""
+    chosen = np.ones((11, 6))
+    chosen[np.arange(10), np.arange(10) % 6] += 1.0
+    lower, upper = two_way(chosen, 2.0).limits()
+    textbook = stats.binomtest(76, 132).proportion_ci(0.95, method="wilson")
 
-    assert float(np.mean((lower <= 0.5) & (upper >= 0.5))) >= 0.945
-
-
-def test_wilson_limits_equal_the_textbook_ones_for_independent_trials():
-    lower, upper = wilson(np.array(0.3), np.array(40.0), np.array(1e9))
-    textbook = stats.binomtest(12, 40).proportion_ci(0.95, method="wilson")
-
-    assert (float(lower), float(upper)) == pytest.approx((textbook.low, textbook.high), abs=1e-6)
+    assert (float(lower), float(upper)) == pytest.approx((textbook.low, textbook.high), abs=1e-9)
 
 
-def test_unanimous_answers_have_no_t_but_finite_limits():
+def test_the_score_test_is_a_t_of_the_share_by_hand():
+    """Four people, shares .3 .5 .9 .8: n = .625 x .375 / se^2, t = .125 sqrt(n) / .5."""
+    found = two_way(np.array([[3.0], [5.0], [9.0], [8.0]]), np.full((4, 1), 10.0))
+    size = 0.625 * 0.375 / (np.std([0.3, 0.5, 0.9, 0.8], ddof=1) / 2) ** 2
+
+    assert float(found.score_t()) == pytest.approx(0.25 * np.sqrt(size))
+    clustered, _, floor = found.p_parts()
+    assert float(clustered) == pytest.approx(2 * stats.t.sf(0.25 * np.sqrt(size), 3))
+    assert float(floor) == 2 / 16
+
+
+def test_unanimous_answers_have_the_participants_p_and_finite_limits():
     found = two_way(np.full((11, 6), 2.0), 2.0)
-    lower, upper = wilson(found.share, found.effective_n, found.df)
+    lower, upper = found.limits()
 
-    assert np.isnan(float(found.p_value()))
+    assert float(found.p_value()) == 2 / 2**11
     assert 0.5 < float(lower) < 1.0
     assert float(upper) == 1.0
 

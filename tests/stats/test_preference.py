@@ -45,12 +45,105 @@ def test_counts_of_the_printed_figure_give_the_p_values_of_r(index):
     assert found.exact_upper == pytest.approx(ORACLE["binom_high"][index], abs=1e-9)
 
 
-def test_the_participant_floor_is_shown_beside_a_p_that_lies_below_it():
+def decisions_of(chosen: np.ndarray, repeats: int = 2) -> pd.DataFrame:
+    """Decisions from how often each participant chose ours in each scene."""
+    people, scenes = chosen.shape
+    person, scene, repeat = np.indices((people, scenes, repeats)).reshape(3, -1)
+    ours = repeat < chosen[person, scene]
+    return pd.DataFrame(
+        {
+            "participant": [f"P{number:02d}" for number in person],
+            "scene": [f"s{number}" for number in scene],
+            "size": "x",
+            "first": "ours",
+            "second": "pp",
+            "chosen": np.where(ours, "ours", "pp"),
+        }
+    )
+
+
+def scattered(counts: list[int], scenes: int = 6, repeats: int = 2) -> np.ndarray:
+    """Cells of participants with these counts, each spread evenly from another scene on."""
+    cells = np.zeros((len(counts), scenes))
+    place = 0
+    for person, count in enumerate(counts):
+        for step in range(count):
+            cells[person, (place + step) % scenes] += 1
+        place += count
+    assert cells.max() <= repeats
+    return cells
+
+
+@pytest.mark.parametrize("test", ["participant-scene", "participant", "pooled"])
+@pytest.mark.parametrize("design", [(11, 6, 2), (6, 3, 2), (5, 4, 2), (30, 8, 1)])
+def test_p_is_small_exactly_where_the_limits_leave_out_one_half(rng, test, design):
+    people, scenes, repeats = design
+    seen = set()
+    for rate in (0.5, 0.65, 0.8, 0.97):
+        for _ in range(12):
+            logit = np.log(rate / (1 - rate)) + rng.normal(0, 0.5, (people, 1))
+            cells = rng.binomial(
+                repeats, 1 / (1 + np.exp(-np.broadcast_to(logit, (people, scenes))))
+            )
+            found = preference(decisions_of(cells, repeats), "ours", "pp", test=test)
+            assert (found.p < 0.05) == (found.lower > 0.5 or found.upper < 0.5)
+            seen.add(found.p < 0.05)
+    assert len(seen) == 2 or people < 6
+
+
+def test_people_who_agree_by_luck_show_no_more_than_their_trials():
+    """Ten of 7 in 12 and one of 6: the variance is next to none, 76 of 132 is no proof."""
+    found = preference(decisions_of(scattered([7] * 10 + [6])), "ours", "pp")
+
+    assert found.p > 0.05
+    assert found.bayes_factor < 3
+    assert found.lower < 0.5
+    assert found.p == pytest.approx(found.exact_p, abs=0.03)
+    assert any("such agreement can be luck" in note for note in found.warnings)
+
+
+@pytest.mark.parametrize(
+    "studies",
+    [
+        [[count] * 11 for count in range(6, 13)],
+        [[12] * 10 + [count] for count in range(13)],
+        [[12] * count + [6] * (11 - count) for count in range(12)],
+    ],
+    ids=["all alike", "the last dissenter", "more people who always choose"],
+)
+def test_more_agreement_is_never_weaker_evidence(studies):
+    found = [preference(decisions_of(scattered(counts)), "ours", "pp") for counts in studies]
+    p = np.array([one.p for one in found])
+    evidence = np.array([one.bayes_factor for one in found])
+    lower = np.array([one.lower for one in found])
+
+    assert np.all(np.diff(p) <= 1e-12)
+    assert np.all(np.diff(evidence) >= -1e-9)
+    assert np.all(np.diff(lower) >= -1e-12)
+
+
+def test_equivalence_is_shown_exactly_where_90_percent_limits_lie_within_the_margin(rng):
+    seen = set()
+    for sd in (0.05, 0.2, 0.5):
+        for _ in range(15):
+            logit = np.broadcast_to(rng.normal(0, sd, (25, 1)), (25, 10))
+            rows = decisions_of(rng.binomial(2, 1 / (1 + np.exp(-logit))))
+            found = preference(rows, "ours", "pp", margin=0.06)
+            wide = preference(rows, "ours", "pp", alpha=0.1, margin=0.06)
+            assert (found.equivalence_p < 0.05) == (wide.lower > 0.44 and wide.upper < 0.56)
+            seen.add(found.equivalence_p < 0.05)
+    assert len(seen) == 2
+
+
+def test_p_is_never_less_than_so_many_participants_can_show():
     found = preference(cell_with(106), "ours", "pp")
 
     assert found.sign_flip_floor == 2 / 2**11
-    assert found.p < found.sign_flip_floor
-    assert any("0.00098, the least that 11 participants can show" in n for n in found.warnings)
+    assert found.p == found.sign_flip_floor
+    assert found.test == "participants as votes"
+    assert any(
+        "held at 0.00098, the least that 11 participants can show" in n for n in found.warnings
+    )
 
 
 @pytest.mark.parametrize("chosen", [0, 132])
@@ -58,7 +151,7 @@ def test_unanimous_cells_are_finite_and_significant(chosen):
     found = preference(cell_with(chosen), "ours", "pp")
 
     assert found.p == 2 / 2**11
-    assert found.test == "participant sign-flip"
+    assert found.test == "participants as votes"
     assert any("all answers agree" in note for note in found.warnings)
     for name, value in dataclasses.asdict(found).items():
         if isinstance(value, float):

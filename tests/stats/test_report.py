@@ -132,7 +132,7 @@ def test_json_holds_no_number_that_is_not_finite(made):
 def test_page_says_methods_quality_flow_and_provenance(html, numbers, demo_protocol):
     for wanted in (
         "Holm-adjusted over 6",
-        "two-way clustered t",
+        "two-way clustered score t",
         "crossed random intercepts",
         "Exclusions, by the rules",
         "Dropped refreshes",

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.special import expit
 
-from analysis.clustered import ClusteredShare, combine, holm, sign_flip_floor
+from analysis.clustered import ClusteredShare, combine, holm
 from analysis.power import default_participants, first_reaching, mean_logit
 from analysis.tasks.preference.settings import Comparison, Settings
 
@@ -176,7 +175,7 @@ def _batch(
             continue
         votes = _votes(entry, assumptions, studies, people, rng)
         if not primary_only:
-            family.append(_p(_prefix(votes, entry.repeats, picks), picks))
+            family.append(_prefix(votes, entry.repeats, picks).p_value())
         if is_primary:
             parts.append((votes, entry.repeats))
     # Sizes taken together are one comparison with more repeats.
@@ -185,7 +184,7 @@ def _batch(
     primary = _prefix(together, repeats, picks, one_way=settings.test == "participant")
     return (
         np.stack(family, axis=-1) if family else np.zeros((studies, picks.size, 0)),
-        _p(primary, picks),
+        primary.p_value(),
         primary.equivalence_p(settings.margin),
     )
 
@@ -253,12 +252,3 @@ def _prefix(
         people,
         scene_count,
     )
-
-
-def _p(estimate: ClusteredShare, picks: NDArray[np.intp]) -> Floats:
-    """Two-sided p; where all answers agree, the sign-flip floor, as the analysis does."""
-    floor = np.array([sign_flip_floor(int(pick) + 1) for pick in picks])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(estimate.share - 0.5) / estimate.standard_error
-    p = 2.0 * stats.t.sf(np.where(estimate.standard_error > 0, ratio, 0.0), estimate.df)
-    return np.asarray(np.where(estimate.standard_error > 0, p, floor))

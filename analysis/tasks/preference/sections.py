@@ -19,7 +19,13 @@ from analysis.tasks.blocks import (
 from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale, StudyResults
-from analysis.tasks.preference.wording import apa_preference, comparison, scale_text, verdict
+from analysis.tasks.preference.wording import (
+    TEST_NAMES,
+    apa_preference,
+    comparison,
+    scale_text,
+    verdict,
+)
 
 _BF10 = Markup("BF<sub>10</sub>")
 
@@ -75,7 +81,7 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
     adjusted = f", Holm-adjusted over {len(cells)}" if table.correction == "holm" else ""
     margin = share(settings.margin)
     shares = Table.of(
-        f"Every comparison, p by {cells[0].test}{adjusted}",
+        f"Every comparison, p by {TEST_NAMES[settings.test]}{adjusted}",
         (
             ("Comparison", "l c"),
             ("Chosen", "n"),
@@ -139,8 +145,10 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         shares,
         Paragraph(
             Markup(
-                "p adj. decides: p corrected for the number of comparisons. t(df): the share's"
-                " distance from .5 in standard errors. h (Cohen): size of that distance, .2 small,"
+                "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
+                " exactly where p is small. t(df): clustered score test of the share against .5; p"
+                " is never smaller than that of independent trials, or of unanimous participants."
+                " h (Cohen): size of that distance, .2 small,"
                 " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5. {}: how many"
                 " times likelier the data are with a preference than without one; below 1/3 they"
                 " speak for none."

@@ -19,11 +19,21 @@ from analysis.tasks.preference.study import SizeScale
 
 TESTS = {
     "participant-scene": (
-        "a t test with standard errors clustered by participant and by scene (two-way"
-        " clustering, Cameron, Gelbach & Miller, 2011)"
+        "a score t test with standard errors clustered by participant and by scene (two-way"
+        " clustering, Cameron, Gelbach & Miller, 2011), p no smaller than that of independent"
+        " trials or of unanimous participants"
     ),
-    "participant": "a t test over participants' choice proportions",
+    "participant": (
+        "a score t test over participants' choice proportions, p no smaller than that of"
+        " independent trials or of unanimous participants"
+    ),
     "pooled": "an exact binomial test that takes trials as independent",
+}
+
+TEST_NAMES = {
+    "participant-scene": "two-way clustered score t",
+    "participant": "participant score t",
+    "pooled": "pooled exact binomial",
 }
 
 
@@ -115,9 +125,9 @@ def methods_paragraph(
     if settings.primary is not None:
         text += ". The primary comparison was declared beforehand and is not adjusted"
     text += (
-        ". Intervals are Wilson score intervals with the effective number of trials and t"
-        " quantiles. Participant-level sign-flip tests, pooled exact binomial tests, Bayes factors"
-        " (Rouder et al., 2009, of the clustered t, Cauchy prior of scale .707) and"
+        ". Intervals invert the test (Wilson score intervals). Participant-level sign-flip tests,"
+        " pooled exact binomial tests, Bayes factors"
+        " (Rouder et al., 2009, of the t with this p, Cauchy prior of scale .707) and"
         f" equivalence tests (two one-sided tests against ±{share(settings.margin)}) are given"
         " beside. Logit mixed models had crossed random intercepts of participants and scenes"
         " (Laplace approximation) and the order of presentation as a covariate. Quality in just"
