@@ -1,10 +1,13 @@
 """Bootstrap limits of scales that respect participants and scenes."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
+from analysis.clustered import holm
 from analysis.pairs import Floats, Model, fit_scores, pair_index
 
 FEW_CLUSTERS = 5
@@ -19,7 +22,11 @@ class ScaleIntervals:
     level : float
     lower, upper : ndarray (k,)
     difference_lower, difference_upper : ndarray (k, k)
-        Of score i minus score j.
+        Of score i minus score j; they leave out 0 exactly where p < 1 - level.
+    difference_p : ndarray (k, k)
+        Two-sided, of equal scores; 1 on the diagonal.
+    difference_p_adjusted : ndarray (k, k)
+        Holm's over the k (k - 1) / 2 differences.
     standard_error : ndarray (k,)
     samples : int
         Bootstrap samples used; `left_out` had a condition nobody compared.
@@ -32,6 +39,8 @@ class ScaleIntervals:
     upper: Floats
     difference_lower: Floats
     difference_upper: Floats
+    difference_p: Floats
+    difference_p_adjusted: Floats
     standard_error: Floats
     samples: int
     left_out: int
@@ -119,6 +128,13 @@ def bootstrap_scale(
     lower, upper = np.quantile(scores, [tail, 1.0 - tail], axis=0)
     between = scores[:, :, None] - scores[:, None, :]
     diff_lower, diff_upper = np.quantile(between, [tail, 1.0 - tail], axis=0)
+    first, second = np.triu_indices(scores.shape[1], 1)
+    drawn = between[:, first, second]
+    p = _difference_p(drawn, participants)
+    # Limits hold 0 exactly where p does not reach 1 - level.
+    holds = _square(p >= 1.0 - level, first, second, 1.0).astype(bool)
+    diff_lower = np.where(holds, np.minimum(diff_lower, 0.0), diff_lower)
+    diff_upper = np.where(holds, np.maximum(diff_upper, 0.0), diff_upper)
     warnings = []
     if participants < FEW_CLUSTERS:
         warnings.append(f"only {participants} participants: intervals are a rough guide")
@@ -133,12 +149,60 @@ def bootstrap_scale(
         upper=upper,
         difference_lower=diff_lower,
         difference_upper=diff_upper,
+        difference_p=_square(p, first, second, 1.0),
+        difference_p_adjusted=_square(holm(p), first, second, 1.0),
         standard_error=scores.std(axis=0, ddof=1),
         samples=int(whole.sum()),
         left_out=left_out,
         resampled=("participants", "scenes") if two_way else ("participants",),
         warnings=tuple(warnings),
     )
+
+
+def _difference_p(drawn: Floats, participants: int) -> Floats:
+    """Return the two-sided p at which the expanded percentile limits of draws just hold 0.
+
+    Parameters
+    ----------
+    drawn : ndarray (samples, differences)
+
+    Notes
+    -----
+    The area of draws beyond 0, found on the same line between order statistics that gives the
+    limits, becomes the p of a t that `expanded_tail` would turn into it. Where 0 lies outside all
+    draws the normal law goes on from the outermost one, at the draws' own deviation. No p is
+    below that of unanimous participants.
+    """
+    samples = drawn.shape[0]
+    place = np.arange(samples) / (samples - 1.0)
+    floor = min(1.0, 2.0 * 0.5**participants)
+    widened = np.sqrt(participants / (participants - 1.0))
+    edge = float(stats.norm.ppf(1.0 / samples))
+    found = np.ones(drawn.shape[1])
+    for index, column in enumerate(np.sort(drawn, axis=0).T):
+        centre, deviation = float(column.mean()), float(column.std(ddof=1))
+        if deviation < 1e-12:
+            found[index] = 1.0 if abs(centre) < 1e-12 else floor
+            continue
+        if column[0] > 0.0 or column[-1] < 0.0:
+            z = edge - min(abs(column[0]), abs(column[-1])) / deviation
+        else:
+            below = float(np.interp(0.0, column, place))
+            z = max(edge, float(stats.norm.ppf(min(max(below, 1e-12), 1.0 - 1e-12))))
+            above = max(edge, float(stats.norm.ppf(max(1.0 - below, 1e-12))))
+            z = min(z, above)
+        found[index] = max(floor, float(min(1.0, 2.0 * stats.t.cdf(z / widened, participants - 1))))
+    return found
+
+
+def _square(
+    values: NDArray[Any], first: NDArray[np.intp], second: NDArray[np.intp], diagonal: float
+) -> Floats:
+    """Lay values of pairs out as a symmetric table."""
+    size = int(second.max()) + 1
+    table = np.full((size, size), diagonal)
+    table[first, second] = table[second, first] = values
+    return table
 
 
 def expanded_tail(level: float, clusters: int) -> float:

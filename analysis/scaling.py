@@ -70,13 +70,20 @@ class Scale:
 
 @dataclass(frozen=True)
 class Contrast:
-    """One condition against another on a scale, by likelihood ratio (votes independent)."""
+    """One condition against another on a scale.
+
+    `statistic` and `p` are the likelihood ratio's and take votes as independent, as papers print
+    them. `clustered_p` is the two-way bootstrap's, `clustered_p_adjusted` Holm's over the scale's
+    contrasts; None where one participant's votes are all there is.
+    """
 
     first: str
     second: str
     difference: float
     statistic: float
     p: float
+    clustered_p: float | None = None
+    clustered_p_adjusted: float | None = None
 
 
 def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -> Scale:

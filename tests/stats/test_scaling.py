@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
+from analysis.clustered import holm
 from analysis.pairs import difference_design, has_maximum, probability, solve_pairs
 from analysis.scaling import contrasts, scale
 
@@ -141,10 +142,11 @@ def test_contrast_of_merged_conditions_is_zero_where_they_are_alike():
     assert all(other.p < 0.1 for other in others)
 
 
-def _votes(rng, people=11, scenes=6, repeats=2, spread=0.5, scene_spread=0.0):
-    quality = np.array([1.0, 0.0, -1.0])
+def _votes(
+    rng, people=11, scenes=6, repeats=2, spread=0.5, scene_spread=0.0, quality=(1.0, 0.0, -1.0)
+):
     own = (
-        quality
+        np.array(quality)
         + rng.normal(0, spread, (people, 1, 3))
         + rng.normal(0, scene_spread, (1, scenes, 3))
     )
@@ -192,3 +194,45 @@ def test_jod_limits_cover_the_truth_with_eleven_observers(rng, scene_spread):
         hits.append((limits.lower <= truth) & (truth <= limits.upper))
 
     assert np.mean(hits) >= 0.93
+
+
+@pytest.mark.parametrize(("spread", "scene_spread"), [(0.5, 0.0), (0.5, 0.4), (0.8, 0.4)])
+def test_differences_without_an_effect_are_significant_as_seldom_as_they_say(
+    rng, proof_count, spread, scene_spread
+):
+    """Likelihood ratios, which take trials as independent, err in a third to a half of studies."""
+    studies = proof_count(400)
+    wrong, independent = [], []
+    for _ in range(studies):
+        votes = _votes(rng, spread=spread, scene_spread=scene_spread, quality=(0.0, 0.0, 0.0))
+        limits = bootstrap_scale(votes, rng=rng, samples=300)
+        wrong.append(limits.difference_p[np.triu_indices(3, 1)] < 0.05)
+        independent.append([c.p < 0.05 for c in contrasts(votes.sum(axis=(0, 1)), NAMES3)])
+
+    assert np.mean(wrong) <= 0.06 + 3.5 * np.sqrt(0.05 * 0.95 / (2 * studies))
+    assert np.mean(independent) > 0.15
+
+
+def test_p_of_a_difference_is_small_exactly_where_its_limits_leave_out_zero(rng):
+    above = np.triu_indices(3, 1)
+    seen = []
+    for people in (4, 8, 11):
+        for _ in range(8):
+            limits = bootstrap_scale(_votes(rng, people=people, spread=0.7), rng=rng, samples=200)
+            out = (limits.difference_lower > 0) | (limits.difference_upper < 0)
+            np.testing.assert_array_equal(limits.difference_p < 0.05, out)
+            np.testing.assert_array_equal(limits.difference_p, limits.difference_p.T)
+            np.testing.assert_allclose(
+                limits.difference_p_adjusted[above], holm(limits.difference_p[above])
+            )
+            seen += list(out[above])
+    assert 0 < np.mean(seen) < 1
+
+
+def test_a_strong_difference_is_not_bound_to_the_number_of_draws(rng):
+    """All 200 draws lie beyond 0: p goes on past one in 200, down to that of eleven people."""
+    votes = _votes(rng, spread=0.1)
+    p = bootstrap_scale(votes, rng=rng, samples=200).difference_p
+
+    assert p[0, 2] < 0.005
+    assert p[0, 2] >= 2 / 2**11

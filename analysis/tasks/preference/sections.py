@@ -283,7 +283,7 @@ def _differences(one: SizeScale, settings: Settings) -> Table:
     columns = [("Methods", "l"), ("JOD", "strong")]
     if one.intervals is not None:
         columns.append((f"{100 * (1 - settings.alpha):g} % limits", "n"))
-    columns += [("χ²(1)", ""), ("p", "n")]
+    columns += [("p", "n"), ("p adj.", "n")]
     rows = []
     for c in one.contrasts:
         row = [f"{settings.label(c.first)} - {settings.label(c.second)}", number(c.difference)]
@@ -292,9 +292,10 @@ def _differences(one: SizeScale, settings: Settings) -> Table:
             lower = one.intervals.difference_lower[i, j]
             upper = one.intervals.difference_upper[i, j]
             row.append(f"[{number(lower)}, {number(upper)}]")
-        rows.append([*row, number(c.statistic, 1), p_number(c.p)])
+        both = (c.clustered_p, c.clustered_p_adjusted)
+        rows.append([*row, *("none" if p is None else p_number(p) for p in both)])
     return Table.of(
-        "Differences; limits by bootstrap, p by likelihood ratio (trials as independent)",
+        "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
         columns,
         rows,
     )

@@ -1,7 +1,7 @@
 """The whole analysis of a 2AFC study: every result a report shows, in one frozen object."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -214,7 +214,7 @@ def _size_scale(
         size=size,
         scale=fitted,
         intervals=intervals,
-        contrasts=contrasts(total, methods),
+        contrasts=tuple(_clustered(one, methods, intervals) for one in contrasts(total, methods)),
         triads=tuple(
             (name, circular_triads(one)) for name, one in zip(people, answers, strict=True)
         )
@@ -226,6 +226,19 @@ def _size_scale(
             by_person, people, rng=np.random.default_rng(SEED), alpha=settings.alpha
         ),
         warnings=tuple(found),
+    )
+
+
+def _clustered(
+    one: Contrast, methods: tuple[str, ...], intervals: ScaleIntervals | None
+) -> Contrast:
+    if intervals is None:
+        return one
+    place = methods.index(one.first), methods.index(one.second)
+    return replace(
+        one,
+        clustered_p=float(intervals.difference_p[place]),
+        clustered_p_adjusted=float(intervals.difference_p_adjusted[place]),
     )
 
 
