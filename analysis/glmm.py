@@ -162,12 +162,10 @@ def _mode(
     size = scale.size
     b = start
     curvature = np.eye(size)
+    done = False
     for _ in range(100):
         eta = fixed + (factor * (scale * b)[columns]).sum(axis=0)
         gap, observed, expected = response.slope(eta, successes, trials, rates)
-        slope = -b
-        for rows, times in zip(columns, factor, strict=True):
-            slope = slope + scale * np.bincount(rows, weights=gap * times, minlength=size)
         curvature = _curvature(observed, scale, columns, factor)
         if not response.plain and np.any(observed < 0):
             # Guesses and lapses can bend the likelihood the wrong way far from the mode.
@@ -175,12 +173,16 @@ def _mode(
                 np.linalg.cholesky(curvature)
             except np.linalg.LinAlgError:
                 curvature = _curvature(expected, scale, columns, factor)
+        if done:  # the curvature is the one at the mode itself
+            break
+        slope = -b
+        for rows, times in zip(columns, factor, strict=True):
+            slope = slope + scale * np.bincount(rows, weights=gap * times, minlength=size)
         step = np.linalg.solve(curvature, slope)
         # The joint density is log-concave; long steps far from the mode are cut short.
         step *= min(1.0, 3.0 / max(float(np.abs(step).max()), 1e-300))
         b = b + step
-        if float(np.abs(step).max()) < 1e-9:
-            break
+        done = float(np.abs(step).max()) < 1e-9
     return b, curvature
 
 

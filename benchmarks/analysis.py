@@ -164,8 +164,8 @@ def simulate_shares(
 ) -> Floats:
     """Draw counts (studies, participants, scenes) whose mean rate is `rate`."""
     people, scenes, repeats = shape
-    logit = mean_logit(rate, float(np.hypot(participant_sd, scene_sd)))
-    logit = logit + rng.normal(0, participant_sd, (studies, people, 1))
+    typical = mean_logit(rate, float(np.hypot(participant_sd, scene_sd)))
+    logit = typical + rng.normal(0, participant_sd, (studies, people, 1))
     logit = logit + rng.normal(0, scene_sd, (studies, 1, scenes))
     drawn = rng.binomial(repeats, expit(np.broadcast_to(logit, (studies, people, scenes))))
     return np.asarray(drawn, dtype=np.float64)

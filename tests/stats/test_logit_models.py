@@ -11,6 +11,7 @@ import pytest
 
 from analysis.clustered import equivalence_p
 from analysis.formula import TILDE_OPERATOR
+from analysis.glmm import _mode
 from analysis.logit import cluster_covariance, fit_logit, information, separated
 from analysis.models import (
     glm_logit,
@@ -18,7 +19,7 @@ from analysis.models import (
     glmm_probit,
     models_beside,
 )
-from analysis.response import Response
+from analysis.response import LOGIT, Response
 
 ORACLES = Path(__file__).parent / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())
@@ -333,3 +334,23 @@ def test_firth_shrinks_towards_no_effect():
     shrunk = fit_logit(design, chosen, trials, firth=True)
 
     assert 0 < shrunk.beta[1] < plain.beta[1]
+
+
+def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
+    """Not that of the step before: where the search starts must not show in a standard error."""
+    size, rows = 6, 60
+    columns = rng.integers(0, size, (1, rows))
+    fixed, trials = rng.normal(0, 0.5, rows), np.full(rows, 3.0)
+    successes = rng.binomial(3, 0.6, rows).astype(float)
+
+    def search(start):
+        scale, once = np.full(size, 0.8), np.ones((1, rows))
+        return _mode(fixed, scale, columns, once, successes, trials, start, LOGIT, (0.0, 0.0))
+
+    exact, _ = search(np.zeros(size))
+    weight = trials / (2.0 + 2.0 * np.cosh(fixed + 0.8 * exact[columns[0]]))
+    by_hand = 1.0 + 0.64 * np.bincount(columns[0], weights=weight, minlength=size)
+
+    for start in (np.zeros(size), np.ones(size), exact + 9e-10, exact - 9e-10):
+        _, curvature = search(start)
+        np.testing.assert_allclose(np.diag(curvature), by_hand, rtol=1e-13)
