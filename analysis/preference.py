@@ -60,8 +60,9 @@ class Preference:
         BF10 (default prior) of the t that so many participants need for the clustered p.
     bayes_factor_pooled : float
         BF10 of all trials as independent, uniform prior.
-    margin, equivalence_p : float
-        Smallest effect of interest and TOST p-value against it.
+    margin, equivalence_p, equivalence_p_adjusted : float
+        Smallest effect of interest and TOST p-value against it; adjusted over the family as `p`
+        is, because several verdicts of equivalence err as several tests do.
     participant_sd : float
         Standard deviation of the participants' shares.
     verdict : str
@@ -99,6 +100,7 @@ class Preference:
     bayes_factor_pooled: float
     margin: float
     equivalence_p: float
+    equivalence_p_adjusted: float
     participant_sd: float
     verdict: Verdict
     warnings: tuple[str, ...]
@@ -248,6 +250,7 @@ def preference(
         bayes_factor_pooled=binomial_bayes_factor(wins, trials),
         margin=margin,
         equivalence_p=equivalence,
+        equivalence_p_adjusted=equivalence,
         participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
         verdict=_verdict(share, p, equivalence, alpha),
         warnings=tuple(notes),
@@ -315,15 +318,16 @@ def cohens_h(share: float, null: float = 0.5) -> float:
 
 
 def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tuple[Preference, ...]:
-    p_values = np.array([cell.p for cell in cells])
-    adjusted = holm(p_values) if correction == "holm" else p_values
+    found = np.array([[cell.p, cell.equivalence_p] for cell in cells]).T
+    adjusted = holm(found) if correction == "holm" else found
     return tuple(
         replace(
             cell,
             p_adjusted=float(p),
-            verdict=_verdict(cell.share, float(p), cell.equivalence_p, alpha),
+            equivalence_p_adjusted=float(equivalence),
+            verdict=_verdict(cell.share, float(p), float(equivalence), alpha),
         )
-        for cell, p in zip(cells, adjusted, strict=True)
+        for cell, p, equivalence in zip(cells, *adjusted, strict=True)
     )
 
 

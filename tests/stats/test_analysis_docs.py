@@ -25,7 +25,7 @@ def test_every_python_example_runs(repository, capsys):
     assert "0.833" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("rate", ["pooled binomial", "two-way t, the default"])
+@pytest.mark.parametrize("rate", ["pooled binomial", "two-way score t, the default"])
 def test_the_table_of_rates_is_the_committed_result(repository, rate):
     import json
 
@@ -49,7 +49,10 @@ def test_the_table_of_rates_is_the_committed_result(repository, rate):
 
 
 def test_the_committed_simulations_hold_what_is_promised(repository):
-    """Default test .035 to .060 at participant deviations .5 and 1, at most .06 at .5 / .5."""
+    """Default test .027 (.035) to .060 at a participant deviation of .5 (1), .06 at most overall.
+
+    Nearer to independent trials it is rarer still: decision 0160.
+    """
     import json
 
     results = json.loads((repository / "benchmarks/results/analysis.json").read_text())
@@ -59,9 +62,13 @@ def test_the_committed_simulations_hold_what_is_promised(repository):
         if (entry["participants"], entry["scenes"], entry["repeats"]) == (11, 6, 2)
     }
 
-    assert 0.035 <= rates[0.5, 0.0] <= 0.060
+    assert 0.027 <= rates[0.5, 0.0] <= 0.060
     assert 0.035 <= rates[1.0, 0.0] <= 0.060
     assert rates[0.5, 0.5] <= 0.060
+    assert all(entry["coverage"] >= 0.935 for entry in results["share_rates"])
+    assert all(entry["contradictions"] == 0 for entry in results["share_rates"])
+    null = [entry["significant"] for entry in results["share_rates"] if entry["rate"] == 0.5]
+    assert max(null) <= 0.06
     assert all(entry["two_way"] >= 0.93 for entry in results["scale_coverage"])
     assert all(0.02 <= entry["family_wise"] <= 0.08 for entry in results["observer_rates"])
     assert len(results["scale_coverage"]) == 10

@@ -38,17 +38,71 @@ def test_running_sums_give_what_the_test_gives_for_the_first_people(rng):
 def test_power_agrees_with_analysing_simulated_studies_one_by_one(settings):
     """The same question asked of `two_way` directly, primary comparison over both sizes."""
     rng = np.random.default_rng(3)
-    curve = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=2000)
+    curve = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=3000)
 
-    spread, studies = np.hypot(0.6, 0.4), 2000
+    assert curve.primary[0] == pytest.approx(power_over_two_sizes(rng, 1.0), abs=0.04)
+
+
+def power_over_two_sizes(rng, correlation, studies=3000):
+    """Studies of 11 people x 6 scenes x 2 sizes x 2 whose effects correlate so between sizes."""
+    both = np.array([[1.0, correlation], [correlation, 1.0]])
+    root = np.linalg.cholesky(both + 1e-12 * np.eye(2))
+    person = rng.standard_normal((studies, 11, 2)) @ root.T
+    scene = rng.standard_normal((studies, 6, 2)) @ root.T
     votes = np.zeros((studies, 11, 6))
-    for _size in range(2):
-        logit = mean_logit(0.65, spread) + rng.normal(0, 0.6, (studies, 11, 1))
-        logit = logit + rng.normal(0, 0.4, (studies, 1, 6))
-        votes += rng.binomial(2, expit(logit))
-    direct = np.mean(two_way(votes, 4.0).p_value() < 0.05)
+    for size in range(2):
+        logit = mean_logit(0.65, np.hypot(0.6, 0.4)) + 0.6 * person[:, :, None, size]
+        votes += rng.binomial(2, expit(logit + 0.4 * scene[:, None, :, size]))
+    return np.mean(two_way(votes, 4.0).p_value() < 0.05)
 
-    assert curve.primary[0] == pytest.approx(direct, abs=0.05)
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_effects_correlate_between_sizes_as_stated(settings, rng, correlation):
+    assumed = Assumptions(0.65, size_correlation=correlation)
+    curve = power_curve(settings, assumed, rng=rng, participants=[11], studies=3000)
+
+    assert curve.primary[0] == pytest.approx(power_over_two_sizes(rng, correlation), abs=0.04)
+
+
+def test_power_over_sizes_promises_least_where_people_are_alike_at_all_sizes(settings, rng):
+    """Redrawn per size, people average out over sizes: a promise that no study keeps."""
+    by_correlation = [
+        power_curve(
+            settings,
+            Assumptions(0.65, size_correlation=correlation),
+            rng=rng,
+            participants=[11],
+            studies=3000,
+        )
+        for correlation in (0.0, 0.5, 1.0)
+    ]
+    primary = [curve.primary[0] for curve in by_correlation]
+
+    assert primary[0] - primary[1] > 0.03
+    assert primary[1] - primary[2] > 0.03
+    assert np.ptp([curve.each[0] for curve in by_correlation]) < 0.04  # one size at a time
+    default = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=3000)
+    assert default.primary[0] == pytest.approx(primary[2], abs=0.04)
+
+
+def test_a_study_that_cannot_show_equivalence_is_told_so(settings, rng):
+    few, many = (
+        power_curve(
+            replace(settings, planned_participants=people, margin=margin),
+            Assumptions(0.6),
+            rng=rng,
+            participants=[people],
+            studies=300,
+        )
+        for people, margin in ((11, 0.1), (60, 0.3))
+    )
+
+    assert any(
+        "equivalence within ±0.1 would be shown in 0." in note and "do not plan" in note
+        for note in few.warnings
+    )
+    assert few.equivalence[0] < 0.5 < many.equivalence[0]
+    assert not any("equivalence" in note for note in many.warnings)
 
 
 def test_power_rises_with_participants_and_effect(settings, rng):
@@ -122,6 +176,8 @@ def test_impossible_assumptions_are_refused(settings, make_decisions, rng):
         power_curve(settings, Assumptions(1.0), rng=rng)
     with pytest.raises(ValueError, match="not be negative"):
         power_curve(settings, Assumptions(0.6, -1.0), rng=rng)
+    with pytest.raises(ValueError, match="size_correlation must lie between 0 and 1"):
+        power_curve(settings, Assumptions(0.6, size_correlation=1.5), rng=rng)
     with pytest.raises(ValueError, match="at least 2"):
         power_curve(settings, Assumptions(0.6), rng=rng, participants=[1])
     with pytest.raises(ValueError, match="declare comparisons"):

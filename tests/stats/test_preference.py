@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from analysis.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.clustered import holm, two_way
 from analysis.pairings import counts, pairing_rows
 from analysis.preference import cohens_h, preference, preferences
 
@@ -284,3 +285,31 @@ def test_t_bayes_factor_repeats_the_published_example():
     assert 1 / t_bayes_factor(2.03, 80, 1.0) == pytest.approx(1.56, abs=0.005)
     assert t_bayes_factor(0.0, 20) < 0.3
     assert t_bayes_factor(200.0, 11) > 1e10
+
+
+def test_verdicts_of_equivalence_are_adjusted_like_the_tests(make_decisions):
+    rows = make_decisions(quality={"a": 0.0, "b": 0.0, "c": 0.0}, people=40, participant_sd=0.1)
+    table = preferences(rows, margin=0.06)
+    alone = preferences(rows, margin=0.06, correction="none")
+    p = np.array([cell.equivalence_p for cell in table.cells])
+
+    np.testing.assert_allclose([cell.equivalence_p_adjusted for cell in table.cells], holm(p))
+    assert [cell.equivalence_p_adjusted for cell in alone.cells] == list(p)
+    for cell in table.cells:
+        shown = cell.p_adjusted >= 0.05 and cell.equivalence_p_adjusted < 0.05
+        assert (cell.verdict == "equivalent") == shown
+    assert sum(cell.verdict == "equivalent" for cell in table.cells) < sum(
+        cell.verdict == "equivalent" for cell in alone.cells
+    )
+
+
+def test_six_verdicts_of_equivalence_at_the_boundary_err_no_more_than_one_should(rng, proof_count):
+    """True shares of .6, margin .1: any of six called equivalent is wrong."""
+    studies = proof_count(4000)
+    logit = np.log(0.6 / 0.4) + rng.normal(0, 0.2, (studies, 6, 20, 1))
+    chosen = rng.binomial(4, 1 / (1 + np.exp(-np.broadcast_to(logit, (studies, 6, 20, 8)))))
+    p = two_way(chosen, 4.0).equivalence_p(0.1)
+    slack = 3.5 * np.sqrt(0.05 * 0.95 / studies)
+
+    assert np.mean((p < 0.05).any(axis=1)) > 0.12
+    assert np.mean((holm(p) < 0.05).any(axis=1)) <= 0.06 + slack

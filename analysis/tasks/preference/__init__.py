@@ -178,6 +178,13 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
                 5.0,
             ),
             Assumption("scene_sd", DEFAULT_SCENE_SD, "logit deviation between scenes", 0.0, 5.0),
+            Assumption(
+                "size_correlation",
+                1.0,
+                "how alike participants' and scenes' deviations are at two sizes",
+                0.0,
+                1.0,
+            ),
         )
 
     def power(
@@ -192,7 +199,12 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         """Simulate choices with random effects of participants and scenes."""
         curve = power_curve(
             from_protocol(study),
-            Assumptions(assumed["rate"], assumed["participant_sd"], assumed["scene_sd"]),
+            Assumptions(
+                assumed["rate"],
+                assumed["participant_sd"],
+                assumed["scene_sd"],
+                assumed["size_correlation"],
+            ),
             rng=rng,
             studies=studies or POWER_STUDIES,
             progress=progress,
@@ -221,7 +233,8 @@ def _power_report(curve: PowerCurve) -> PowerReport:
         result=curve,
         lead=(
             f"{curve.studies} simulated studies; true share {assumed.rate:g}; deviations"
-            f" {assumed.participant_sd:g} (participants) and {assumed.scene_sd:g} (scenes) logits;"
+            f" {assumed.participant_sd:g} (participants) and {assumed.scene_sd:g} (scenes) logits,"
+            f" correlated {assumed.size_correlation:g} between sizes;"
             f" alpha {curve.alpha:g}, {curve.family} comparisons"
         ),
         columns=(

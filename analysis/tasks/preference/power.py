@@ -1,7 +1,7 @@
 """How many participants does a protocol need? Simulation of its own design and test."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 CHUNK = 500
 """Studies simulated at once; bounds memory."""
 
+CANNOT_SHOW = 0.5
+"""Below this chance of showing what is true, a study had better not promise it."""
+
 DEFAULT_PARTICIPANT_SD = 0.6
 DEFAULT_SCENE_SD = 0.4
 
@@ -25,12 +28,16 @@ class Assumptions:
     """What the simulation takes for true.
 
     `rate` is the population's mean share in every comparison; the deviations are of the random
-    effects of participants and scenes on the logit, drawn anew for every comparison.
+    effects of participants and scenes on the logit, drawn anew for every pairing.
+    `size_correlation` is how alike the effects of one pairing are at two sizes: 1 where who
+    prefers a method at one size prefers it as much at all, 0 where sizes have nothing in common.
+    Effects that sizes share do not average out over them, so 1 promises least.
     """
 
     rate: float
     participant_sd: float = DEFAULT_PARTICIPANT_SD
     scene_sd: float = DEFAULT_SCENE_SD
+    size_correlation: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -97,13 +104,17 @@ def power_curve(
         raise ValueError(f"rate must lie between 0 and 1 (got {assumptions.rate})")
     if min(assumptions.participant_sd, assumptions.scene_sd) < 0:
         raise ValueError("standard deviations must not be negative")
+    if not 0.0 <= assumptions.size_correlation <= 1.0:
+        raise ValueError(
+            f"size_correlation must lie between 0 and 1 (got {assumptions.size_correlation})"
+        )
     if not settings.comparisons:
         raise ValueError("the study must declare comparisons (a protocol, not a plain table)")
     sizes = tuple(participants or default_participants(settings.planned_participants))
     picks = np.array(sizes) - 1
     if picks.min() < 1:
         raise ValueError(f"participants must be at least 2 (got {min(sizes)})")
-    null = Assumptions(0.5, assumptions.participant_sd, assumptions.scene_sd)
+    null = replace(assumptions, rate=0.5)
     sums = np.zeros((5, len(sizes)))
     done = 0
     while done < studies:
@@ -135,6 +146,13 @@ def power_curve(
         )
     if settings.test == "pooled":
         notes.append("simulated with the participant-scene test, not the protocol's pooled one")
+    planned = settings.planned_participants
+    shown = float(power[3][sizes.index(planned)]) if planned in sizes else float(power[3].max())
+    if shown < CANNOT_SHOW:
+        notes.append(
+            f"equivalence within ±{settings.margin:g} would be shown in {shown:.2f} of such studies"
+            " even if the share were one half: do not plan to claim it"
+        )
     return PowerCurve(
         participants=sizes,
         primary=power[0],
@@ -169,11 +187,16 @@ def _batch(
     """
     people = int(picks.max()) + 1
     family, parts = [], []
+    shared: dict[tuple[str, str], _Shared] = {}
     for entry in settings.comparisons:
         is_primary = _is_primary(entry, settings)
         if primary_only and not is_primary:
             continue
-        votes = _votes(entry, assumptions, studies, people, rng)
+        common = shared.get((entry.method, entry.against))
+        if common is None:
+            common = _Shared(rng.standard_normal((studies, people, 1), dtype=np.float32), {})
+            shared[entry.method, entry.against] = common
+        votes = _votes(entry, assumptions, common, rng)
         if not primary_only:
             family.append(_prefix(votes, entry.repeats, picks).p_value())
         if is_primary:
@@ -196,27 +219,47 @@ def _is_primary(entry: Comparison, settings: Settings) -> bool:
     return (entry.method, entry.against) == (method, against) and size in ("all", entry.size)
 
 
+@dataclass(frozen=True)
+class _Shared:
+    """Standard normal effects that a pairing has at every size, of people and of each scene."""
+
+    person: NDArray[np.float32]
+    scenes: dict[str, NDArray[np.float32]]
+
+
 def _votes(
-    entry: Comparison,
-    assumptions: Assumptions,
-    studies: int,
-    people: int,
-    rng: np.random.Generator,
+    entry: Comparison, assumptions: Assumptions, common: _Shared, rng: np.random.Generator
 ) -> Floats:
     """Draw choices (studies, people, scenes) of one comparison."""
-    scenes = len(entry.scenes)
+    studies, people, _ = common.person.shape
+    for name in entry.scenes:
+        if name not in common.scenes:
+            common.scenes[name] = rng.standard_normal((studies, 1, 1), dtype=np.float32)
+    scene = np.concatenate([common.scenes[name] for name in entry.scenes], axis=2)
     spread = float(np.hypot(assumptions.participant_sd, assumptions.scene_sd))
-    logit = mean_logit(assumptions.rate, spread) + assumptions.participant_sd * (
-        rng.standard_normal((studies, people, 1), dtype=np.float32)
-    )
-    logit = logit + assumptions.scene_sd * rng.standard_normal(
-        (studies, 1, scenes), dtype=np.float32
+    logit = mean_logit(assumptions.rate, spread) + sum(
+        deviation * _own(effect, assumptions.size_correlation, rng)
+        for deviation, effect in (
+            (assumptions.participant_sd, common.person),
+            (assumptions.scene_sd, scene),
+        )
     )
     share = expit(logit)
-    votes = np.zeros(share.shape, dtype=np.float32)
+    votes = np.zeros((studies, people, len(entry.scenes)), dtype=np.float32)
     for _ in range(entry.repeats):
-        votes += rng.random(share.shape, dtype=np.float32) < share
+        votes += rng.random(votes.shape, dtype=np.float32) < share
     return votes.astype(np.float64)
+
+
+def _own(
+    shared: NDArray[np.float32], correlation: float, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Return effects of variance 1 that correlate so with those of the pairing at other sizes."""
+    if correlation == 1.0:
+        return shared
+    own = rng.standard_normal(shared.shape, dtype=np.float32)
+    both = np.sqrt(correlation) * shared + np.sqrt(1.0 - correlation) * own
+    return np.asarray(both, dtype=np.float32)
 
 
 def _prefix(

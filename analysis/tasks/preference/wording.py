@@ -82,9 +82,10 @@ def apa_preference(cell: Preference, settings: Settings, *, adjusted: bool) -> s
         f" BF10 = {big(cell.bayes_factor)}."
     )
     if cell.verdict == "equivalent":
+        equivalence = cell.equivalence_p_adjusted if adjusted else cell.equivalence_p
         text += (
             f" The share was equivalent to .5 within ±{share(cell.margin)} (TOST,"
-            f" {p_text(cell.equivalence_p)})."
+            f" {p_text(equivalence)}{correction})."
         )
     return text
 
@@ -128,7 +129,8 @@ def methods_paragraph(
         ". Intervals invert the test (Wilson score intervals). Participant-level sign-flip tests,"
         " pooled exact binomial tests, Bayes factors"
         " (Rouder et al., 2009, of the t with this p, Cauchy prior of scale .707) and"
-        f" equivalence tests (two one-sided tests against ±{share(settings.margin)}) are given"
+        f" equivalence tests (two one-sided tests against ±{share(settings.margin)}"
+        f"{', Holm-adjusted as well' if settings.correction == 'holm' else ''}) are given"
         " beside. Logit mixed models had crossed random intercepts of participants and scenes"
         " (Laplace approximation) and the order of presentation as a covariate. Quality in just"
         " objectionable differences (JOD; 1 JOD = 75% of choices) was estimated by maximum"
