@@ -5,6 +5,7 @@ whatever was left out.
 """
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -17,6 +18,12 @@ from protocols.load import decode_utf8, read_bytes
 from protocols.suggest import did_you_mean
 
 FIRST_LINE = 2
+FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
+"""What a spreadsheet may take for a formula, or for a control; with any apostrophes before it."""
+LARGEST_WHOLE = 2**53
+"""Beyond, tables of numbers do not tell neighbours apart."""
+DAY_S = 86_400.0
+SHOWN_LETTERS = 60
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
 
@@ -33,8 +40,9 @@ def read_table(path: Path) -> pd.DataFrame:
     separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
     reader = csv.reader(StringIO(text), delimiter=separator)
     try:
-        header = [name.strip() for name in next(reader, [])]
-        rows, lines = [], []
+        header = [original_cell(name).strip() for name in next(reader, [])]
+        rows: list[list[str]] = []
+        lines: list[int] = []
         for row in reader:
             if not row:
                 continue
@@ -43,7 +51,7 @@ def read_table(path: Path) -> pd.DataFrame:
                     f"{path}: line {reader.line_num}: must have {len(header)} cells like the"
                     f" header (found {len(row)}); a {separator!r} at its end counts as a cell"
                 )
-            rows.append(row)
+            rows.append([original_cell(cell) for cell in row])
             lines.append(reader.line_num - FIRST_LINE)
     except csv.Error as error:
         raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
@@ -53,6 +61,30 @@ def read_table(path: Path) -> pd.DataFrame:
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
     return pd.DataFrame(rows, columns=header, index=lines, dtype=str)
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV that spreadsheets show and do not run (docs/decisions/0165).
+
+    A text that begins with = + - @ or a control character gets an apostrophe in front, as does one
+    that begins so after apostrophes; `read_table` takes one away again. Numbers stay numbers.
+    """
+    safe = table.copy()
+    for place, kind in enumerate(table.dtypes):
+        if not pd.api.types.is_numeric_dtype(kind):
+            safe.isetitem(place, table.iloc[:, place].map(safe_cell).to_numpy())
+    safe.columns = pd.Index([safe_cell(name) for name in table.columns])
+    safe.to_csv(path, index=False, lineterminator="\n")
+
+
+def safe_cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula; what is no text stays as it is."""
+    return "'" + value if isinstance(value, str) and FORMULA.match(value) else value
+
+
+def original_cell(text: str) -> str:
+    """Return what `safe_cell` was given."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
 
 def renamed(
@@ -97,7 +129,50 @@ def number_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     if len(wrong):
         raise StudyError(
             f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a number"
-            f" (got {raw[wrong[0]]!r})"
+            f" (got {shortened(raw[wrong[0]])!r})"
             + ("; write decimals with a point" if "," in raw[wrong[0]] else "")
         )
     return values
+
+
+def whole_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    """Return a column of whole numbers from 0 on; an empty cell is NaN."""
+    values = number_column(path, table, column).astype(float)
+    wrong = values.index[(values != values.round()) & values.notna()]
+    wrong = wrong.union(values.index[(values < 0) | (values > LARGEST_WHOLE)])
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a whole number from 0 on"
+            f" (got {shortened(table.loc[wrong[0], column])!r})"
+        )
+    return values
+
+
+def flag_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    """Return a column of 0 and 1, none of them empty."""
+    values = number_column(path, table, column)
+    wrong = values.index[~values.isin((0, 1))]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be 1 or 0"
+            f" (got {shortened(table.loc[wrong[0], column])!r})"
+        )
+    return values.astype("int64")
+
+
+def seconds_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
+    """Return a column of durations above 0 and below a day; an empty cell is NaN."""
+    values = number_column(path, table, column).astype(float)
+    wrong = values.index[(values <= 0) | (values >= DAY_S)]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be above 0 seconds and below a"
+            f" day (got {shortened(table.loc[wrong[0], column])!r})"
+        )
+    return values
+
+
+def shortened(text: object) -> str:
+    """Return a value as a message shows it: its beginning, where it is very long."""
+    shown = str(text)
+    return shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."

@@ -6,7 +6,17 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.columns import frame
-from analysis.csv_table import IMPORT_HINT, number_column, read_table, renamed, text_column
+from analysis.csv_table import (
+    FIRST_LINE,
+    IMPORT_HINT,
+    flag_column,
+    read_table,
+    renamed,
+    seconds_column,
+    shortened,
+    text_column,
+    whole_column,
+)
 from protocols.columns import decided
 from protocols.errors import StudyError
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
@@ -28,6 +38,7 @@ OPTIONAL = (
     "kind",
 )
 NO_SIZE = "all"
+KINDS = ("main", "practice", "catch")
 
 _TRUE = {"1", "1.0", "true", "yes", "first", "a", "left"}
 _FALSE = {"0", "0.0", "-1", "-1.0", "2", "false", "no", "second", "b", "right"}
@@ -68,19 +79,23 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
     chose = rows["chose_first"] == 1
     rows["chosen"] = rows["first"].where(chose, rows["second"])
     rows["rejected"] = rows["second"].where(chose, rows["first"])
-    rows["scene"] = named.get("scene", "all")
-    rows["size"] = named.get("size", NO_SIZE)
-    rows["session"] = named["session"] if "session" in named else rows["participant"]
-    rows["chosen_side"] = named.get("chosen_side", "")
-    rows["kind"] = named.get("kind", "main")
+    rows["scene"] = text_column(path, named, "scene") if "scene" in named else "all"
+    rows["size"] = _sizes(path, named) if "size" in named else NO_SIZE
+    rows["session"] = (
+        text_column(path, named, "session") if "session" in named else rows["participant"]
+    )
+    rows["chosen_side"] = named["chosen_side"].str.strip() if "chosen_side" in named else ""
+    rows["kind"] = _kinds(path, named) if "kind" in named else "main"
     rows["order"] = rows.groupby("participant").cumcount() + 1
-    for column in ("order", "repeat", "rt_s"):
+    for column in ("order", "repeat"):
         if column in named:
-            rows[column] = number_column(path, named, column)
+            rows[column] = whole_column(path, named, column)
+    if "rt_s" in named:
+        rows["rt_s"] = seconds_column(path, named, "rt_s")
     rows["trial"] = [f"row-{number + 2}" for number in rows.index]
-    rows["simulated"] = number_column(path, named, "simulated") if "simulated" in named else 0
+    rows["simulated"] = flag_column(path, named, "simulated") if "simulated" in named else 0
     rows["attempts"] = 1
-    rows["included"] = number_column(path, named, "included") if "included" in named else 1
+    rows["included"] = flag_column(path, named, "included") if "included" in named else 1
     rows["exclusion"] = named.get("exclusion", "")
     records: list[dict[str, object]] = [
         {str(key): value for key, value in record.items()} for record in rows.to_dict("records")
@@ -112,7 +127,47 @@ def _choices(path: Path, table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series:
                 f"{path}: line {at + 2}: chosen must be {rows.loc[at, 'first']!r} or"
                 f" {rows.loc[at, 'second']!r} (got {chosen[at]!r})"
             )
-        return (chosen == rows["first"]).astype(int)
+        picked = (chosen == rows["first"]).astype(int)
+        if "chose_first" in table:
+            said = table[table["chose_first"].str.strip() != ""]
+            _agree(path, picked[said.index], _picked(path, said))
+        return picked
+    return _picked(path, table)
+
+
+def _agree(path: Path, chosen: pd.Series, chose_first: pd.Series) -> None:
+    wrong = chosen.index[chosen != chose_first]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: chosen and chose_first must say the same"
+            f" (chosen says {'first' if chosen[wrong[0]] else 'second'}, chose_first"
+            f" {'first' if chose_first[wrong[0]] else 'second'}); leave one of them out"
+        )
+
+
+def _sizes(path: Path, table: pd.DataFrame) -> pd.Series:
+    sizes = text_column(path, table, "size")
+    named_all = sizes.index[sizes == NO_SIZE]
+    if 0 < len(named_all) < len(sizes):
+        raise StudyError(
+            f"{path}: line {named_all[0] + FIRST_LINE}: a size must not be called {NO_SIZE!r}"
+            " beside others (it means all sizes together); give it another name"
+        )
+    return sizes
+
+
+def _kinds(path: Path, table: pd.DataFrame) -> pd.Series:
+    kinds = table["kind"].str.strip()
+    wrong = kinds.index[~kinds.isin(KINDS)]
+    if len(wrong):
+        raise StudyError(
+            f"{path}: line {wrong[0] + FIRST_LINE}: kind must be one of {', '.join(KINDS)}"
+            f" (got {shortened(kinds[wrong[0]])!r})"
+        )
+    return kinds
+
+
+def _picked(path: Path, table: pd.DataFrame) -> pd.Series:
     raw = table["chose_first"].str.strip().str.lower()
     wrong = raw.index[~raw.isin(_TRUE | _FALSE)]
     if len(wrong):

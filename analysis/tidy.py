@@ -17,6 +17,7 @@ from analysis.columns import (
     frame,
     tables_of,
 )
+from analysis.csv_table import write_table
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
 from protocols.hashing import sha256_file
@@ -116,7 +117,7 @@ def write_tables(tidy: Tidy, study: StudyProtocol, folder: Path) -> None:
         "dictionary.csv": dictionary(tables_of(study)),
     }
     for name, table in tables.items():
-        table.to_csv(folder / name, index=False, lineterminator="\n")
+        write_table(table, folder / name)
 
 
 def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:

@@ -12,6 +12,8 @@ from analysis.csv_table import (
     number_column,
     read_table,
     renamed,
+    seconds_column,
+    shortened,
     text_column,
 )
 from protocols.errors import StudyError
@@ -60,7 +62,7 @@ def read_trials(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = _analysed(renamed(path, read_table(path), mapping or {}, None))
+    table = _analysed(path, renamed(path, read_table(path), mapping or {}, None))
     _require(path, table, conditions, levels)
     rows = pd.DataFrame(index=table.index)
     rows["participant"] = text_column(path, table, "participant")
@@ -88,11 +90,23 @@ def read_trials(
     return rows.reset_index(drop=True)
 
 
-def _analysed(table: pd.DataFrame) -> pd.DataFrame:
+def _analysed(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     """Leave out practice, catch trials and what exclusion rules left out."""
-    for column, wanted in (("kind", ("main", "")), ("included", ("1", "1.0", ""))):
-        if column in table:
-            table = table[table[column].str.strip().isin(wanted)]
+    for column, wanted, known in (
+        ("kind", ("main",), ("main", "practice", "catch")),
+        ("included", ("1", "1.0"), ("1", "1.0", "0", "0.0")),
+    ):
+        if column not in table:
+            continue
+        values = table[column].str.strip()
+        wrong = values.index[~values.isin(known)]
+        if len(wrong):
+            raise StudyError(
+                f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be one of"
+                f" {', '.join(dict.fromkeys(name.removesuffix('.0') for name in known))}"
+                f" (got {shortened(values[wrong[0]])!r})"
+            )
+        table = table[values.isin(wanted)]
     return table
 
 
@@ -191,11 +205,4 @@ def _correct(path: Path, table: pd.DataFrame, right: pd.Series | None) -> pd.Ser
 
 
 def _times(path: Path, table: pd.DataFrame) -> pd.Series:
-    values = number_column(path, table, "rt_s").astype(float)
-    wrong = values.index[values <= 0]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: rt_s must be above 0 seconds"
-            f" (got {table.loc[wrong[0], 'rt_s']!r})"
-        )
-    return values
+    return seconds_column(path, table, "rt_s")

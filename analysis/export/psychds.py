@@ -13,6 +13,7 @@ from analysis.columns import (
     attempt_columns,
     decision_columns,
 )
+from analysis.csv_table import write_table
 from analysis.export.content import Content, label, write_json
 from analysis.export.psychds_rules import broken_rules
 from protocols.columns import SITTING_COLUMNS, Column
@@ -50,7 +51,7 @@ def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
         stem = f"study-{study}_description-{name}_data"
         path = folder / "data" / f"{stem}.csv"
         path.parent.mkdir(exist_ok=True)
-        _with_row_ids(table).to_csv(path, index=False, lineterminator="\n")
+        write_table(_with_row_ids(table), path)
         write_json(path.with_suffix(".json"), {"variableMeasured": _variables(used)})
         for column in used:
             written.setdefault(column.name, column)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from analysis.csv_table import write_table
 from analysis.export.content import Content
 from analysis.tidy import pwcmp_table
 
@@ -11,7 +12,7 @@ NAME = "pwcmp.csv"
 def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
     """Write the decisions that the protocol's rules keep, and a README."""
     table = pwcmp_table(content.tables.analysed)
-    table.to_csv(folder / NAME, index=False, lineterminator="\n")
+    write_table(table, folder / NAME)
     text = content.readme(
         f"`{NAME}`: one decision per row, main trials that the protocol's exclusion rules keep."
         " `observer` and `session` name the participant; `scene` is scene and amount of"

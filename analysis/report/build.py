@@ -11,6 +11,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from analysis.columns import dictionary
+from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
@@ -178,4 +179,4 @@ def _write_csv(source: Source, results: object, folder: Path) -> None:
         tables["dictionary.csv"] = dictionary({"decisions": columns})
     tables |= source.analysis.tables(source.decisions, results)
     for name, table in tables.items():
-        table.to_csv(folder / name, index=False, lineterminator="\n")
+        write_table(table, folder / name)

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.columns import dictionary
+from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report import ReportPaths, report_decisions, report_sessions
 from analysis.report.folder import whole_folder
@@ -145,7 +146,7 @@ def tidy(
             write_tables(tables, study, work)
             analysis = analysis_of(study.analysis.kind)
             for name, table in analysis.tidy_tables(tables.analysed).items():
-                table.to_csv(work / name, index=False, lineterminator="\n")
+                write_table(table, work / name)
             options = analysis.options_of(analysis.settings(study))
             write_note(work / "decisions.csv", analysis.kind, options)
     for warning in tables.warnings:
@@ -283,7 +284,7 @@ def import_(
                 **analysis.tidy_tables(decisions),
             }
             for name, frame in tables.items():
-                frame.to_csv(work / name, index=False, lineterminator="\n")
+                write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
     print(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")

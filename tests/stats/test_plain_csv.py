@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 
 from analysis.plain_csv import read_decisions
@@ -84,3 +85,59 @@ def test_what_is_wrong_is_said_with_its_line_and_cure(table, text, mapping, mess
 def test_text_that_is_not_utf8_is_refused_with_its_line(table):
     with pytest.raises(StudyError, match="line 2: must be UTF-8"):
         read_decisions(table(HEADER.encode() + b"\xe4,s,a,b,1\n"), PWCMP)
+
+
+GOOD = [
+    {"participant": f"P{n % 4}", "scene": f"s{n % 2}", "size": "x", "first": "a", "second": "b",
+     "chosen": "a" if n % 3 else "b"}
+    for n in range(8)
+]  # fmt: skip
+
+
+def csv_of(tmp_path, column, value):
+    rows = pd.DataFrame(GOOD)
+    rows[column] = [value, *(rows[column][1:] if column in rows else ["1"] * 7)]
+    path = tmp_path / "votes.csv"
+    rows.to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("order", "1.5", "line 2: order must be a whole number from 0 on (got '1.5')"),
+        ("order", "1e30", "line 2: order must be a whole number from 0 on (got '1e30')"),
+        ("order", "9" * 5000, "(got '" + "9" * 60 + "...')"),
+        ("order", "inf", "order must be a number (got 'inf')"),
+        ("repeat", "-1", "repeat must be a whole number from 0 on"),
+        ("simulated", ".5", "line 2: simulated must be 1 or 0 (got '.5')"),
+        ("rt_s", "inf", "rt_s must be a number"),
+        ("rt_s", "1e308", "rt_s must be above 0 seconds and below a day (got '1e308')"),
+        ("rt_s", "-1", "rt_s must be above 0 seconds and below a day"),
+        ("included", "", "line 2: included must be 1 or 0 (got '')"),
+        ("included", "2", "included must be 1 or 0"),
+        ("chose_first", "1", "line 2: chosen and chose_first must say the same"),
+        ("size", "all", "a size must not be called 'all' beside others"),
+        ("scene", " ", "line 2: scene must not be empty"),
+    ],
+)
+def test_cells_that_would_give_silent_wrong_numbers_are_refused(tmp_path, column, value, message):
+    with pytest.raises(StudyError) as caught:
+        read_decisions(csv_of(tmp_path, column, value))
+
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("kind", ["Main", "MAIN ", "test"])
+def test_a_kind_is_written_as_we_write_it(tmp_path, kind):
+    path = tmp_path / "votes.csv"
+    pd.DataFrame(GOOD).assign(kind=["main"] * 7 + [kind]).to_csv(path, index=False)
+    with pytest.raises(StudyError, match=r"line 9: kind must be one of main, practice, catch"):
+        read_decisions(path)
+
+
+def test_a_scene_with_a_blank_behind_its_name_is_the_same_scene(tmp_path):
+    rows = read_decisions(csv_of(tmp_path, "scene", "s0 "))
+
+    assert set(rows["scene"]) == {"s0", "s1"}
