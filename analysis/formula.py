@@ -13,6 +13,9 @@ Floats = NDArray[np.float64]
 
 TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
 
+ILL_SCALED = 1e3
+"""So many times larger or smaller than 1 a covariate is standardised before it is fitted."""
+
 _LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
 
 
@@ -66,9 +69,41 @@ def design_warnings(design: Floats, terms: Sequence[str]) -> tuple[str, ...]:
     return ()
 
 
+def well_scaled(design: Floats) -> tuple[Floats, Floats]:
+    """Return a design that arithmetic can take, and how its coefficients become the given ones.
+
+    Columns whose deviation or distance from 0 is a thousandfold too large or small are
+    standardised (shifted only beside an intercept). If b belongs to what is returned, the second
+    result times b belongs to `design`, and its covariance likewise.
+    """
+    centre, spread = design.mean(axis=0), design.std(axis=0)
+    back = np.eye(design.shape[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ill = (spread > ILL_SCALED) | (spread < 1.0 / ILL_SCALED)
+        ill = (spread > 0) & (ill | (np.abs(centre) > ILL_SCALED * spread))
+    if not ill.any():
+        return design, back
+    intercept = np.flatnonzero((spread == 0) & (centre == 1.0))
+    scaled = design.copy()
+    for column in np.flatnonzero(ill):
+        back[column, column] = 1.0 / spread[column]
+        shift = 0.0
+        if intercept.size:
+            shift = centre[column]
+            back[intercept[0], column] = -shift / spread[column]
+        scaled[:, column] = (design[:, column] - shift) / spread[column]
+    return scaled, back
+
+
 def group_codes(trials: pd.DataFrame, column: str) -> NDArray[np.int64]:
     """Return the number of each trial's group (trials,): 0, 1, ... in the order of the names."""
     if column not in trials.columns:
         raise ValueError(f"{column!r} must be a column (columns: {list(trials.columns)})")
+    empty = trials[column].isna().to_numpy()
+    if empty.any():
+        raise ValueError(
+            f"column {column!r} must name a group in every row"
+            f" (row {int(np.argmax(empty)) + 1} has none)"
+        )
     codes, _ = pd.factorize(trials[column], sort=True)
     return np.asarray(codes, dtype=np.int64)

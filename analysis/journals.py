@@ -12,6 +12,9 @@ from protocols.schema import StudyProtocol
 Progress = Callable[[str, int, int], None]
 """Told what is done, how much of it, and of how much; 0 where no end is known."""
 
+COPIED_ATTEMPTS = 3
+"""Fewer attempts than these may well look alike."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -78,6 +81,7 @@ def read_study(
             f" (of {len(paths)} journals none can be used): " + "; ".join(notes)
         )
     _check_one_study(folder, readings, protocol)
+    notes += _note_manifests(readings)
     return StudyReadings(tuple(readings), tuple(notes))
 
 
@@ -118,3 +122,38 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
                 f" {people[code]} and {reading.name}); move the copy out of this folder"
             )
         people[code] = reading.name
+    _check_no_copy(folder, readings)
+
+
+def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
+    """Refuse one sitting under two codes: no two people answer at the same microseconds."""
+    seen: dict[tuple[object, ...], str] = {}
+    for reading in readings:
+        told = tuple(
+            (attempt.at, attempt.trial, *attempt.condition.values(), attempt.answer, attempt.rt_s)
+            for attempt in reading.journal.attempts
+        )
+        if len(told) >= COPIED_ATTEMPTS and told in seen:
+            raise StudyError(
+                f"{folder}: every sitting must be of its own (all {len(told)} attempts of"
+                f" {reading.name} are those of {seen[told]}, under another code); move the copy out"
+                " of this folder"
+            )
+        seen[told] = reading.name
+
+
+def _note_manifests(readings: Sequence[Reading]) -> list[str]:
+    """Say where sittings were shown different stimuli."""
+    made: dict[str, list[str]] = {}
+    for reading in readings:
+        made.setdefault(reading.start.manifest_sha256, []).append(reading.name)
+    if len(made) < 2:
+        return []
+    listed = "; ".join(
+        f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
+        for digest, names in sorted(made.items())
+    )
+    return [
+        f"sittings were shown stimuli of {len(made)} different manifests ({listed}): make sure that"
+        " they may be taken together"
+    ]

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.formula import design_warnings, group_codes, matrices
+from analysis.formula import design_warnings, group_codes, matrices, well_scaled
 from analysis.glmm import fit_crossed
 from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
 from analysis.response import LOGIT, PROBIT, Response
@@ -102,9 +102,10 @@ def glm_logit(
         raise ValueError(f"cluster must name at most two columns (got {list(cluster)})")
     design, y, terms = matrices(formula, trials, reference)
     ones = np.ones_like(y)
+    design, back = well_scaled(design)
     found = list(design_warnings(design, terms))
     if separated(design, y, ones):
-        return _firth(formula, design, y, terms, level, found)
+        return _firth(formula, design, y, terms, level, found, back)
     solution = fit_logit(design, y, ones)
     if not solution.converged:
         found.append("the fit did not converge; do not use it")
@@ -125,7 +126,11 @@ def glm_logit(
         formula=formula,
         method=method,
         coefficients=_table(
-            terms, solution.beta, np.sqrt(np.diag(covariance).clip(min=0.0)), df, level
+            terms,
+            back @ solution.beta,
+            np.sqrt(np.diag(back @ covariance @ back.T).clip(min=0.0)),
+            df,
+            level,
         ),
         random_sd={},
         trials=int(y.size),
@@ -159,9 +164,10 @@ def glmm_logit(
     glmmTMB's. Wald z: with about ten participants they are somewhat small.
     """
     design, y, terms = matrices(formula, trials, reference)
-    found = list(design_warnings(design, terms))
-    if separated(design, y, np.ones_like(y)):
-        return _firth(formula, design, y, terms, level, found)
+    scaled, back = well_scaled(design)
+    found = list(design_warnings(scaled, terms))
+    if separated(scaled, y, np.ones_like(y)):
+        return _firth(formula, scaled, y, terms, level, found, back)
     fit, converged = _mixed(
         formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
     )
@@ -269,7 +275,13 @@ def _mixed(
             raise ValueError(f"column {column!r} of a random slope must hold numbers")
         times.append(value)
         names.append(f"{column} | {group}")
+    design, back = well_scaled(design)
     solution = fit_crossed(design, y, codes, response=response, slopes=times)
+    fixed = np.arange(len(terms))
+    variance = back @ solution.covariance[np.ix_(fixed, fixed)] @ back.T
+    errors = solution.beta_se
+    if not np.array_equal(back, np.eye(len(terms))):
+        errors = np.sqrt(np.diag(variance).clip(min=0.0))
     for column, deviation in zip(names, solution.sd, strict=True):
         if deviation < 1e-3:
             found.append(f"no variance between levels of {column} was found (sd 0)")
@@ -280,7 +292,7 @@ def _mixed(
     fit = ModelFit(
         formula=formula,
         method=f"{name}, {effects}, Laplace",
-        coefficients=_table(terms, solution.beta, solution.beta_se, None, level),
+        coefficients=_table(terms, back @ solution.beta, errors, None, level),
         random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
@@ -297,6 +309,7 @@ def _firth(
     terms: Sequence[str],
     level: float,
     found: list[str],
+    back: Floats,
 ) -> ModelFit:
     ones = np.ones_like(y)
     solution = fit_logit(design, y, ones, firth=True)
@@ -306,7 +319,8 @@ def _firth(
         " was used, p by penalised likelihood ratio"
     )
     found.append("takes trials as independent; trials of one participant are not")
-    table = _table(terms, solution.beta, np.sqrt(np.diag(solution.covariance)), None, level)
+    errors = np.sqrt(np.diag(back @ solution.covariance @ back.T))
+    table = _table(terms, back @ solution.beta, errors, None, level)
     return ModelFit(
         formula=formula,
         method="Firth's penalised likelihood, trials independent",

@@ -137,7 +137,7 @@ def _parse(line: bytes) -> AnyEvent | str:
     except ValidationError as error:
         try:
             raw = json.loads(line)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):  # no JSON; a number too long; brackets too deep
             return f"must be one JSON object (got {line[:40]!r})"
         detail = error.errors()[0]
         kind = raw.get("kind") if isinstance(raw, dict) else None
@@ -158,7 +158,7 @@ def _of_format_2(line: bytes) -> bytes:
         if not isinstance(raw, dict) or raw.get("trial_kind") != "2afc":
             return line
         return json.dumps(upgraded_attempt(raw)).encode()
-    except json.JSONDecodeError:
+    except (json.JSONDecodeError, RecursionError):
         return line
     except KeyError as error:
         raise _ContradictionError(f"{error.args[0]}: Field required") from None

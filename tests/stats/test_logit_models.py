@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -354,3 +355,33 @@ def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
     for start in (np.zeros(size), np.ones(size), exact + 9e-10, exact - 9e-10):
         _, curvature = search(start)
         np.testing.assert_allclose(np.diag(curvature), by_hand, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e6), (1e-4, 30.0)])
+@pytest.mark.parametrize("model", [glm_logit, partial(glmm_logit, groups=["participant"])])
+def test_the_unit_of_a_covariate_changes_no_p(model, scale, shift):
+    """Picoseconds or years, and dates: p and z are those of the standardised covariate."""
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=240)
+    rows = pd.DataFrame(
+        {
+            "y": (rng.random(240) < 1 / (1 + np.exp(-0.4 * x))).astype(int),
+            "x": x,
+            "participant": np.arange(240) % 8,
+        }
+    )
+    plain = model("y ~ 1 + x", rows)["x"]
+    found = model("y ~ 1 + x", rows.assign(x=x * scale + shift))["x"]
+
+    assert found.p == pytest.approx(plain.p, rel=1e-4)
+    assert found.estimate * scale == pytest.approx(plain.estimate, rel=1e-4)
+    assert found.standard_error * scale == pytest.approx(plain.standard_error, rel=1e-4)
+
+
+def test_a_trial_without_a_group_is_refused():
+    rows = pd.DataFrame({"y": [0, 1] * 10, "who": ["a", None, "b", "c"] * 5})
+
+    with pytest.raises(
+        ValueError, match=r"column 'who' must name a group in every row \(row 2 has"
+    ):
+        glmm_logit("y ~ 1", rows, groups=["who"])

@@ -312,3 +312,43 @@ def test_tables_of_every_task_name_every_column_once(demo_protocol, kind):
     for table, columns in tables_of(study).items():
         names = [column.name for column in columns]
         assert len(set(names)) == len(names), table
+
+
+def sitting_file(folder, code):
+    return folder / code / "journal.jsonl"
+
+
+def test_a_sitting_copied_under_another_code_is_refused(tmp_path, write_journals, demo_protocol):
+    folder = write_journals(tmp_path / "in", people=2)
+    text = sitting_file(folder, "P01").read_text()
+    sitting_file(folder, "P02").write_text(text.replace('"P01"', '"P02"'))
+
+    with pytest.raises(StudyError, match=r"are those of P01, under another code"):
+        read_sessions(folder, demo_protocol)
+
+
+def test_sittings_of_different_manifests_are_noted(tmp_path, write_journals, demo_protocol):
+    folder = write_journals(tmp_path / "in", people=3)
+    assert not any("manifests" in note for note in read_sessions(folder, demo_protocol).warnings)
+    path = sitting_file(folder, "P03")
+    other = '"manifest_sha256":"' + "1" * 64
+    path.write_text(path.read_text().replace('"manifest_sha256":"' + "0" * 64, other))
+
+    notes = read_sessions(folder, demo_protocol).warnings
+    assert any("stimuli of 2 different manifests" in note and "P03" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"[" * 100_000, b'{"n":' + b"9" * 6000 + b"}", b'{"trial_kind":"2afc","a":' + b"[" * 100_000],
+    ids=["brackets", "a long integer", "brackets in format 1"],
+)
+def test_absurd_lines_of_a_journal_are_damage_and_no_traceback(
+    tmp_path, write_journals, demo_protocol, line
+):
+    folder = write_journals(tmp_path / "in", people=2)
+    path = sitting_file(folder, "P02")
+    path.write_bytes(path.read_bytes() + line + b"\n")
+
+    notes = read_sessions(folder, demo_protocol).warnings
+    assert any(note.startswith("P02: line ") and "is damaged" in note for note in notes)
