@@ -263,8 +263,8 @@ class ChainPass:
     @property
     def held_bytes(self) -> int:
         """Memory of the chain and its moments, of the owner's."""
-        kept = [*self.lows, *(moments for moments in self.moments if moments is not None)]
-        return sum(texture_bytes(texture) for texture in kept)
+        moments = sum(texture_bytes(array) for array in self.moments if array is not None)
+        return moments + sum(texture_bytes(texture) for texture in self.lows)
 
     @property
     def dispatches(self) -> int:
