@@ -67,7 +67,9 @@ class Shown(Model):
     name: Name
     """Its name in this study; the condition of that name, unless `method` says another."""
     method: Text | None = None
-    """A condition of `metamerlab foveate --list`; left out: the name."""
+    """A condition of `metamerlab foveate --list`; left out: the name. `files:FOLDER`, beside the
+    protocol file: made elsewhere, `000000.png` for the first picture and gaze, the next gaze of it,
+    and so on."""
     parameters: Parameters = Field(default_factory=dict)
     """Of the condition; the rest keep their defaults."""
     label: Text | None = None
