@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,16 +13,22 @@ from rich.table import Table
 
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
+    FILE_ENDINGS,
     LOOK,
     SettingsOption,
+    check_outputs,
     choose_methods,
     list_option,
     method_option,
     print_methods,
 )
+from study_app.cli.progress import Teller
 
 if TYPE_CHECKING:
+    import moderngl
+
     from stimuli.foveated.look_through import Choice
+    from stimuli.foveated.to_files import Outputs
 
 DEFAULT_METHOD = "metamer"
 _FILE = "The file"
@@ -192,33 +200,63 @@ def foveate(
 
         metamerlab foveate around.exr out.png --panorama --clip
     """
-    from pipeline.foveation.noise_plane import check_seed
-    from stimuli.foveated.any_picture import Reading, read_any
-    from stimuli.foveated.look_through import check_choices
-    from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-    from study_app.cli.foveate_run import Outputs, Work, renderer, run
+    from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.to_files import Outputs, foveate_file
 
     with user_errors():
         sheet = compare is not None or score is not None
         choices = _choices(methods, settings, sheet)
-        outputs = Outputs(picture, out, compare, steps, animate, flip, size_px, score)
-        outputs.check()
-        check_choices(choices)
-        check_seed(seed)
-        opened = read_any(picture, Reading(background, clip, stops, encoded))
-        height, width = opened.colour.shape[:2]
-        looking = look_at((height, width), display=display, fov_deg=fov, panorama=panorama)
-        work = Work(opened, looking, read_gaze(gaze, looking.geometry), tuple(choices), seed)
-        if score is not None:
-            work.check_scorable()
+        outputs = Outputs(out, compare, steps, score, animate, flip, size_px)
+        _check(outputs)
         console = Console(highlight=False, soft_wrap=True, markup=False)
-        console.print(f"{width} x {height} px")
-        for line in (looking.words, gaze_words(work.gaze_px, looking.geometry)):
-            console.print(line)
-        for note in (*opened.notes, *looking.notes):
-            console.print(f"note: {note}")
-        with renderer(console, numpy_only) as ctx:
-            run(console, work, outputs, ctx)
+        with _renderer(console, numpy_only) as ctx, Teller(console) as teller:
+            foveate_file(
+                picture, outputs, gaze=gaze, display=display, fov_deg=fov, panorama=panorama,
+                choices=choices, seed=seed, reading=Reading(background, clip, stops, encoded),
+                ctx=ctx, say=teller.say, progress=teller.progress,
+            )  # fmt: skip
+
+
+def _check(outputs: Outputs) -> None:
+    """Refuse before the work what could not be written after it."""
+    from stimuli.foveated.moving import ENDINGS
+
+    check_outputs(
+        {
+            "OUT": (outputs.out, FILE_ENDINGS),
+            "--compare": (outputs.compare, (".png",)),
+            "--animate": (outputs.animate, ENDINGS),
+            "--flip": (outputs.flip, ENDINGS),
+        },
+        [outputs.steps, outputs.score],
+    )
+    if outputs.score is not None:
+        from stimuli.score.write import check_out
+
+        check_out(outputs.score)
+
+
+@contextmanager
+def _renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
+    """A context where there is OpenGL; without it numpy works, and it is said."""
+    from pipeline.errors import GLUnavailableError
+    from pipeline.gl.context import create_context, release_context
+
+    if numpy_only:
+        yield None
+        return
+    try:
+        ctx = create_context()
+    except GLUnavailableError:
+        console.print(
+            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
+        )
+        yield None
+        return
+    try:
+        yield ctx
+    finally:
+        release_context(ctx)
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
