@@ -389,7 +389,7 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
         (["--gaze", "5deg,2"], "--gaze must be X,Y"),
         (["--gaze", "90deg,0deg"], "within 90 degrees"),
         (["--panorama"], "must be twice as wide as high (got 64 x 48 px)"),
-        (["--fov", "180"], "must lie between 0 and 180 (got 180.0)"),
+        (["--fov", "180"], "must lie between 0 and 180 degrees (got 180)"),
         (["--fov", "0"], "must lie between 0 and 180"),
         (["--fov", "nan"], "must lie between 0 and 180"),
         (["--display", "fhd72"], "fhd72"),
@@ -541,7 +541,7 @@ def test_the_picture_itself_is_never_written_over(png, tmp_path, option):
     assert not (tmp_path / "o.png").exists()
 
 
-def test_a_sheet_says_how_wide_each_condition_pools(png, tmp_path):
+def test_a_sheet_says_how_wide_each_condition_pools():
     assert (
         _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate, rate 0.35, fovea 1 deg"
     )
