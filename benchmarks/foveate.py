@@ -1,6 +1,8 @@
 """Time and memory of foveated pictures against a copy and a blur: `script/bench foveate --help`.
 
-Conditions take turns, so that what else the machine does meets all alike; ratios are of one run.
+Conditions take turns, so that what else the machine does meets all alike; ratios are turn by turn.
+What the CPU does, a software renderer's work as well, is counted in CPU time, over all cores: what
+other programs take is no time of its.
 Analysis and synthesis are told apart by the passes' own times (Beyond Blur's Fig. 8).
 odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is installed.
 """
@@ -87,21 +89,37 @@ def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int
     works: dict[str, Callable[[], None]] = {"copy": copy}
     for name, passes in made.items():
         works[name] = lambda passes=passes: passes(source, target, middle)  # type: ignore[misc]
+    software = describe(ctx).software
     times: dict[str, list[float]] = {name: [] for name in works}
+    cpu_times: dict[str, list[float]] = {name: [] for name in works}
     for turn in range(repeats + 1):
         for name, work in works.items():
-            found = measure(ctx, work, repeats=1, warm_up=2 if turn == 0 else 0).median_ms
-            if turn:
-                times[name].append(found)
+            if turn == 0:
+                measure(ctx, work, repeats=1, warm_up=2)
+                continue
+            cpu_s = time.process_time()
+            times[name].append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
+            cpu_times[name].append(1e3 * (time.process_time() - cpu_s))
+    compared = cpu_times if software else times
 
     def line(name: str) -> Line:
         # Turn by turn: then a ratio holds while the machine's speed drifts.
         blurs, copies = (
             statistics.median(ours / theirs for ours, theirs in zip(*pair, strict=True))
-            for pair in ((times[name], times["blur"]), (times[name], times["copy"]))
+            for pair in ((compared[name], compared[other]) for other in ("blur", "copy"))
         )
-        median, least = statistics.median(times[name]), min(times[name])
-        return Line(edge_px, name, "gpu", median, least, blurs, copies, passes=1, held_bytes=0)
+        return Line(
+            edge_px,
+            name,
+            "gpu",
+            statistics.median(times[name]),
+            min(times[name]),
+            statistics.median(cpu_times[name]) if software else None,
+            blurs,
+            copies,
+            passes=1,
+            held_bytes=0,
+        )
 
     lines = [line("copy")]
     for name, passes in made.items():
@@ -110,8 +128,8 @@ def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int
         lines.append(
             replace(
                 found_line,
-                analysis_ms=share * found_line.least_ms,
-                synthesis_ms=(1 - share) * found_line.least_ms,
+                analysis_ms=share * found_line.counted_ms,
+                synthesis_ms=(1 - share) * found_line.counted_ms,
                 passes=passes.dispatches,
                 held_bytes=passes.held_bytes,
                 analysis_bytes=sum(chain.held_bytes for chain in passes.chains),
@@ -140,17 +158,15 @@ def analysis_share(ctx: moderngl.Context, work: Callable[[], None], repeats: int
 
 
 def time_numpy(edge_px: int, width_deg: float, names: list[str]) -> list[Line]:
-    """Time what numpy makes, once after a warm-up."""
+    """Time what numpy makes."""
     shown = picture(edge_px)
     lines = []
     for name in names:
         foveator = Foveator((edge_px, edge_px), viewing=Flat(width_deg), method=name)
-        times = []
-        for _ in range(2 if edge_px <= LARGEST_TWIN_EDGE else 1):
-            start_s = time.perf_counter()
-            foveator(shown, (edge_px / 2, edge_px / 2))
-            times.append(1e3 * (time.perf_counter() - start_s))
-        lines.append(Line(edge_px, name, "numpy", times[-1], min(times)))
+        middle = (edge_px / 2, edge_px / 2)
+        lines.append(
+            on_cpu(edge_px, name, "numpy", lambda f=foveator: f(shown, middle))  # type: ignore[misc]
+        )
     return lines
 
 
@@ -170,13 +186,19 @@ def time_odak(edge_px: int) -> list[Line]:
     }
     lines = []
     for name, work in works.items():
-        times = []
-        for _ in range(3 if edge_px <= LARGEST_TWIN_EDGE else 1):
-            start_s = time.perf_counter()
-            work()
-            times.append(1e3 * (time.perf_counter() - start_s))
-        lines.append(Line(edge_px, name, "odak", statistics.median(times), min(times)))
+        lines.append(on_cpu(edge_px, name, "odak", work))
     return lines
+
+
+def on_cpu(edge_px: int, name: str, where: str, work: Callable[[], object]) -> Line:
+    """Time what the CPU does: twice after a warm-up, or once where it takes long."""
+    times, cpu_times = [], []
+    for _ in range(3 if edge_px <= LARGEST_TWIN_EDGE // 2 else 1):
+        start_s, cpu_s = time.perf_counter(), time.process_time()
+        work()
+        times.append(1e3 * (time.perf_counter() - start_s))
+        cpu_times.append(1e3 * (time.process_time() - cpu_s))
+    return Line(edge_px, name, where, statistics.median(times), min(times), min(cpu_times))
 
 
 def main(argv: list[str]) -> int:

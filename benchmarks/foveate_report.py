@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 MIB = 2**20
+TIMES = {True: "CPU time over all cores", False: "least of the runs; on the CPU, CPU time"}
 
 
 @dataclass(frozen=True)
@@ -20,10 +21,12 @@ class Line:
     ----------
     where : str
         gpu, numpy, or the package.
+    cpu_ms : float or None
+        CPU time of this process, over all cores; None on hardware that is no CPU.
     over_blur, over_copy : float or None
-        Medians of the ratios, turn by turn.
+        Medians of the ratios, turn by turn; of CPU times where they are known.
     analysis_ms, synthesis_ms : float or None
-        The least time, shared out as the passes' least times are: what measures the picture
+        The time that counts, shared out as the passes' least times are: what measures the picture
         (pulls), and all that follows (levels of detail, gains, noise).
     held_bytes, analysis_bytes : int or None
         Held beyond source and target; the part of it that the analysis made.
@@ -34,6 +37,7 @@ class Line:
     where: str
     median_ms: float
     least_ms: float
+    cpu_ms: float | None = None
     over_blur: float | None = None
     over_copy: float | None = None
     analysis_ms: float | None = None
@@ -41,6 +45,11 @@ class Line:
     passes: int | None = None
     held_bytes: int | None = None
     analysis_bytes: int | None = None
+
+    @property
+    def counted_ms(self) -> float:
+        """CPU time where the CPU does the work; else the least time."""
+        return self.least_ms if self.cpu_ms is None else self.cpu_ms
 
     @property
     def bytes_per_px(self) -> float | None:
@@ -56,7 +65,7 @@ def number(value: float | None, digits: int) -> str:
 def show(lines: Sequence[Line], console: Console) -> None:
     """Print a table."""
     table = Table()
-    for name in ("edge px", "condition", "by", "median ms", "least ms", "x blur", "x copy",
+    for name in ("edge px", "condition", "by", "median ms", "least ms", "CPU ms", "x blur", "x copy",
                  "analysis ms", "synthesis ms", "passes", "B/px", "of analysis"):  # fmt: skip
         table.add_column(name, justify="left" if name in ("condition", "by") else "right")
     for line in lines:
@@ -67,6 +76,7 @@ def show(lines: Sequence[Line], console: Console) -> None:
             line.where,
             number(line.median_ms, 2),
             number(line.least_ms, 2),
+            number(line.cpu_ms, 2),
             number(line.over_blur, 2),
             number(line.over_copy, 1),
             number(line.analysis_ms, 2),
@@ -87,8 +97,9 @@ def markdown(lines: Sequence[Line], renderer: str, machine: str) -> str:
     """Return two tables: time by size, and analysis beside synthesis."""
     edges = sorted({line.edge_px for line in lines})
     found = {(line.condition, line.where, line.edge_px): line for line in lines}
+    kind = TIMES[any(line.cpu_ms is not None for line in lines if line.where == "gpu")]
     rows = [
-        f"{renderer}; {machine}. Least ms per frame, beside it times the blur of the same turn:",
+        f"{renderer}; {machine}. ms per frame ({kind}), beside it times the blur of the same turn:",
         "",
         "| condition | by | "
         + " | ".join(f"{edge}²" for edge in edges)
@@ -100,7 +111,7 @@ def markdown(lines: Sequence[Line], renderer: str, machine: str) -> str:
         cells = []
         for edge in edges:
             line = found.get((condition, where, edge))
-            cell = "" if line is None else milliseconds(line.least_ms)
+            cell = "" if line is None else milliseconds(line.counted_ms)
             if line is not None and line.over_blur is not None and condition != "blur":
                 cell += f" ({line.over_blur:.2f})"
             cells.append(cell)
@@ -160,10 +171,10 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
         if rows:
             by = rows[0].where
             by_size.plot(
-                [row.edge_px for row in rows], [row.least_ms for row in rows], dash,
+                [row.edge_px for row in rows], [row.counted_ms for row in rows], dash,
                 color=colour, marker=marker, label=name if by == "gpu" else f"{name} ({by})",
             )  # fmt: skip
-    by_size.set(ylabel="least ms per frame", title="time")
+    by_size.set(ylabel="ms per frame", title="time")
     rows = [line for line in lines if line.condition == "metamer" and line.where == "gpu"]
     edges = [row.edge_px for row in rows]
     blur = [line for line in lines if line.condition == "blur" and line.where == "gpu"]
@@ -171,10 +182,10 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
     for axes, whole, analysis, synthesis, plain in (
         (
             parts,
-            [row.least_ms for row in rows],
+            [row.counted_ms for row in rows],
             [row.analysis_ms for row in rows],
             [row.synthesis_ms for row in rows],
-            [row.least_ms for row in blur],
+            [row.counted_ms for row in blur],
         ),
         (
             memory,
@@ -188,7 +199,7 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
         axes.plot(edges, analysis, "--", color="#56B4E9", marker="v", label="its analysis")
         axes.plot(edges, synthesis, "-.", color="#E69F00", marker="^", label="its synthesis")
         axes.plot(blur_edges, plain, "-", color="#D55E00", marker="s", label="blur")
-    parts.set(ylabel="least ms per frame", title="analysis and synthesis")
+    parts.set(ylabel="ms per frame", title="analysis and synthesis")
     memory.set(ylabel="MiB held beside the two pictures", title="memory")
     sizes = sorted({line.edge_px for line in lines})
     for axes in (by_size, parts, memory):
@@ -198,6 +209,7 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
         axes.grid(visible=True, which="major", alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, fontsize=8)
-    figure.suptitle(renderer, fontsize=9)
+    kind = TIMES[any(line.cpu_ms is not None for line in lines if line.where == "gpu")]
+    figure.suptitle(f"{renderer}: {kind}", fontsize=9)
     figure.savefig(target, metadata={"Date": None} if target.suffix == ".svg" else None)
     pyplot.close(figure)
