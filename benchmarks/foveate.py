@@ -16,6 +16,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -163,9 +164,8 @@ def time_numpy(edge_px: int, width_deg: float, names: list[str]) -> list[Line]:
     lines = []
     for name in names:
         foveator = Foveator((edge_px, edge_px), viewing=Flat(width_deg), method=name)
-        middle = (edge_px / 2, edge_px / 2)
         lines.append(
-            on_cpu(edge_px, name, "numpy", lambda f=foveator: f(shown, middle))  # type: ignore[misc]
+            on_cpu(edge_px, name, "numpy", partial(foveator, shown, (edge_px / 2, edge_px / 2)))
         )
     return lines
 

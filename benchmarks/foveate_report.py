@@ -65,8 +65,9 @@ def number(value: float | None, digits: int) -> str:
 def show(lines: Sequence[Line], console: Console) -> None:
     """Print a table."""
     table = Table()
-    for name in ("edge px", "condition", "by", "median ms", "least ms", "CPU ms", "x blur", "x copy",
-                 "analysis ms", "synthesis ms", "passes", "B/px", "of analysis"):  # fmt: skip
+    for name in ("edge px", "condition", "by", "median ms", "least ms", "CPU ms", "x blur",
+                 "x copy", "analysis ms", "synthesis ms", "passes", "B/px",
+                 "of analysis"):  # fmt: skip
         table.add_column(name, justify="left" if name in ("condition", "by") else "right")
     for line in lines:
         own = None if line.analysis_bytes is None else line.analysis_bytes / line.edge_px**2
