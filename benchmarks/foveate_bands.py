@@ -112,7 +112,7 @@ def mean_row(
 def ours(ctx: moderngl.Context, shown: list[Shown], law: str, repeats: int) -> Iterator[Row]:
     """Our metamer by its number of levels, drawn by the GPU, or its software.
 
-    What lies below the levels is pooled, so that all keep the same; last, as it is by default, kept.
+    What lies below the levels is pooled, so that all keep the same; last as by default, kept.
     """
     for levels, residual in (*((levels, "pooled") for levels in LEVELS), (5, "kept")):
         given: dict[str, object] = {"law": law, "levels": levels, "residual": residual}
