@@ -10,7 +10,6 @@ odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is i
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import statistics
 import time
@@ -25,6 +24,7 @@ from rich.console import Console
 from benchmarks import foveate_report as report
 from benchmarks import machine
 from benchmarks.foveate_report import Line
+from benchmarks.odak_library import perception
 from benchmarks.output import PagePart, file_to_write
 from benchmarks.passes import timed_dispatches
 from pipeline.foveation.conditions import Foveator
@@ -174,14 +174,14 @@ def time_numpy(edge_px: int, width_deg: float, names: list[str]) -> list[Line]:
 
 def time_odak(edge_px: int) -> list[Line]:
     """Time odak's metamer and blur on the CPU; nothing where it is not installed."""
-    if importlib.util.find_spec("odak") is None:
+    odak = perception()
+    if odak is None:
         return []
     import torch
-    from odak.learn.perception import MetamerMSELoss, RadiallyVaryingBlur
 
     image = torch.from_numpy(picture(edge_px).transpose(2, 0, 1)[None].copy())
-    loss = MetamerMSELoss(n_pyramid_levels=5)
-    blur = RadiallyVaryingBlur()
+    loss = odak.MetamerMSELoss(n_pyramid_levels=5)
+    blur = odak.RadiallyVaryingBlur()
     works = {
         "gen_metamer": lambda: loss.gen_metamer(image, gaze=[0.5, 0.5]),
         "RadiallyVaryingBlur": lambda: blur.blur(image, centre=(0.5, 0.5)),

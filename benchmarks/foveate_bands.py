@@ -11,7 +11,6 @@ of band deviations, and FovVideoVDP, foveated, where the extra `metrics` is inst
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import statistics
 import time
@@ -29,6 +28,7 @@ from benchmarks import machine
 from benchmarks.foveate import picture as any_picture
 from benchmarks.foveate_quality import band_ratios, jod_of, pictures
 from benchmarks.foveate_report import milliseconds, number
+from benchmarks.odak_library import perception
 from benchmarks.output import PagePart, file_to_write
 from benchmarks.pyramid_banks import (
     Bank,
@@ -187,13 +187,13 @@ def printed(shown: list[Shown]) -> Iterator[Row]:
 
 def library(shown: list[Shown]) -> Iterator[Row]:
     """The authors' library by orientations, with its own pools; nothing without odak."""
-    if importlib.util.find_spec("odak") is None:
+    odak = perception()
+    if odak is None:
         return
     import torch
-    from odak.learn.perception import MetamerMSELoss
 
     for count in ORIENTATIONS:
-        loss = MetamerMSELoss(n_pyramid_levels=5, n_orientations=count)
+        loss = odak.MetamerMSELoss(n_pyramid_levels=5, n_orientations=count)
         found, times = [], []
         for one in shown:
             # Its own pyramid does not fit together for some sizes: then there is no row.
