@@ -258,10 +258,6 @@ def _write(
     if arguments.json:
         arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     if arguments.docs:
-        busy = (
-            f"{record['processor']}, {record['cores']} cores, load"
-            f" {record['load_average_before']} before and {record['load_average_after']} after"
-        )
-        PART.replace(arguments.docs, report.markdown(lines, device.name, busy))
+        PART.replace(arguments.docs, report.markdown(lines, device.name, machine.busy_words(known)))
     if arguments.plot:
         report.plot(lines, device.name, arguments.plot)

@@ -239,10 +239,10 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def markdown(rows: list[Row], renderer: str, names: list[str], law: str, edge_px: int) -> str:
-    """Return the table."""
+def markdown(rows: list[Row], device: str, names: list[str], law: str, edge_px: int) -> str:
+    """Return the table; `device` says what drew, and how busy it was."""
     lines = [
-        f"{len(names)} pictures ({', '.join(names)}), {edge_px} x {edge_px} px, 40 degrees wide, law `{law}`; {renderer}.",  # noqa: E501
+        f"{len(names)} pictures ({', '.join(names)}), {edge_px} x {edge_px} px, 40 degrees wide, law `{law}`; {device}.",  # noqa: E501
         "",
         "| metamer | levels | orientations | bands | kernels | moments kept, per px | distance | bands' deviation over the picture's | JOD | CPU ms | B/px held |",  # noqa: E501
         "| --- | ---: | ---: | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
@@ -267,38 +267,39 @@ def plot(rows: list[Row], target: Path) -> None:
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
     colour, marker = MARKS[OURS]
     own = [row for row in rows if row.group == OURS and "pooled" in row.name]
-    left.plot([row.cpu_ms for row in own], [row.distance for row in own], "-", color=colour,
+    left.plot([row.levels for row in own], [row.distance for row in own], "-", color=colour,
               marker=marker)  # fmt: skip
     for row in own:
-        left.annotate(f"{row.levels}", (row.cpu_ms, row.distance), (5, 5),
-                      textcoords="offset points")  # fmt: skip
+        left.annotate(f"{milliseconds(row.cpu_ms)} ms", (row.levels, row.distance), (0, 8),
+                      textcoords="offset points", fontsize=7, ha="center")  # fmt: skip
     left.set(
-        xlabel=f"CPU ms at {TIMED_EDGE_PX}²", ylabel="statistics distance, lower is better",
-        title="ours, residual pooled, by levels",
+        xlabel=f"levels (beside each: CPU time at {TIMED_EDGE_PX}²)",
+        ylabel="statistics distance, lower is better", title="ours, residual pooled",
     )  # fmt: skip
-    offsets = {"Haar": (6, -11), "Laplacian": (6, 4)}
     for row in rows:
         if row.group != PRINTED:
             continue
         colour, marker = MARKS[PRINTED]
         right.plot(row.kept_per_px, row.distance, marker, color=colour)
-        label = row.name.replace("small kernels, ", "small kernels,\n")
-        label += f" {row.orientations}" if row.name.startswith("steerable") else ""
+        label = row.name.replace("small kernels, ", "3x3 kernels,\n")
+        if row.name.startswith("steerable"):
+            label = f"Fourier, {row.orientations}"
         label += f", {row.levels} levels" if row.levels != 5 else ""
-        right.annotate(label, (row.kept_per_px, row.distance), offsets.get(row.name, (6, 4)),
+        below = row.name.endswith("finest level") or row.levels != 5
+        right.annotate(label, (row.kept_per_px, row.distance), (7, -4 if below else 4),
                        textcoords="offset points", fontsize=7)  # fmt: skip
     five = next((row for row in rows if row.group == OURS and "kept" in row.name), None)
     if five is not None:
         right.plot(five.kept_per_px, five.distance, MARKS[OURS][1], color=MARKS[OURS][0])
-        right.annotate("ours", (five.kept_per_px, five.distance), (6, -10),
+        right.annotate("ours", (five.kept_per_px, five.distance), (7, -4),
                        textcoords="offset points", fontsize=7)  # fmt: skip
     right.set(
         xlabel="moments kept of each pixel", ylabel="statistics distance",
         title="as printed, by bands and kernels",
     )  # fmt: skip
     for axes in (left, right):
+        axes.margins(x=0.12, y=0.15)
         axes.set_ylim(bottom=0)
-        axes.margins(x=0.22)
         axes.grid(visible=True, alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(target, metadata={"Date": None} if target.suffix == ".svg" else None)
@@ -364,7 +365,8 @@ def main(argv: list[str]) -> int:
         }
         arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     if arguments.docs:
-        text = markdown(rows, device.name, list(chosen), arguments.law, arguments.edge)
+        busy = machine.busy_words(known)
+        text = markdown(rows, f"{device.name}; {busy}", list(chosen), arguments.law, arguments.edge)
         PART.replace(arguments.docs, text)
     if arguments.plot:
         plot(rows, arguments.plot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -23,6 +24,14 @@ def processor() -> str:
 def load_average() -> float:
     """Return the programs that worked or waited for a core over the last minute, ours included."""
     return round(os.getloadavg()[0], 2)
+
+
+def busy_words(known: Mapping[str, object]) -> str:
+    """Say in a sentence what `conditions` found, and how busy the machine is now."""
+    return (
+        f"{known['processor']}, {known['cores']} cores, load {known['load_average_before']} before"
+        f" and {load_average()} after"
+    )
 
 
 def conditions(*packages: str) -> dict[str, object]:
