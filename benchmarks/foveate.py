@@ -13,7 +13,7 @@ import argparse
 import json
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 
@@ -67,8 +67,14 @@ def picture(edge_px: int) -> np.ndarray:
     return np.repeat(waves.clip(0, 1)[..., None], 3, axis=2).astype(np.float32)
 
 
-def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int) -> list[Line]:
-    """Time a copy and what the GPU makes, of one size, in turn."""
+def time_gpu(
+    ctx: moderngl.Context,
+    edge_px: int,
+    width_deg: float,
+    repeats: int,
+    conditions: Sequence[str] = CONDITIONS,
+) -> list[Line]:
+    """Time a copy and what the GPU makes, of one size, in turn; a blur is always among it."""
     shown = picture(edge_px)
     size = (edge_px, edge_px)
     source = texture_from(ctx, np.dstack([shown, shown[..., :1]]), "rgba32f")
@@ -83,7 +89,7 @@ def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int
 
     made: dict[str, FoveationPass] = {}
     foveators = []
-    for name in CONDITIONS:
+    for name in dict.fromkeys(("blur", *conditions)):
         foveator = Foveator(size, viewing=Flat(width_deg), method=name, ctx=ctx)
         if foveator.passes is not None:
             made[name] = foveator.passes
@@ -209,6 +215,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--size", type=int, nargs="+", default=list(EDGES), metavar="EDGE")
     parser.add_argument("--width-deg", type=float, default=40.0, help="of the picture (40)")
     parser.add_argument("--repeats", type=int, default=9, help="turns of each (default 9)")
+    parser.add_argument(
+        "--condition", nargs="+", choices=CONDITIONS, default=list(CONDITIONS), help="of these"
+    )
     parser.add_argument("--gpu-only", action="store_true", help="leave out numpy and odak")
     parser.add_argument(
         "--json", type=file_to_write, help="write the numbers and the machine there"
@@ -224,12 +233,12 @@ def main(argv: list[str]) -> int:
     console.print(f"renderer: {device}; load {known['load_average_before']}")
     lines: list[Line] = []
     for edge_px in sorted(arguments.size):
-        found = time_gpu(ctx, edge_px, arguments.width_deg, arguments.repeats)
+        found = time_gpu(ctx, edge_px, arguments.width_deg, arguments.repeats, arguments.condition)
         if not arguments.gpu_only:
             there = {line.condition for line in found}
             names = [
                 name
-                for name in CONDITIONS
+                for name in arguments.condition
                 if edge_px <= LARGEST_TWIN_EDGE
                 or (name not in there and edge_px <= LARGEST_SLOW_EDGE)
             ]
