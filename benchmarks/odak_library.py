@@ -12,9 +12,11 @@ from typing import Any
 def perception() -> Any | None:
     """Return ``odak.learn.perception``, or None where odak is not installed.
 
-    It writes a log beside whoever imports it: into a folder that goes, here.
+    torch gets one thread: more of them wait for each other by counting, and on a busy machine that
+    alone was five times the CPU time. It writes a log beside whoever imports it: into a folder that goes, here.
     """
     if importlib.util.find_spec("odak") is None:
         return None
+    importlib.import_module("torch").set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         return importlib.import_module("odak.learn.perception")
