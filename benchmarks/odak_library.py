@@ -13,7 +13,8 @@ def perception() -> Any | None:
     """Return ``odak.learn.perception``, or None where odak is not installed.
 
     torch gets one thread: more of them wait for each other by counting, and on a busy machine that
-    alone was five times the CPU time. It writes a log beside whoever imports it: into a folder that goes, here.
+    alone was five times the CPU time. odak writes a log beside whoever imports it: into a folder
+    that goes, here.
     """
     if importlib.util.find_spec("odak") is None:
         return None
