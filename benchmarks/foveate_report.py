@@ -107,7 +107,6 @@ def markdown(lines: Sequence[Line], renderer: str, machine: str) -> str:
         + " | passes | B/px held |",
         "| --- | --- |" + " ---: |" * (len(edges) + 2),
     ]
-    largest = edges[-1]
     for condition, where in dict.fromkeys((line.condition, line.where) for line in lines):
         cells = []
         for edge in edges:
@@ -116,13 +115,12 @@ def markdown(lines: Sequence[Line], renderer: str, machine: str) -> str:
             if line is not None and line.over_blur is not None and condition != "blur":
                 cell += f" ({line.over_blur:.2f})"
             cells.append(cell)
-        last = found.get((condition, where, largest))
-        passes = number(last.passes, 0) if last else ""
-        held = number(last.bytes_per_px, 0) if last else ""
+        last = found[condition, where, max(e for c, w, e in found if (c, w) == (condition, where))]
+        passes, held = number(last.passes, 0), number(last.bytes_per_px, 0)
         rows.append(f"| `{condition}` | {where} | " + " | ".join([*cells, passes, held]) + " |")
     rows += [
         "",
-        f"Passes and bytes are those of {largest}². Analysis (the picture's chain and its moments) and synthesis (levels of detail, gains, noise) apart:",  # noqa: E501
+        "Passes and bytes are those of the largest size. Analysis (the picture's chain and its moments) and synthesis (levels of detail, gains, noise) apart:",  # noqa: E501
         "",
         "| condition | size | analysis, ms | synthesis, ms | analysis, MiB | synthesis, MiB |",
         "| --- | ---: | ---: | ---: | ---: | ---: |",
@@ -165,7 +163,7 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
 
     mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "metamerlab", "font.size": 9.0})
     figure, (by_size, parts, memory) = pyplot.subplots(
-        1, 3, figsize=(12, 4.6), layout="constrained"
+        1, 3, figsize=(12, 5.2), layout="constrained"
     )
     for name, where, colour, marker, dash in SERIES:
         rows = [one for one in lines if one.condition == name and where in ("", one.where)]
@@ -209,7 +207,9 @@ def plot(lines: Sequence[Line], renderer: str, target: Path) -> None:
         axes.set_xticks([], minor=True)
         axes.grid(visible=True, which="major", alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(
+            frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+        )
     kind = TIMES[any(line.cpu_ms is not None for line in lines if line.where == "gpu")]
     figure.suptitle(f"{renderer}: {kind}", fontsize=9)
     figure.savefig(target, metadata={"Date": None} if target.suffix == ".svg" else None)
