@@ -114,6 +114,7 @@ class FoveationPass:
         self._held: list[moderngl.Texture | moderngl.TextureArray] = []
         self._others: list[moderngl.ComputeShader | moderngl.Buffer] = []
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
+        self.chains: list[ChainPass] = []  # what analyses pictures
 
     @property
     def dispatches(self) -> int:
@@ -215,6 +216,7 @@ class ChainPass:
 
     def __init__(self, owner: FoveationPass, pooled: Pooled, levels: int, deepest: int) -> None:
         self._owner = owner
+        owner.chains.append(self)
         width, height = owner.size
         self.count = chain_length(width, height)
         self.sizes = [
@@ -257,6 +259,12 @@ class ChainPass:
                     )
                 )
             self._pushes.append((r, pushes[key]) if any(key) else None)
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory of the chain and its moments, of the owner's."""
+        moments = sum(texture_bytes(array) for array in self.moments if array is not None)
+        return moments + sum(texture_bytes(texture) for texture in self.lows)
 
     @property
     def dispatches(self) -> int:

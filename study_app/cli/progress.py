@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from rich.console import Console
 from rich.progress import (
@@ -27,6 +27,39 @@ def one_line() -> Iterator[Callable[[str, int, int], None]]:
             bars.update(task, description=name, completed=done, total=total or None)
 
         yield say
+
+
+class Teller:
+    """Lines that stay, on `console`, and between them one line on stderr that says what is done.
+
+    The line goes before the next one is printed, so that neither runs into the other.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._open = ExitStack()
+        self._now: Callable[[str, int, int], None] | None = None
+
+    def __enter__(self) -> Teller:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def say(self, line: str) -> None:
+        """Print a line."""
+        self._close()
+        self._console.print(line)
+
+    def progress(self, name: str, done: int, total: int) -> None:
+        """Say what is going on; see `one_line`."""
+        if self._now is None:
+            self._now = self._open.enter_context(one_line())
+        self._now(name, done, total)
+
+    def _close(self) -> None:
+        self._open.close()
+        self._now = None
 
 
 def progress_bar() -> Progress:
