@@ -211,9 +211,19 @@ class ChainPass:
         Pyramid levels whose moments are made; 0 for a blur.
     deepest : int
         The last resolution of the base.
+    chroma : bool
+        Whether moments of Cb and Cr with luma are made.
     """
 
-    def __init__(self, owner: FoveationPass, pooled: Pooled, levels: int, deepest: int) -> None:
+    def __init__(
+        self,
+        owner: FoveationPass,
+        pooled: Pooled,
+        levels: int,
+        deepest: int,
+        *,
+        chroma: bool = True,
+    ) -> None:
         self._owner = owner
         width, height = owner.size
         self.count = chain_length(width, height)
@@ -244,6 +254,7 @@ class ChainPass:
                         WRAPS=owner.geometry.wraps,
                         OWN=key[0],
                         OLDER=key[1],
+                        CHROMA=chroma,
                         **taps,
                     )
                 )
@@ -359,7 +370,11 @@ class MetamerPass(FoveationPass):
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
         self._chain = ChainPass(
-            self, self._pooled, levels, levels if settings.residual == "kept" else count
+            self,
+            self._pooled,
+            levels,
+            levels if settings.residual == "kept" else count,
+            chroma=settings.chroma != "luma",
         )
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
         self._overlap = ctx.buffer(overlap.tobytes())
