@@ -17,7 +17,7 @@ from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.pooling import Pooling, make_pooling
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.settings import Chroma, MetamerSettings, Residual
 from pipeline.image_file import from_integers, read_pixels, three_channels
 
 if TYPE_CHECKING:
@@ -79,13 +79,13 @@ class Metamer(_Plain):
         alpha: float | None = None,
         rate: float | None = None,
         fovea_deg: float = 1.0,
-        chroma: str = "follow",
-        residual: str = "kept",
+        chroma: Chroma = "follow",
+        residual: Residual = "kept",
         noise: float = 1.0,
         levels: int = 5,
     ) -> None:
         pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)  # type: ignore[arg-type]
+        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
         from pipeline.foveation.gpu import MetamerPass

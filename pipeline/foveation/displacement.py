@@ -202,7 +202,7 @@ def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
     up2 = np.outer(up, up)
     white = np.zeros((_LAGS, _LAGS))
     white[_LAGS // 2, _LAGS // 2] = 1.0
-    levels = []
+    levels: list[tuple[float, float, float]] = []
     own = white
     for level in range(count):
         halved = _thinned(_correlated(_correlated(own, low), low[::-1, ::-1]))
@@ -213,9 +213,10 @@ def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
         triple = [own, cross, doubled]
         for _ in range(level):
             triple = [_spread(part, _autocorrelation(up2)) / 4 for part in triple]
-        levels.append(tuple(float(part[_LAGS // 2, _LAGS // 2]) for part in triple))
+        first, both, second = (float(part[_LAGS // 2, _LAGS // 2]) for part in triple)
+        levels.append((first, both, second))
         own = halved
-    return tuple(levels)  # type: ignore[arg-type]
+    return tuple(levels)
 
 
 _LAGS = 33  # kept around 0, along each axis

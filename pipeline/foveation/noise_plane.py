@@ -84,7 +84,7 @@ def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Hal
     """
     size = height_px, 2 * height_px
     geometry = EquirectangularGeometry(size[1], size[0])
-    octave = -np.log2(geometry.parallel(np.arange(height_px) + 0.5))
+    octave = -np.log2(geometry.parallel(np.arange(height_px, dtype=np.float64) + 0.5))
     bands = split(_stretched(white_noise(seed, size, channels), octave), levels)
     for level in range(levels):
         square = (bands[level] ** 2).mean(axis=(0, 2))  # (rows, bands): unit variance in each row

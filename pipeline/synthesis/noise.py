@@ -107,7 +107,7 @@ def white_noise(seed: int, size: tuple[int, int], channels: int) -> NDArray[np.f
     # Philox's raw bits are specified; a library's normal deviates might change.
     uniform = np.random.Philox(key=seed).random_raw(size[0] * size[1] * channels)
     white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    return white.reshape(*size, channels)
+    return np.asarray(white.reshape(*size, channels))
 
 
 def split(white: NDArray[np.float64], levels: int) -> NDArray[np.float64]:

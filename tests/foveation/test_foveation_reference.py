@@ -10,6 +10,7 @@ from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, sel
 from pipeline.foveation.displacement import (
     DisplacementSettings,
     displacement_px,
+    eidolon,
     pooled_white_variance,
     unit_field,
     warped_metamer,
@@ -40,8 +41,8 @@ def noise_picture(rng, size):
     return (0.5 + 0.12 * rng.standard_normal((*size, 1)).repeat(3, axis=2)).clip(0, 1)
 
 
-def pools_of(height, width, gaze, law="v1", **fovea):
-    return Pools(Flat(40).of(width, height), gaze, make_pooling(law, **fovea))
+def pools_of(height, width, gaze, law=None, **constants):
+    return Pools(Flat(40).of(width, height), gaze, make_pooling(law, **constants))
 
 
 @pytest.mark.parametrize("lod", [0, 0.4, 1, 1.5, 2.3, 3])
@@ -339,7 +340,7 @@ def test_variance_of_pooled_white_noise_is_foretold(lod):
     assert pooled_white_variance(np.array([lod]))[0] == pytest.approx(measured, rel=0.04)
 
 
-def test_displacement_is_as_wide_as_asked_and_dies_at_the_border():
+def test_displacement_is_as_wide_as_asked_and_crosses_no_border():
     pools = pools_of(192, 192, (96, 96))
     settings = DisplacementSettings(reach=0.35)
     fields = np.stack([displacement_px(pools, settings, seed) for seed in range(12)])
@@ -347,9 +348,27 @@ def test_displacement_is_as_wide_as_asked_and_dies_at_the_border():
     ring = (middle > 40) & (middle < 70)
     wanted = 0.35 * pools.sigma_px()[ring]
     assert (fields[:, ring] / wanted[:, None]).std() == pytest.approx(1, rel=0.15)
-    assert np.abs(fields[:, 0]).mean() < 0.4
+    across, along = np.abs(fields[:, 0, :, 1]), np.abs(fields[:, 0, :, 0])
+    assert across.max() < 0.2 < 1 < along[:, 40:-40].mean()
+    x, y = np.meshgrid(np.arange(192) + 0.5, np.arange(192) + 0.5)
+    for axis, place in enumerate((x, y)):
+        assert (place + fields[..., axis]).min() > 0
+        assert (place + fields[..., axis]).max() < 192
     correlation = np.corrcoef(fields[0][ring].ravel(), fields[1][ring].ravel())[0, 1]
     assert abs(correlation) < 0.25
+
+
+def test_a_frame_around_a_picture_stays_a_frame():
+    """A line of 4 px along the upper border is 2 to 8 px wide, whatever is displaced below it."""
+    picture = np.full((192, 256, 3), 0.8, np.float32)
+    picture[:4] = 0.2
+    pools = pools_of(192, 256, (128, 96), scaling=0.5)
+    for seed in range(4):
+        dark = eidolon(picture, pools, DisplacementSettings(), seed)[..., 0] < 0.5
+        wide = dark.sum(axis=0)
+        assert dark[0].all()
+        assert wide.min() >= 2
+        assert wide.max() <= 8
 
 
 def test_field_is_smooth_at_the_scale_of_the_pools():
