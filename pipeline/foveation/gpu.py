@@ -19,7 +19,7 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import LEAST_PARALLEL, SMALLEST_VARIANCE
+from pipeline.foveation.moments import LEAST_PARALLEL, PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     MOST_STEPS,
@@ -402,6 +402,7 @@ class MetamerPass(FoveationPass):
                 UNSEEN_VARIANCE=UNSEEN_VARIANCE,
                 UNEVEN=UNEVEN,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                PARTNER_SHARE=PARTNER_SHARE,
                 CHROMA=settings.chroma != "luma",
             )
         )

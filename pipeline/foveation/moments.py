@@ -14,6 +14,7 @@ What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import BANDS, fitted_kernels
 from pipeline.foveation.chain import band, enlarge, halve, halve_box, select
 from pipeline.foveation.geometry import Geometry, pixel_centres
-from pipeline.foveation.lod import Pools
+from pipeline.foveation.lod import Pools, halving_variance
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +33,9 @@ ALONG_X = BANDS.index("along_x")
 BLOCK_HALVINGS = 2  # a block is 4x4 pixels
 LEAST_PARALLEL = 0.1
 """Of the equator: coefficients along x, divided by their parallel's length, are raised no more."""
+# First moments are means of 2x2 coefficients, of variance 1/4, where a pool of the same level of
+# detail has the low-pass's. A share p of the one beside, 2 coefficients away, adds 4 p (1 - p).
+PARTNER_SHARE = (1 - math.sqrt(1.25 - halving_variance())) / 2
 SMALLEST_VARIANCE = 2.0**-20
 """Added to variances that are divided by: a quarter of an 8-bit step, squared."""
 
@@ -138,7 +142,7 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
     variance = moments.variance
     if skipped:
         # The law of total variance stands in for the means of four small pools.
-        small = halve_box(LevelMoments.unpacked(chain[0]).variance)
+        small = halve_box(LevelMoments.unpacked(_widened(chain[0])).variance)
         share = np.clip(lod - 1, 0, 1)[..., None]
         between = np.maximum(variance - small, 0)
         variance = (1 - share) * small + share * variance + share * (1 - share) * between
@@ -152,6 +156,15 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
     variance[:, :, ALONG_X] *= here
     remainder[:, :, ALONG_X] *= here[..., None]
     return variance * lost, slopes, remainder
+
+
+def _widened(moments: Floats) -> Floats:
+    """Mix each of 2x2 texels (h, w, ...) with the others, by `PARTNER_SHARE` along each axis."""
+    for axis in (0, 1):
+        index = np.arange(moments.shape[axis])
+        beside = np.minimum(index ^ 1, moments.shape[axis] - 1)
+        moments = (1 - PARTNER_SHARE) * moments + PARTNER_SHARE * moments.take(beside, axis)
+    return moments
 
 
 def _lost(lod: Floats) -> Floats:

@@ -16,8 +16,8 @@ from pipeline.foveation.displacement import (
     warped_metamer,
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
-from pipeline.foveation.lod import HALVED_VARIANCE, Pools, lod_of
-from pipeline.foveation.moments import wanted_by_blocks
+from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
+from pipeline.foveation.moments import PARTNER_SHARE, wanted_by_blocks
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
@@ -170,6 +170,15 @@ def test_variance_that_is_pooled_is_that_of_white_noise_bands(rng):
     pooled = wanted.variances[8:-8, 8:-8, :3].mean(axis=(0, 1))
     np.testing.assert_allclose(pooled, (own**2).mean(axis=(0, 1)), rtol=0.08)
     np.testing.assert_allclose(wanted.slopes, 0, atol=1e-9)  # grey
+
+
+def test_the_finest_pools_are_as_wide_as_the_low_pass():
+    """By hand: of two means of 2 coefficients, shares 1 - p and p, around their own centre."""
+    place = np.array([-0.5, 0.5, 1.5, 2.5])
+    weight = np.repeat([1 - PARTNER_SHARE, PARTNER_SHARE], 2) / 2
+    spread = (weight * place**2).sum() - (weight * place).sum() ** 2
+    assert 0 < PARTNER_SHARE < 0.5
+    assert spread == pytest.approx(halving_variance(), rel=1e-12)
 
 
 def test_chroma_goes_with_luma_as_it_did(rng):
