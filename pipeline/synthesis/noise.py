@@ -44,7 +44,7 @@ class NoiseBands:
     neighbouring texels.
     """
 
-    tiles: NDArray[np.float32]
+    tiles: NDArray[np.floating]
     lag_correlation: NDArray[np.float32]
 
 
@@ -67,13 +67,19 @@ def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDAr
     matrix, and unit bands weighed by them, are what is left to deviations (with their gains) and
     this tile.
     """
-    rows = np.moveaxis(unit_bands(seed, levels, channels, edge), -1, 1).reshape(3 * levels, -1)
+    return mixed(unit_bands(seed, levels, channels, edge))
+
+
+def mixed(bands: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mix unit bands, (levels, channels, H, W, 3): (levels, 3, channels, H, W)."""
+    levels, *size = bands.shape[:-1]
+    rows = np.moveaxis(bands, -1, 1).reshape(3 * levels, -1)
     # Band by band, in order: a matrix product's order of sums depends on the library.
-    mixed = np.zeros(rows.shape)
+    found = np.zeros(rows.shape)
     for row, weights in zip(rows, fitted_mixing(levels).matrix, strict=True):
         for index in np.flatnonzero(weights):
-            mixed[index] += weights[index] * row
-    return mixed.reshape(levels, 3, channels, edge, edge)
+            found[index] += weights[index] * row
+    return found.reshape(levels, 3, *size)
 
 
 def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -93,30 +99,40 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 def unit_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
     """Make unmixed bands, (levels, channels, edge, edge, 3), each of unit variance."""
+    return split(white_noise(seed, (edge, edge), channels), levels)
+
+
+def white_noise(seed: int, size: tuple[int, int], channels: int) -> NDArray[np.float64]:
+    """Make white noise of unit variance, the same on every platform: (H, W, channels)."""
     # Philox's raw bits are specified; a library's normal deviates might change.
-    uniform = np.random.Philox(key=seed).random_raw(edge * edge * channels)
+    uniform = np.random.Philox(key=seed).random_raw(size[0] * size[1] * channels)
     white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    white = white.reshape(edge, edge, channels)
+    return np.asarray(white.reshape(*size, channels))
+
+
+def split(white: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
+    """Split periodic noise (H, W, channels): (levels, channels, H, W, 3), of unit variance."""
     # As far as the filters of the coarsest level reach, there, back and softened.
     periodic = np.pad(white, ((4 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
     kernels = fitted_kernels()
     pyramid = analyse(periodic, levels, kernels)
-    return np.stack([_level(pyramid.bands, level, kernels, edge) for level in range(levels)])
+    size = white.shape[0], white.shape[1]
+    return np.stack([_level(pyramid.bands, level, kernels, size) for level in range(levels)])
 
 
 def _level(
-    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels, edge: int
+    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels, size: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """One level's bands at full size: (channels, edge, edge, 3)."""
+    """One level's bands at full size: (channels, *size, 3)."""
     images = []
-    pad = (len(bands[0]) - edge) // 2
+    (height, width), pad = size, (len(bands[0]) - size[0]) // 2
     for index, kernel in enumerate(kernels.bands()):
         image = band(bands[level][:, :, index], kernel[::-1, ::-1])
         if BANDS[index] != "high":
             image = softened(image, kernels)
         for finer in reversed(range(level)):
-            image = softened(double(image, (len(bands[finer]),) * 2, kernels), kernels)
-        tile = image[pad : pad + edge, pad : pad + edge]
+            image = softened(double(image, bands[finer].shape[:2], kernels), kernels)
+        tile = image[pad : pad + height, pad : pad + width]
         images.append(tile / np.sqrt((tile**2).mean(axis=(0, 1))))
     return np.stack(images, axis=-1).transpose(2, 0, 1, 3)
 

@@ -29,7 +29,7 @@ from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
 from pipeline.synthesis.mixing import LAGS, fitted_mixing, spectral_gains
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
+from pipeline.synthesis.noise import TEXELS_PER_PX, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -299,6 +299,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
     column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
     x, y = fraction[..., 0], fraction[..., 1]
     tiles = noise.tiles[level].astype(np.float64)
+    edge = tiles.shape[1]
     taps = [
         ((0, 0), (1 - x) * (1 - y)),
         ((0, 1), x * (1 - y)),
@@ -306,7 +307,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
         ((1, 1), x * y),
     ]
     mixed = sum(
-        weight[..., None] * tiles[:, (row + down) % TILE_TEXELS, (column + right) % TILE_TEXELS]
+        weight[..., None] * tiles[:, (row + down) % edge, (column + right) % edge]
         for (down, right), weight in taps
     )
     (_, a), (_, b), (_, c), (_, d) = taps
