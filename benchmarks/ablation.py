@@ -58,15 +58,6 @@ def unmixed(levels: int) -> Mixing:
     )
 
 
-def _no_gains(variances: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.float64]:
-    return np.ones_like(variances)
-
-
-def _block_gains(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
-    rows, columns = (-(-length // 2) for length in hole.shape)
-    return gains.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
-
-
 def _never_wide(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
     return np.zeros_like(lacking.wideness(hole, level))
 
@@ -82,16 +73,9 @@ def _heedless(
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
     "0036 a wide hole is not settled by its border": ((reference, "wideness", _never_wide),),
     "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
-    "0047 noise is mixed": (
-        (noise, "fitted_mixing", unmixed),
-        (reference, "fitted_mixing", unmixed),
-    ),
-    "0048 noise is corrected for what its bands measure": (
-        (reference, "spectral_gains", _no_gains),
-    ),
+    "0047 noise is mixed": ((noise, "fitted_mixing", unmixed),),
     "0049 noise heeds the known background": ((lacking, "beside_known", _heedless),),
     "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
-    "0059 gains go on smoothly": ((reference, "between_blocks", _block_gains),),
 }
 PAYS = ("0047 noise is mixed", "0059 noise is softened")
 DEFAULT = "metameric"

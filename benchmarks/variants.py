@@ -146,7 +146,6 @@ def lowpass_base_fill(
     x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
     noise = shaped_noise(
         lacking,
-        hole,
         guide,
         np.stack([x, y], axis=-1) - warped.flow_px,
         noise_bands(seed, levels, 1 if cross else 3),

@@ -316,7 +316,6 @@ class GuidedBasePass:
         )
         set_array(self._first, "first_and_columns", self.lists.cell_grids)
         self._first["holes_list"] = self.lists.appendable(("holes", 1))
-        self._first["quarter_holes_list"] = self.lists.appendable(("holes", 2))
         self._first["half_list"] = self.lists.appendable(("base", 1))
         self._first["quarter_list"] = self.lists.appendable(("base", 2))
         self._last = compile_compute(

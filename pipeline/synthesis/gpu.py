@@ -1,7 +1,7 @@
 """Metameric inpainting on the GPU. Twin: reference.py.
 
 Warp, then fill in place: lists of tiles near holes, the base colour, the pyramid's low
-bands, moments of every level pulled and pushed together, what is lacking, gains, composite.
+bands, moments of every level pulled and pushed together, what is lacking, composite.
 """
 
 import moderngl
@@ -12,7 +12,6 @@ from pipeline.features.gpu import LowBandPass
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.synthesis.gains import GainPass
 from pipeline.synthesis.limits import check_limits
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
@@ -43,13 +42,13 @@ class MetamericPass:
     Raises
     ------
     InputError
-        If the driver cannot hold a frame of this size, or so many levels.
+        If the driver cannot hold a frame of this size.
     """
 
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
-        check_limits(ctx, size, settings.levels)
+        check_limits(ctx, size)
         self.size = size
         self.settings = settings
         levels = settings.levels
@@ -70,7 +69,6 @@ class MetamericPass:
         self._channels = 1 if settings.channels == "correlated" else 3
         from_background = settings.texture == "background"
         self.variances = VariancePass(ctx, self.base, settings, with_gain=from_background)
-        self._gains = GainPass(ctx, self.base, self.variances, settings)
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
         self._composite = compile_compute(
             ctx,
@@ -103,7 +101,6 @@ class MetamericPass:
             self.base.dispatches
             + self.low_bands.dispatches
             + self.variances.dispatches
-            + self._gains.dispatches
             + (1 if self._seek else 0)
             + 1  # composite
         )
@@ -111,7 +108,7 @@ class MetamericPass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        passes = (self.base, self.low_bands, self.variances, self._gains)
+        passes = (self.base, self.low_bands, self.variances)
         own = texture_bytes(self._noise)
         if self._seek:
             own += self._seek.held_bytes
@@ -179,7 +176,6 @@ class MetamericPass:
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
         self.variances(levels, depth_m, z_near_m)
-        self._gains()
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)
@@ -199,8 +195,6 @@ class MetamericPass:
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
         self.variances.texels.bind_to_image(4)
-        self._gains.texels.bind_to_image(6, read=True, write=False)
-        self._composite["turn"] = float(self._gains.turn)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -209,7 +203,6 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.variances.release()
-        self._gains.release()
         self._noise.release()
         self._composite.release()
         if self._seek:

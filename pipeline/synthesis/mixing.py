@@ -3,7 +3,8 @@
 One matrix suits no two spectra alike. What the mixed bands of given weights measure is known,
 though, and weights are corrected by it (docs/decisions/0048).
 
-Twin of `spectral_gains`: store_gains() in gains.comp.glsl. Change both or neither.
+Fills weigh mixed bands as they are. Foveated pictures, which hold every spectrum side by side, add
+the gains. Twin of `spectral_gains`: spectral_gains.glsl. Change both or neither.
 """
 
 import json
@@ -15,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import BANDS, check_levels
-from pipeline.synthesis.lacking import SHARED_FROM_LEVEL
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 # Over what a plane asks for: in holes, variances fall towards the border.
@@ -25,9 +25,6 @@ LEAST_GAIN, MOST_GAIN = 0.25, 1.5
 # Added to the variance asked for and the one measured: a quarter of an 8-bit step, squared. Where
 # both are less, nobody sees the difference.
 UNSEEN_VARIANCE = 2.0**-20
-# Beside known background the base of a coarse level holds what single pixels of it happen to be:
-# so much of the finest high band's variance, by white noise's fall to a quarter per level.
-RESTLESS = 0.6
 # Weights that differ from place to place do not cancel out in finer bands as even ones do, and the
 # second level's high band leaves most in the finest one: so it is asked for less the softer waves
 # are. This share of its oriented bands' variance counts as measured.
@@ -104,7 +101,6 @@ def measured_variances(
 def spectral_gains(
     variances: NDArray[np.float64],
     overlap: NDArray[np.float64],
-    heeded: NDArray[np.float64] | None = None,
     *,
     aim: float = AIM,
 ) -> NDArray[np.float64]:
@@ -113,10 +109,7 @@ def spectral_gains(
     The deviation asked for over the one that it would measure on a plane where every place asks
     for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
 
-    In oriented bands from level `SHARED_FROM_LEVEL` on ``heeded * RESTLESS / 4**level`` of the
-    finest high band's variance counts as measured too: so much of the base beside known background
-    comes of single pixels. White noise has little else at such a level, 1 / f next to none. In the
-    second level's high band it is `UNEVEN` of the oriented bands' variance.
+    In the second level's high band `UNEVEN` of the oriented bands' variance counts as measured too.
 
     Parameters
     ----------
@@ -124,8 +117,6 @@ def spectral_gains(
         Asked for, at least 0.
     overlap : (B, B, B)
         See `Mixing`.
-    heeded : (..., levels), optional
-        See `lacking.beside_known`; nothing by default.
     aim : float, optional
         Deviation to reach over the one asked for.
 
@@ -137,9 +128,5 @@ def spectral_gains(
     measured = measured_variances(np.sqrt(variances), overlap)
     if len(overlap) > 3:
         measured[..., 3] += UNEVEN * variances[..., 4:6].mean(axis=-1)
-    if heeded is not None:
-        for level in range(SHARED_FROM_LEVEL, len(overlap) // 3):
-            restless = RESTLESS * 0.25**level * heeded[..., level] * variances[..., 0]
-            measured[..., 3 * level + 1 : 3 * level + 3] += restless[..., None]
     gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
     return np.asarray(aim * np.clip(gain, LEAST_GAIN, MOST_GAIN))

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, parents, spoiled_levels
+from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import (
     Level,
     band_statistics,
-    children,
     guide_from_depth,
     guided_base,
     guided_mean,
@@ -28,7 +27,7 @@ from pipeline.inpaint.reference import (
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
 from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
-from pipeline.synthesis.mixing import LAGS, fitted_mixing, spectral_gains
+from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
@@ -97,7 +96,6 @@ def metameric_fill(
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
-        warped.hole,
         guide,
         anchor_px,
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
@@ -174,7 +172,6 @@ def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float
 
 def shaped_noise(
     lacking: list[Level],
-    hole: NDArray[np.bool_],
     guide: NDArray[np.float64],
     anchor_px: NDArray[np.float64],
     noise: NoiseBands,
@@ -182,74 +179,16 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
-    By deviations, and by spectral gains for what 4x4 pixels with `hole` ones among them lack, which
-    are interpolated; chroma that follows luma has luma's.
+    Chroma that follows luma has luma's noise.
     """
     total = np.zeros((*guide.shape, 3))
-    height, width = guide.shape
     channels = noise.tiles.shape[1]
-    asked, heeded = variances_of_blocks(lacking, hole, channels, threshold)
-    gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap, heeded[:, :, None])
-    gains = between_blocks(gains, hole).repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
     for level, coarse in enumerate(lacking):
         variance = sample(coarse, guide, level + 1, threshold)[..., :9]
         variance = variance.reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
-        texel = texel * np.moveaxis(gains[..., 3 * level : 3 * level + 3], 2, 3)
         total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
     return total
-
-
-def variances_of_blocks(
-    lacking: list[Level], hole: NDArray[np.bool_], channels: int, threshold: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What 4x4 pixels that hold a hole pixel lack; of others, zero at the finest level.
-
-    At the finest level their mean over the 2x2 pixels that hold one, of the farthest one's
-    depth; the next level's texel is theirs; of others what is lacking at their centre.
-
-    Returns
-    -------
-    variances : (H / 4, W / 4, channels, 3 * levels)
-    heeded : (H / 4, W / 4, levels)
-        See `lacking.beside_known`.
-    """
-    finest = lacking[0]
-    holds_any = children(hole[..., None].astype(np.float64)).max(axis=2)
-    guides = np.where(children(holds_any) > 0, children(finest.guide[..., None]), -1.0)
-    guide = guides.max(axis=2, keepdims=True)
-    share = (guides >= 0) & (guide - guides <= threshold)
-    mean = (share * children(finest.values)).sum(axis=2) / np.maximum(1, share.sum(axis=2))
-    found = [mean, *(coarse.values for coarse in lacking[1:2])]
-    for level, coarse in enumerate(lacking[2:], start=2):
-        found.append(sample(coarse, guide[:, :, 0, 0], level - 1, threshold))
-    values = np.stack(found, axis=2)  # (H / 4, W / 4, levels, 10)
-    bands = values[..., :9].reshape(*mean.shape[:2], -1, 3)[..., :channels]
-    return np.moveaxis(bands, 3, 2), values[..., 9]
-
-
-def between_blocks(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Interpolate gains of 4x4 pixels at 2x2, from the blocks that hold a hole pixel.
-
-    (H / 4, W / 4, ...) to (H / 2, W / 2, ...); zero where none of four does.
-    """
-    halves = children(hole[..., None].astype(np.float64)).max(axis=2)
-    holds = children(halves).max(axis=2)[..., 0]
-    (near_y, far_y), (near_x, far_x) = map(parents, halves.shape, holds.shape)
-    taps = (
-        (near_y, near_x, 9.0),
-        (near_y, far_x, 3.0),
-        (far_y, near_x, 3.0),
-        (far_y, far_x, 1.0),
-    )
-    shares = np.stack([share * holds[rows][:, columns] for rows, columns, share in taps])
-    shares /= np.maximum(shares.sum(axis=0), 1.0)
-    return np.asarray(
-        sum(
-            share[:, :, None, None] * gains[rows][:, columns]
-            for share, (rows, columns, _) in zip(shares, taps, strict=True)
-        )
-    )
 
 
 def fade(finest: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:

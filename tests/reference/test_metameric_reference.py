@@ -23,7 +23,6 @@ from pipeline.synthesis.reference import (
     inpainted_statistics,
     metameric_fill,
     sample,
-    variances_of_blocks,
 )
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
@@ -157,48 +156,6 @@ def test_noise_fades_in_by_how_far_it_heeds_what_is_known():
 
     np.testing.assert_allclose(found[0, :, 0], [1, 0.85, 0.55, 0.4])
     assert fade(replace(finest, values=values + 1), np.full((1, 4), 0.5), 0.04).max() == 0
-
-
-def test_a_block_lacks_what_its_parts_with_holes_do():
-    """16x16 pixels; block 1, 1 has holes in three of its 2x2 pixels, of which one lies in front.
-
-    Its centre is 9, 3, 3 and 1 of 16 the four texels of the third level: 28 / 16.
-    """
-    hole = np.zeros((16, 16), bool)
-    hole[5, 5] = hole[4, 6] = hole[6, 4] = True
-    guide = np.full((8, 8), 0.5)
-    guide[3, 2] = 0.3
-    finest = np.full((8, 8, 10), 9.0)
-    finest[2, 2], finest[2, 3], finest[3, 2] = 1.0, 3.0, 5.0  # [3, 3] holds none
-    next_one, third = np.full((4, 4, 10), 9.0), np.arange(1.0, 5.0).reshape(2, 2, 1) * np.ones(10)
-    next_one[1, 1] = 0.5
-    lacking = [
-        Level(values, np.ones(values.shape[:2]), np.full(values.shape[:2], 0.5))
-        for values in (finest, next_one, third)
-    ]
-    lacking[0] = replace(lacking[0], guide=guide)
-
-    behind, _ = variances_of_blocks(lacking, hole, 1, 0.1)
-    variances, heeded = variances_of_blocks(lacking, hole, 3, 0.4)
-
-    np.testing.assert_allclose(behind[1, 1], np.repeat([[2.0, 0.5, 1.75]], 3, axis=1))
-    np.testing.assert_allclose(variances[1, 1], np.repeat([[3.0, 0.5, 1.75]] * 3, 3, axis=1))
-    np.testing.assert_allclose(heeded[1, 1], [3.0, 0.5, 1.75])
-    np.testing.assert_array_equal(variances[3, 3, :, :3], 0.0)
-
-
-def test_an_odd_border_s_last_part_counts_twice():
-    """6x2 pixels: the second block has two parts in x, one of which is the border's again."""
-    hole = np.ones((2, 6), bool)
-    values = np.arange(1.0, 4.0)[None, :, None] * np.ones(10)
-    lacking = [
-        Level(values, np.ones((1, 3)), np.full((1, 3), 0.5)),
-        Level(np.zeros((1, 2, 10)), np.ones((1, 2)), np.full((1, 2), 0.5)),
-    ]
-
-    variances, _ = variances_of_blocks(lacking, hole, 1, 0.04)
-
-    np.testing.assert_allclose(variances[0, :, 0, 0], [1.5, 3.0])
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():

@@ -28,7 +28,6 @@ from pipeline.inpaint.reference import (
     push,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.gains import overlap_by_levels, pairs_of
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.lacking import (
     LONG_UP_TO,
@@ -41,24 +40,15 @@ from pipeline.synthesis.lacking import (
     noise_variances,
     wideness,
 )
-from pipeline.synthesis.mixing import (
-    LEAST_GAIN,
-    MOST_GAIN,
-    UNSEEN_VARIANCE,
-    fitted_mixing,
-    measured_variances,
-    spectral_gains,
-)
+from pipeline.synthesis.mixing import fitted_mixing
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     FADE,
-    between_blocks,
     deviations,
     fade,
     metameric_fill,
     sample,
     shaped_noise,
-    variances_of_blocks,
 )
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
@@ -162,7 +152,7 @@ class Run:
         """Give what is written once and for all."""
         lists = self.fill_pass.base.lists
         own = self.fill_pass
-        return own._noise, own._gains._overlap, lists._packed_regions, lists._region_of_group
+        return own._noise, lists._packed_regions, lists._region_of_group
 
     def buffers(self):
         """Give all buffers and textures that the pass writes, for poisoning."""
@@ -234,30 +224,6 @@ def waves_tolerance(off, oriented, first, last):
     return np.minimum(1.0, steep * share + 12 * ROUNDOFF)
 
 
-def spectral_gains_and_errors(lacking, hole, channels, threshold):
-    """Spectral gains of given variances, and by what share they may be off.
-
-    Each of shape (H / 4, W / 4, channels, bands). A product of two deviations and of what it
-    measures costs 2 * SHARES + 8 roundings, and 2 more of the sums and differences of oriented
-    bands that it is made of. Products of two levels are summed in 4 steps, then pair by pair, and
-    1 step leads to the bands. They may cancel, so magnitudes count: none is larger than if both
-    oriented bands deviated by their sum. The gain is the root of a ratio: half of its error, 6
-    roundings, and what an interpolation of the variance asked for is off by.
-    """
-    overlap = fitted_mixing(len(lacking)).overlap
-    variances, heeded = variances_of_blocks(lacking, hole, channels, threshold)
-    wanted = np.sqrt(variances)
-    largest = wanted.reshape(*wanted.shape[:-1], -1, 3).copy()
-    largest[..., 1:] = largest[..., 1:].sum(axis=-1, keepdims=True)
-    size = measured_variances(largest.reshape(wanted.shape), np.abs(overlap))
-    measured = measured_variances(wanted, overlap)
-    roundings = 2 * SHARES + 8 + 2 + 4 + len(lacking) * (len(lacking) + 1) / 2 + 1
-    off = 0.5 * roundings * size / (measured + UNSEEN_VARIANCE) + 6 + SHARES
-    # However far a measure is off, the gain keeps its bounds.
-    most = MOST_GAIN / LEAST_GAIN
-    return spectral_gains(variances, overlap, heeded[:, :, None]), np.minimum(most, off * ROUNDOFF)
-
-
 def noise_tolerance(run, lacking, guide, anchor_px):
     """Bound the colour that given variances and base lead to, absolute: (H, W, 3).
 
@@ -265,7 +231,6 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     own. What fades in costs FADE times SHARES and 4. Luma's are positive. Chroma's may cancel, so
     their magnitudes count. Where a place is off, so are noise, by what neighbouring texels differ
     along both axes, and its gain.
-    For spectral gains see `spectral_gains_and_errors`; their interpolation costs SHARES and 4.
     """
     settings = run.settings
     cross = settings.channels == "correlated"
@@ -273,15 +238,6 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     farthest_px = np.abs(anchor_px).max() + max(run.frame.size)
     moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
     total = np.zeros((*run.frame.size, 3))
-    height, width = run.frame.size
-    gains, gains_off = (
-        np.moveaxis(between_blocks(part, run.frame.hole), 2, 3)
-        .repeat(2, 0)
-        .repeat(2, 1)[:height, :width]
-        for part in spectral_gains_and_errors(
-            lacking, run.frame.hole, 1 if cross else 3, settings.depth_threshold
-        )
-    )
     for k, level in enumerate(lacking):
         tile = noise.tiles[k].astype(np.float64)
         tallest = np.abs(tile).max()
@@ -290,11 +246,9 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         size = Level(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here[..., :9].reshape(*run.frame.size, 3, 3), cross=cross)
-        roundings = LOOK_UP + SHARES + 10 + FADE * (SHARES + 4) + SHARES + 4
+        roundings = LOOK_UP + SHARES + 10 + FADE * (SHARES + 4)
         off = roundings * ROUNDOFF * LARGEST_GAIN * tallest + slope * moved_px
-        own = np.s_[:, :, 3 * k : 3 * k + 3]
-        off = gains[own] * (off + gains_off[own] * LARGEST_GAIN * tallest)
-        total += (off * here).sum(axis=2)
+        total += off * here.sum(axis=2)
     return (settings.noise * total + 8 * ROUNDOFF) @ np.abs(RGB_FROM_YCBCR).T
 
 
@@ -621,7 +575,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
         for k, (values, exact) in enumerate(zip(stages.lacking, fill.statistics, strict=True))
     ]
     noise = noise_bands(3, 4, 1 if cross else 3)
-    added = shaped_noise(lacking, hole, guide, fill.anchor_px, noise, run.settings.depth_threshold)
+    added = shaped_noise(lacking, guide, fill.anchor_px, noise, run.settings.depth_threshold)
     added = added * fade(lacking[0], guide, run.settings.depth_threshold)
     colour = (stages.base + added @ RGB_FROM_YCBCR.T).clip(0, 1)
     tolerance = noise_tolerance(run, lacking, guide, fill.anchor_px)
@@ -699,8 +653,6 @@ def test_a_background_at_infinity_is_filled(prepare, rng):
 def test_two_runs_give_the_same_bits(prepare, rng):
     """Of one pass with another frame and seed between, and of another pass."""
     frame, other = (disc_scene(rng, (70, 130)) for _ in range(2))
-    moved = np.roll(other.hole, (3, 5), axis=(0, 1))  # nor may other places' gains be taken
-    other = WarpedFrame(other.colour, other.depth_m, moved, other.flow_px)
     run = prepare(frame)
 
     first = run()
@@ -761,10 +713,7 @@ def test_nothing_left_in_memory_is_ever_read(prepare, levels, made_for, width):
 
 @pytest.mark.parametrize("begin", [125, 4000])
 def test_nothing_far_from_a_hole_is_read_in_a_wide_frame(prepare, rng, begin):
-    """Up to resolution 8 there are dispatches; all memory is first set to NaN, or to 7.
-
-    The blocks of 4x4 pixels beside the hole's hold nothing: their gains may be anything, too.
-    """
+    """Up to resolution 8 there are dispatches; all memory is first set to NaN, or to 7."""
     size = (4, 8200)
     hole = np.zeros(size, bool)
     hole[:, begin : begin + 5] = True
@@ -872,17 +821,15 @@ def test_textures_of_another_size_are_refused(gl_context, argument):
         thing.release()
 
 
-def widest(gl_context, levels):
-    edge = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
-    return edge // 3 * 2 if levels < 6 else edge // 6 * 4
+def widest(gl_context):
+    return int(gl_context.info["GL_MAX_TEXTURE_SIZE"]) // 3 * 2
 
 
-@pytest.mark.parametrize("levels", [4, 6])
-def test_a_frame_too_wide_for_the_driver_is_refused(gl_context, levels):
-    most = widest(gl_context, levels)
+def test_a_frame_too_wide_for_the_driver_is_refused(gl_context):
+    most = widest(gl_context)
 
     with pytest.raises(InputError, match=rf"at most {most} px wide .* \(got {most + 1}x2\)"):
-        MetamericPass(gl_context, (most + 1, 2), MetamericSettings(levels=levels))
+        MetamericPass(gl_context, (most + 1, 2), MetamericSettings())
 
 
 @pytest.mark.parametrize("turned", [(1, 1), (1, -1), (-1, 1)], ids=str)
@@ -910,7 +857,7 @@ def test_the_widest_and_the_tallest_frame_are_filled_to_the_end(
 ):
     """Entries of lists hold columns and rows; a hole lies in the last of them."""
     limit = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
-    frame = disc_scene(rng, (4, limit if tall else widest(gl_context, levels)))
+    frame = disc_scene(rng, (4, limit if tall else widest(gl_context)))
     if tall:
         parts = (frame.colour, frame.depth_m, frame.hole, frame.flow_px)
         frame = WarpedFrame(*(np.ascontiguousarray(part.swapaxes(0, 1)) for part in parts))
@@ -996,27 +943,3 @@ def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng):
             thing.release()
 
     assert results[0].tobytes() == results[1].tobytes()
-
-
-@pytest.mark.parametrize("levels", range(1, 7))
-def test_sums_and_differences_measure_what_the_bands_themselves_do(rng, levels):
-    """The same forms, written as gains.comp.glsl sums them; OpenGL promises a block of 16 KB."""
-    overlap = fitted_mixing(levels).overlap
-    wanted = rng.random((levels, 3))
-    high, along_x, along_y = wanted.T
-    asked = np.stack([high, along_x + along_y, along_x - along_y], axis=1)
-
-    packed = overlap_by_levels(overlap)
-
-    measured = np.zeros((levels, 3))
-    for pair, (i, j) in enumerate(pairs_of(levels)):
-        a, b = asked[i], asked[j]
-        products = np.array([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1], a[2] * b[2]])
-        crossed = np.array([a[0] * b[2], a[2] * b[0], a[1] * b[2], a[2] * b[1]])
-        for level, form in enumerate(packed[:, pair].astype(np.float64)):
-            even = products @ form[:3].reshape(6, 2)[:5]
-            odd = crossed @ form[3]
-            measured[level] += even[0], even[1] + odd, even[1] - odd
-    expected = measured_variances(wanted.ravel(), overlap).reshape(levels, 3)
-    np.testing.assert_allclose(measured, expected, rtol=0, atol=2.0**-20)
-    assert packed.nbytes <= 16384
