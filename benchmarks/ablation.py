@@ -62,19 +62,10 @@ def _never_wide(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
     return np.zeros_like(lacking.wideness(hole, level))
 
 
-def _heedless(
-    variance: NDArray[np.float64],  # noqa: ARG001
-    known: NDArray[np.float64],
-    level: int,  # noqa: ARG001
-) -> NDArray[np.float64]:
-    return np.zeros_like(known)
-
-
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
     "0036 a wide hole is not settled by its border": ((reference, "wideness", _never_wide),),
     "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
     "0047 noise is mixed": ((noise, "fitted_mixing", unmixed),),
-    "0049 noise heeds the known background": ((lacking, "beside_known", _heedless),),
     "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
 }
 PAYS = ("0047 noise is mixed", "0059 noise is softened")

@@ -1,8 +1,7 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), fade(), deviations(), look_up() and sample() in reference.py. Change both or
-// neither.
+// Twin: shaped_noise(), deviations(), look_up() and sample() in reference.py. Change both or neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
@@ -12,7 +11,6 @@
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
-#constant FADE        // of the noise beside known background, where waves are soft
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -27,8 +25,7 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 #endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
-// w of the second: gain of the background's detail, with BACKGROUND; of level 0's third: how far
-// to heed the known background beside it.
+// w of the second: gain of the background's detail, with BACKGROUND.
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
@@ -77,7 +74,6 @@ struct Pixel {
     ivec2 noise_corner;
     vec4 noise_share;
     vec3 noise;  // the sum so far: Y', Cb, Cr
-    float fade;
 #if BACKGROUND
     vec2 origin;  // of the texture; negative: none
     vec3 finer;   // what the frame shows there, at the level at hand
@@ -123,16 +119,15 @@ vec3 noise_bands(Pixel p, int level, int channel) {
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
-    float gain;    // of the background's detail
-    float heeded;  // of the known background beside
+    float gain;  // of the background's detail
 };
 
 Texel variances_at(ivec2 place, ivec4 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     ivec2 at = ivec2(3 * place.x, place.y) + size.zw;
     vec4 high = imageLoad(variances, at), along_x = imageLoad(variances, at + ivec2(1, 0));
-    vec4 along_y = imageLoad(variances, at + ivec2(2, 0));
-    return Texel(high.w, high.rgb, along_x.rgb, along_y.rgb, along_x.w, along_y.w);
+    vec3 along_y = imageLoad(variances, at + ivec2(2, 0)).rgb;
+    return Texel(high.w, high.rgb, along_x.rgb, along_y, along_x.w);
 }
 
 // Variances are interpolated before their root is taken. See deviations().
@@ -149,7 +144,6 @@ vec3 deviation(vec3 variance) {
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
     share = guided_shares(share, p.guide, guides, depth_threshold).share;
-    if (level == 0) p.fade = max(0.0, 1.0 - FADE * MIXED(heeded));
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
@@ -175,7 +169,7 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
 
 void finish(Pixel p) {
     if (!p.hole) return;
-    vec3 colour = p.colour + p.fade * noise_scale * (RGB_FROM_YCBCR * p.noise);
+    vec3 colour = p.colour + noise_scale * (RGB_FROM_YCBCR * p.noise);
     imageStore(image, p.place, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 

@@ -15,7 +15,7 @@ from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.synthesis.limits import check_limits
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.synthesis.reference import DETAIL_LIMIT, FADE, SMALLEST_LACKING
+from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
 from pipeline.synthesis.seek import SeekPass
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
@@ -80,7 +80,6 @@ class MetamericPass:
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
-            FADE=FADE,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )

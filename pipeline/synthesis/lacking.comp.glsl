@@ -15,8 +15,6 @@
 #constant MOST_SHARED        // share of known background beyond which it is raised no more
 #constant LONG_UP_TO         // variance of the high band over the oriented ones: raised up to,
 #constant SHORT_FROM         // not raised from
-#constant SOFT_UP_TO         // the same of the finest level: noise fades in up to,
-#constant SHARP_FROM         // starts at once from
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
@@ -27,7 +25,7 @@
 #include "window.glsl"
 
 layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // moments of 4x4, complete
-layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain, heeded
+layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain
 layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
 layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a: confidence
@@ -138,12 +136,7 @@ void work(ivec2 pixel, int chain) {
     vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
     vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     held.raised = 1.0;
-    float heeded = 0.0;  // of the known background beside, see beside_known()
-#if IS_FINEST
-    heeded = known * clamp((SHARP_FROM - shortness(wanted)) / (SHARP_FROM - SOFT_UP_TO), 0.0, 1.0);
-#endif
     if (chain >= SHARED_FROM_LEVEL) {
-        heeded = known;
         float long_waves = clamp((SHORT_FROM - shortness(wanted)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
         float known_share = min(known, MOST_SHARED);
         held.raised += long_waves * known_share / (1.0 - known_share);
@@ -165,5 +158,5 @@ void work(ivec2 pixel, int chain) {
     ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
     imageStore(variances, to, vec4(high, deepest));
     imageStore(variances, to + ivec2(1, 0), vec4(along_x, gain));
-    imageStore(variances, to + ivec2(2, 0), vec4(along_y, heeded));
+    imageStore(variances, to + ivec2(2, 0), vec4(along_y, 0.0));
 }

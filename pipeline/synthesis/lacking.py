@@ -24,9 +24,6 @@ MOST_SHARED = 0.65
 # Variance of the high band over that of the oriented ones up to which it is raised so, as for
 # amplitudes 1 / f, and from which on it is not, as for white noise: its waves are short.
 LONG_UP_TO, SHORT_FROM = 1.0, 1.2
-# The same ratio at the finest level up to which a texture is soft, as if blurred, and from which on
-# it is sharp: 1 / f has 1.3, white noise 4, 1 / f blurred by a pixel 0.17.
-SOFT_UP_TO, SHARP_FROM = 0.5, 1.0
 
 
 def noise_variances(
@@ -69,9 +66,8 @@ def noise_variances(
 
     Returns
     -------
-    ndarray of shape (H, W, 10)
-        Of band b in channel c at index 3 * b + c; last, how far noise has to heed the known
-        background beside it, see `beside_known`.
+    ndarray of shape (H, W, 9)
+        Of band b in channel c at index 3 * b + c.
     """
     mean, variance = means_and_variances(values, cross=cross)
     measured = ((children(base_bands) - mean[:, :, None]) ** 2).mean(axis=2)
@@ -88,8 +84,7 @@ def noise_variances(
             variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
         )
         lacking = lacking[..., :1] * slope
-    heeded = beside_known(variance, known, level)[..., None]
-    return np.concatenate([lacking.reshape(*values.shape[:2], -1), heeded], axis=2)
+    return lacking.reshape(*values.shape[:2], -1)
 
 
 def long_waves(variance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,29 +92,10 @@ def long_waves(variance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.clip((SHORT_FROM - shortness(variance)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0)
 
 
-def soft_waves(variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From 1, the finest level's luma is that of a blurred texture, to 0, a sharp one's: (H, W)."""
-    return np.clip((SHARP_FROM - shortness(variance)) / (SHARP_FROM - SOFT_UP_TO), 0.0, 1.0)
-
-
 def shortness(variance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Luma's variance of the high band over that of the oriented ones: (H, W)."""
     high, along_x, along_y = np.moveaxis(variance[..., 0], -1, 0)
     return np.asarray(high / np.maximum(0.5 * (along_x + along_y), SMALLEST_VARIANCE))
-
-
-def beside_known(
-    variance: NDArray[np.float64], known: NDArray[np.float64], level: int
-) -> NDArray[np.float64]:
-    """How far a texel's noise has to heed the known background beside it: (H, W), from 0 to 1.
-
-    At the finest level `known` where waves are soft, to fade the noise in (`reference.fade`).
-    From level `SHARED_FROM_LEVEL` on `known`, for what the base holds of single known pixels
-    (`mixing.spectral_gains`). Else 0.
-    """
-    if level == 0:
-        return known * soft_waves(variance)
-    return known if level >= SHARED_FROM_LEVEL else np.zeros_like(known)
 
 
 def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
@@ -186,7 +162,7 @@ def detail_gain(
     """
     _, variance = means_and_variances(statistics, cross=True)
     wanted = variance[..., 0].sum(axis=2, keepdims=True)
-    luma = lacking[..., :9:3].sum(axis=2, keepdims=True)
+    luma = lacking[..., ::3].sum(axis=2, keepdims=True)
     measurable = wanted > SMALLEST_VARIANCE
     ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)
     return np.asarray(np.sqrt(ratio))

@@ -37,8 +37,6 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
-# Noise of a soft texture loses this times the share of known background beside it.
-FADE = 1.5
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
@@ -50,7 +48,7 @@ class Fill:
     base: NDArray[np.float64]  # (H, W, 3), before the noise
     anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
     statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
-    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 10), see `noise_variances`
+    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 9), see `noise_variances`
 
 
 def metameric_fill(
@@ -112,7 +110,6 @@ def metameric_fill(
             cross=settings.channels == "correlated",
         )
         noise = np.where(found[..., None], detail, noise)
-    noise = noise * fade(lacking[0], guide, settings.depth_threshold)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
@@ -184,20 +181,11 @@ def shaped_noise(
     total = np.zeros((*guide.shape, 3))
     channels = noise.tiles.shape[1]
     for level, coarse in enumerate(lacking):
-        variance = sample(coarse, guide, level + 1, threshold)[..., :9]
+        variance = sample(coarse, guide, level + 1, threshold)
         variance = variance.reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
         total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
     return total
-
-
-def fade(finest: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Share of the noise that each pixel shows: (H, W, 1).
-
-    Where waves are soft, noise that started at once beside known background would show a seam.
-    """
-    heeded = sample(finest, guide, 1, threshold)[..., 9:]
-    return np.asarray(np.maximum(0.0, 1.0 - FADE * heeded))
 
 
 def shaped_detail(
@@ -218,7 +206,7 @@ def shaped_detail(
     for level, found in enumerate(detail):
         coarse = lacking[level]
         gain = detail_gain(statistics[level].values, coarse.values)
-        both = replace(coarse, values=np.concatenate([coarse.values[..., :9], gain], axis=2))
+        both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
         shape = sample(both, guide, level + 1, threshold)
         bands = deviations(shape[..., :9].reshape(*guide.shape, 3, 3), cross=cross)
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))

@@ -1,7 +1,6 @@
 """Shaping the noise, worked by hand, and what settings refuse."""
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from pipeline.synthesis.lacking import (
 )
 from pipeline.synthesis.reference import (
     deviations,
-    fade,
     inpainted_statistics,
     metameric_fill,
     sample,
@@ -37,7 +35,7 @@ def lacking(values, base, *, outlined=False, known=0.0, wide=0.0, level=0, cross
     across = np.zeros((2, 2), bool)
     across[1, 0] = outlined
     known, wide = np.full((1, 1), known), np.full((1, 1), wide)
-    return noise_variances(values, base, across, known, wide, level, cross=cross)[0, 0, :9]
+    return noise_variances(values, base, across, known, wide, level, cross=cross)[0, 0]
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
@@ -112,50 +110,6 @@ def test_short_waves_lose_nothing_at_a_holes_border(high, raised):
 
     np.testing.assert_allclose(found, values[:, 3:] * raised)
     assert long_waves(np.tile(luma[:, None], (1, 1, 1, 3))) == pytest.approx(raised - 1)
-
-
-@pytest.mark.parametrize(
-    ("level", "high", "heeded"),
-    [
-        (0, 0.02, 0.4),
-        (0, 0.03, 0.2),
-        (0, 0.04, 0.0),
-        (1, 0.02, 0.0),
-        (2, 0.02, 0.0),
-        (3, 0.06, 0.4),
-    ],
-)
-def test_noise_heeds_known_background_where_waves_are_soft_and_at_coarse_levels(
-    level, high, heeded
-):
-    """Oriented bands of .03 and .05: finest waves are soft up to half their mean, sharp from it."""
-    values = np.zeros((3, 6))
-    values[:, 3] = (high, 0.03, 0.05)
-    flat, inside = np.zeros((2, 2, 3, 3)), np.zeros((2, 2), bool)
-
-    found = noise_variances(
-        values.reshape(1, 1, 18),
-        flat,
-        inside,
-        np.full((1, 1), 0.4),
-        np.zeros((1, 1)),
-        level,
-        cross=True,
-    )
-
-    assert found[0, 0, 9] == pytest.approx(heeded)
-
-
-def test_noise_fades_in_by_how_far_it_heeds_what_is_known():
-    """By hand: a quarter and three quarters of the way from 0 to .4; 1.5 times that is lost."""
-    values = np.zeros((1, 2, 10))
-    values[0, 1, 9] = 0.4
-    finest = Level(values, np.ones((1, 2)), np.full((1, 2), 0.5))
-
-    found = fade(finest, np.full((1, 4), 0.5), 0.04)
-
-    np.testing.assert_allclose(found[0, :, 0], [1, 0.85, 0.55, 0.4])
-    assert fade(replace(finest, values=values + 1), np.full((1, 4), 0.5), 0.04).max() == 0
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
