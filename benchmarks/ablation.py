@@ -31,7 +31,7 @@ from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
 from pipeline.quality import Quality, evaluate
-from pipeline.synthesis import lacking, noise, reference
+from pipeline.synthesis import noise
 from pipeline.synthesis.mixing import Mixing, fitted_mixing
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
@@ -58,12 +58,7 @@ def unmixed(levels: int) -> Mixing:
     )
 
 
-def _never_wide(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
-    return np.zeros_like(lacking.wideness(hole, level))
-
-
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
-    "0036 a wide hole is not settled by its border": ((reference, "wideness", _never_wide),),
     "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
     "0047 noise is mixed": ((noise, "fitted_mixing", unmixed),),
     "0059 noise is softened": ((noise, "softened", lambda image, _: image),),

@@ -7,10 +7,7 @@
 
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
-#constant KNOWN_ENOUGH       // share of known background that settles a band in a thin hole
-#constant MAY_BE_WIDE        // 1: holes may be wide against the level's kernels
-#constant THIN_UP_TO         // share of hole among 4x4 coefficients: thin up to,
-#constant WIDE_FROM          // wide from
+#constant KNOWN_ENOUGH       // share of known background that settles a band
 #constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
 #constant MOST_SHARED        // share of known background beyond which it is raised no more
 #constant LONG_UP_TO         // variance of the high band over the oriented ones: raised up to,
@@ -32,29 +29,6 @@ layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a:
 
 uniform ivec2 coarse_size;
 uniform ivec2 corner;  // of this level's variances
-
-#if MAY_BE_WIDE
-layout(rgba32f, binding = 7) uniform readonly image2D frame;  // a: 0 hole, else 1
-
-// Of a row's four coefficients. Each is asked at one pixel, another one in each row and column, so
-// that a straight border passes them one after the other.
-float holes_in(int y, int x, ivec2 last, int chain) {
-    ivec2 end = imageSize(frame) - 1;
-    y = clamp(y, 0, last.y);
-    ivec4 columns = clamp(ivec4(x - 1, x, x + 1, x + 2), ivec4(0), ivec4(last.x));
-    ivec4 xs = min((columns << chain) + ((2 * (y & 3) + 1) << chain >> 3), ivec4(end.x));
-    ivec4 ys = min((y << chain) + ((2 * (columns & 3) + 1) << chain >> 3), ivec4(end.y));
-    vec4 known = vec4(imageLoad(frame, ivec2(xs.x, ys.x)).a, imageLoad(frame, ivec2(xs.y, ys.y)).a,
-                      imageLoad(frame, ivec2(xs.z, ys.z)).a, imageLoad(frame, ivec2(xs.w, ys.w)).a);
-    return dot(1.0 - step(0.5, known), vec4(1.0));
-}
-
-float wideness(ivec2 near, ivec2 last, int chain) {
-    float holes = holes_in(near.y - 1, near.x, last, chain) + holes_in(near.y, near.x, last, chain)
-                + holes_in(near.y + 1, near.x, last, chain) + holes_in(near.y + 2, near.x, last, chain);
-    return clamp((holes / 16.0 - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0);
-}
-#endif
 
 vec3 squared(vec3 v) { return v * v; }
 
@@ -128,11 +102,7 @@ void work(ivec2 pixel, int chain) {
 
     float known = known_background(pixel, deepest);
     Held held;
-    float share = known / KNOWN_ENOUGH;
-#if MAY_BE_WIDE
-    share = mix(share, known, wideness(near, last, chain));
-#endif
-    held.share = m.outlined ? min(1.0, share) : -1.0;
+    held.share = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
     vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
     vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     held.raised = 1.0;

@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 from pipeline.inpaint.reference import Level, children, means_and_variances
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
-# Share of known background around a texel from which on a thin hole's base holds the whole band.
-# A wide hole's base holds that share itself.
+# Share of known background around a texel from which on the base holds the whole band.
 KNOWN_ENOUGH = 0.2
-# Share of hole among 4x4 coefficients up to which it is thin, and from which on it is wide.
-THIN_UP_TO, WIDE_FROM = 0.625, 0.875
-WIDE_FROM_LEVEL = 2  # finer levels are settled near a hole's border only
 # From this level on noise is raised where it fills its kernels in part, by up to 1 / (1 - 0.65):
 # kernels of finer levels are small against holes.
 SHARED_FROM_LEVEL = 3
@@ -31,7 +27,6 @@ def noise_variances(
     base_bands: NDArray[np.float64],
     outlined: NDArray[np.bool_],
     known: NDArray[np.float64],
-    wide: NDArray[np.float64],
     level: int,
     *,
     cross: bool,
@@ -41,8 +36,7 @@ def noise_variances(
     The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
     coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``. A
     coefficient across the outline of something nearer measures that outline. Beside one, the
-    base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most; in a
-    hole that is wide against the level's kernels, ``known``. ``wide`` mixes the two.
+    base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
 
     Of a coefficient at the hole's border noise fills a part, and so carries that part of its
     variance alone, the more so the longer the level's waves. From level `SHARED_FROM_LEVEL` on
@@ -61,8 +55,6 @@ def noise_variances(
         Coefficients across a jump of depth.
     known : (H, W)
         See `known_background`.
-    wide : (H, W)
-        See `wideness`.
 
     Returns
     -------
@@ -71,8 +63,7 @@ def noise_variances(
     """
     mean, variance = means_and_variances(values, cross=cross)
     measured = ((children(base_bands) - mean[:, :, None]) ** 2).mean(axis=2)
-    share = known * ((1.0 - wide) / KNOWN_ENOUGH + wide)
-    continued = variance * np.minimum(1.0, share)[..., None, None]
+    continued = variance * np.minimum(1.0, known / KNOWN_ENOUGH)[..., None, None]
     across = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
     lacking = np.maximum(0.0, variance - np.where(across, continued, measured))
     if level >= SHARED_FROM_LEVEL:
@@ -114,43 +105,6 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
             here = np.s_[row : row + height, column : column + width]
             total += down * right / 16 * share[here] * (base.guide - guide[here] <= threshold)
     return total
-
-
-def wideness(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
-    """How wide a hole is against a level's kernels, for every 2x2 of its coefficients.
-
-    Not in the paper: docs/decisions/0036. Counted on 4x4 coefficients, them and their
-    neighbours, borders repeated. Each is asked at one pixel, another one in each row and
-    column, so that a straight border passes them one after the other.
-
-    Parameters
-    ----------
-    hole : (height, width) of bool
-        Of the frame.
-    level : int
-        Those finer than `WIDE_FROM_LEVEL` do not ask: 0 everywhere.
-
-    Returns
-    -------
-    ndarray of shape (H, W)
-        Of level + 1. From 0, thin, where at most `THIN_UP_TO` of the coefficients are hole, to
-        1, wide, from `WIDE_FROM` on.
-    """
-    rows, columns = (-(-length // (1 << level)) for length in hole.shape)
-    height, width = (rows + 1) // 2, (columns + 1) // 2
-    if level < WIDE_FROM_LEVEL:
-        return np.zeros((height, width))
-    row, column = np.mgrid[:rows, :columns]
-    y, x = (
-        np.minimum((own << level) + ((2 * (other & 3) + 1) << level >> 3), length - 1)
-        for own, other, length in zip((row, column), (column, row), hole.shape, strict=True)
-    )
-    asked = np.pad(hole[y, x], ((1, 2), (1, 2)), mode="edge")  # 2: an odd border's last
-    window = [
-        asked[i : i + 2 * height : 2, j : j + 2 * width : 2] for i in range(4) for j in range(4)
-    ]
-    share = np.mean(window, axis=0)
-    return np.asarray(np.clip((share - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0))
 
 
 def detail_gain(

@@ -26,7 +26,7 @@ from pipeline.inpaint.reference import (
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.synthesis.background import details, texture_origins
-from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
+from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances
 from pipeline.synthesis.mixing import LAGS
 from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
 from pipeline.synthesis.settings import (
@@ -147,7 +147,6 @@ def inpainted_statistics(
             bands[level],
             outlined[level],
             known_background(base_levels[min(level + 1, last)], threshold),
-            wideness(hole, level),
             level,
             cross=cross,
         )

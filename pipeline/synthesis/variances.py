@@ -23,9 +23,6 @@ from pipeline.synthesis.lacking import (
     SHARED_FROM_LEVEL,
     SHORT_FROM,
     SMALLEST_VARIANCE,
-    THIN_UP_TO,
-    WIDE_FROM,
-    WIDE_FROM_LEVEL,
 )
 from pipeline.synthesis.settings import MetamericSettings
 
@@ -97,17 +94,12 @@ class VariancePass:
             )
             for finest in (False, True)
         ]
-        # By whether it is the finest level, and whether holes may be wide against it.
-        kinds = {(k == 0, k >= WIDE_FROM_LEVEL) for k in range(settings.levels)}
-        self._lacking = {
-            (finest, may_be_wide): compile_compute(
+        self._lacking = [
+            compile_compute(
                 ctx,
                 "synthesis/lacking.comp.glsl",
                 IS_FINEST=finest,
-                MAY_BE_WIDE=may_be_wide,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
-                THIN_UP_TO=THIN_UP_TO,
-                WIDE_FROM=WIDE_FROM,
                 SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
                 MOST_SHARED=MOST_SHARED,
                 LONG_UP_TO=LONG_UP_TO,
@@ -117,9 +109,9 @@ class VariancePass:
                 GAIN=with_gain,
                 **bands,
             )
-            for finest, may_be_wide in kinds
-        }
-        for shader in (*self._first, *self._lacking.values()):
+            for finest in (False, True)
+        ]
+        for shader in (*self._first, *self._lacking):
             shader["depth_threshold"] = settings.depth_threshold
 
     @property
@@ -146,10 +138,7 @@ class VariancePass:
         self.chain()
         self.texels.bind_to_image(3, read=False, write=True)
         for k, level in enumerate(levels):
-            may_be_wide = k >= WIDE_FROM_LEVEL
-            shader = self._lacking[k == 0, may_be_wide]
-            if may_be_wide:
-                levels[0].bind_to_image(7, read=True, write=False)
+            shader = self._lacking[k == 0]
             self._bind(shader, k, level, depth_m, z_near_m)
             self._base.chain.at(k + 1).bind_to_image(6)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
@@ -186,5 +175,5 @@ class VariancePass:
         """Free everything this pass made."""
         self.chain.release()
         self.texels.release()
-        for shader in (*self._first, *self._lacking.values()):
+        for shader in (*self._first, *self._lacking):
             shader.release()

@@ -14,7 +14,6 @@ from pipeline.synthesis.lacking import (
     known_background,
     long_waves,
     noise_variances,
-    wideness,
 )
 from pipeline.synthesis.reference import (
     deviations,
@@ -30,12 +29,11 @@ def statistics(mean, second):
     return np.tile(np.concatenate([mean, second]), 3).reshape(1, 1, 18)
 
 
-def lacking(values, base, *, outlined=False, known=0.0, wide=0.0, level=0, cross=False):
+def lacking(values, base, *, outlined=False, known=0.0, level=0, cross=False):
     """Of one texel, (9,)."""
     across = np.zeros((2, 2), bool)
     across[1, 0] = outlined
-    known, wide = np.full((1, 1), known), np.full((1, 1), wide)
-    return noise_variances(values, base, across, known, wide, level, cross=cross)[0, 0]
+    return noise_variances(values, base, across, np.full((1, 1), known), level, cross=cross)[0, 0]
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
@@ -57,24 +55,14 @@ def test_a_base_with_more_than_is_wanted_gets_no_noise():
 
 
 @pytest.mark.parametrize(
-    ("known", "wide", "held"),
-    [
-        (0.0, 0.0, 0.0),
-        (0.05, 0.0, 0.25),
-        (0.1, 0.0, 0.5),
-        (0.2, 0.0, 1.0),
-        (1.0, 0.0, 1.0),
-        (0.25, 1.0, 0.25),
-        (1.0, 1.0, 1.0),
-        (0.1, 0.5, 0.3),
-    ],
+    ("known", "held"), [(0.0, 0.0), (0.05, 0.25), (0.1, 0.5), (0.2, 1.0), (1.0, 1.0)]
 )
-def test_beside_an_outline_the_base_holds_what_its_known_background_continues(known, wide, held):
+def test_beside_an_outline_the_base_holds_what_its_known_background_continues(known, held):
     """The outline itself, 9 of energy in one coefficient, is no texture of the background."""
     base = np.zeros((2, 2, 3, 3))
     base[1, 0] = 3.0
 
-    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known, wide=wide)
+    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known)
 
     np.testing.assert_allclose(found, 0.08 * (1 - held), atol=1e-15)
 
@@ -126,35 +114,6 @@ def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
     # What is in front has its own kind and what lies behind that; borders repeat.
     assert behind[0, 2] == 12 / 16
     assert behind[1, 2] == (12 + 0.25) / 16
-
-
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize(
-    ("edge_px", "wide"), [(16, 1), (14, 1), (13, 0.75), (12, 0.5), (11, 0.25), (10, 0), (0, 0)]
-)
-def test_a_hole_is_wide_that_spans_four_coefficients(edge_px, wide, turned):
-    """Level 2, coefficients of 4 px, 1 to 4 of each axis: a border passes one of 16 per pixel."""
-    hole = np.zeros((20, 24), bool)
-    hole[:, 4 : 4 + edge_px] = True
-
-    assert wideness(hole.T if turned else hole, 2)[1, 1] == wide
-
-
-def test_borders_repeat_for_how_wide_a_hole_is_and_odd_ones_too():
-    """Coefficients 5 by 3: around the last column of 2x2 lie columns 3, 4, 4 and 4 of them."""
-    hole = np.zeros((12, 17), bool)
-    hole[:, 16] = True
-
-    found = wideness(hole, 2)
-
-    assert found.shape == (2, 3)
-    np.testing.assert_array_equal(found, [[0, 0, 0.5], [0, 0, 0.5]])
-    np.testing.assert_array_equal(wideness(np.ones((1, 1), bool), 5), [[1.0]])
-
-
-def test_fine_levels_do_not_ask_how_wide_a_hole_is():
-    assert wideness(np.ones((64, 64), bool), 1).max() == 0
-    assert wideness(np.ones((64, 64), bool), 2).min() == 1
 
 
 def beside_red(plane, first, *, skip_depth_edges):

@@ -36,7 +36,6 @@ from pipeline.synthesis.lacking import (
     SHORT_FROM,
     known_background,
     noise_variances,
-    wideness,
 )
 from pipeline.synthesis.mixing import fitted_mixing
 from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
@@ -522,7 +521,6 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
             stages.bands[k],
             outlined[k],
             known_background(base_levels[k + 1], THRESHOLD),
-            wideness(run.frame.hole, k),
             k,
             cross=cross,
         )
@@ -804,25 +802,6 @@ def test_a_frame_too_wide_for_the_driver_is_refused(gl_context):
 
     with pytest.raises(InputError, match=rf"at most {most} px wide .* \(got {most + 1}x2\)"):
         MetamericPass(gl_context, (most + 1, 2), MetamericSettings())
-
-
-@pytest.mark.parametrize("turned", [(1, 1), (1, -1), (-1, 1)], ids=str)
-@pytest.mark.parametrize(
-    "part",
-    [np.s_[48:102, 25:113], np.s_[29:105, 32:105], np.s_[21:91, 18:86], np.s_[:, 84:]],
-    ids=str,
-)
-def test_a_wide_hole_cut_by_the_frames_border_matches_reference(prepare, rng, part, turned):
-    """How wide it is, is counted on coefficients and pixels that are not there: borders repeat."""
-    frame = disc_scene(rng, (120, 160))
-    down, right = turned
-    colour, depth_m, hole, flow_px = (
-        np.ascontiguousarray(array[part][::down, ::right])
-        for array in (frame.colour, frame.depth_m, frame.hole, frame.flow_px)
-    )
-    run = prepare(WarpedFrame(colour, depth_m, hole, flow_px))
-
-    close_enough(run, run(), run.reference())
 
 
 @pytest.mark.parametrize(("tall", "levels"), [(True, 4), (False, 4), (False, 6)])
