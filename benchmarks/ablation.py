@@ -26,7 +26,6 @@ from benchmarks.output import PagePart, file_to_write
 from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
-from pipeline.inpaint import reference as inpaint
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
@@ -59,7 +58,6 @@ def unmixed(levels: int) -> Mixing:
 
 
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
-    "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
     "0047 noise is mixed": ((noise, "fitted_mixing", unmixed),),
     "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
 }

@@ -30,9 +30,6 @@ NEARBY_RESOLUTIONS = 2
 # pushed alone is blocky, and meets the hole's border in a step.
 RELAXED_RESOLUTIONS = 6
 ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
-# Validity of a level's outermost coefficients. They see the frame's border repeated: in white noise
-# bands along it have up to 1.7 times their energy, and at 1 / f those across have half of it.
-BORDER_TRUST = 1 / 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,18 +271,8 @@ def band_statistics(
     cross : bool
         As in `moments`.
     """
-    level = Level(moments(bands, cross=cross), valid * border_trust(*valid.shape), guide)
+    level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
     return pull_push(level, gamma, threshold)[1]
-
-
-def border_trust(height: int, width: int) -> NDArray[np.float64]:
-    """Validity of a level's coefficients by their place: `BORDER_TRUST` for the outermost.
-
-    Not 0: near a hole there may be no others.
-    """
-    trust = np.full((height, width), BORDER_TRUST)
-    trust[1:-1, 1:-1] = 1.0
-    return trust
 
 
 def outlined_levels(

@@ -13,7 +13,6 @@ from pipeline.features.gpu import band_constants
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
-from pipeline.inpaint.reference import BORDER_TRUST
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
 from pipeline.synthesis.lacking import (
@@ -80,7 +79,6 @@ class VariancePass:
             **band_constants(),
             "PLANES": MOMENT_PLANES,
             "CROSS": settings.channels == "correlated",
-            "BORDER_TRUST": BORDER_TRUST,
             "SKIP_DEPTH_EDGES": settings.skip_depth_edges,
         }
         # For coarser levels, and for the finest.
