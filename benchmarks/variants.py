@@ -136,7 +136,7 @@ def lowpass_base_fill(
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
         no_outline, nowhere = np.zeros(own.shape[:2], np.bool_), np.zeros(found.guide.shape)
-        all_of_it = noise_variances(found.values, own, no_outline, nowhere, level, cross=cross)
+        all_of_it = noise_variances(found.values, own, no_outline, nowhere, cross=cross)
         lacking.append(replace(found, values=all_of_it))
     # Averages of known background alone: a low-pass that no hole reaches into.
     clean = ycbcr_from_rgb(base_levels[levels].values)

@@ -8,10 +8,6 @@
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
 #constant KNOWN_ENOUGH       // share of known background that settles a band
-#constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
-#constant MOST_SHARED        // share of known background beyond which it is raised no more
-#constant LONG_UP_TO         // variance of the high band over the oriented ones: raised up to,
-#constant SHORT_FROM         // not raised from
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
@@ -46,21 +42,11 @@ float known_background(ivec2 place, float deepest) {
     return 0.0625 * (corners + 2.0 * edges + 4.0 * known_at(place, deepest));
 }
 
-// Of the high band over the oriented ones, in luma.
-float shortness(vec3 variance) {
-    return variance.x / max(0.5 * (variance.y + variance.z), SMALLEST_VARIANCE);
-}
-
-// What the base holds, and noise has to fill.
-struct Held {
-    float share;   // of the wanted variance that the base is taken to hold; negative: as measured
-    float raised;  // for the part of its kernels that noise does not fill
-};
-
-vec3 lacking(vec3 mean, vec3 second, vec3 measured, Held held) {
+// `held`: share of the wanted variance that the base is taken to hold; negative: as measured.
+vec3 lacking(vec3 mean, vec3 second, vec3 measured, float held) {
     vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
-    vec3 present = held.share < 0.0 ? measured : held.share * variance;
-    vec3 missing = max(vec3(0.0), variance - present) * held.raised;
+    vec3 present = held < 0.0 ? measured : held * variance;
+    vec3 missing = max(vec3(0.0), variance - present);
 #if CROSS
     missing = missing.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
 #endif
@@ -101,17 +87,7 @@ void work(ivec2 pixel, int chain) {
     vec4 plane_3 = COMPLETED(plane_3, ivec2(3, 0)), plane_4 = COMPLETED(plane_4, ivec2(4, 0));
 
     float known = known_background(pixel, deepest);
-    Held held;
-    held.share = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
-    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
-    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
-    held.raised = 1.0;
-    if (chain >= SHARED_FROM_LEVEL) {
-        float long_waves = clamp((SHORT_FROM - shortness(wanted)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
-        float known_share = min(known, MOST_SHARED);
-        held.raised += long_waves * known_share / (1.0 - known_share);
-    }
-
+    float held = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
 #define MEASURED(name, mean)                                                   \
     (0.25 * (squared(m.bands.a.name - (mean)) + squared(m.bands.b.name - (mean)) \
              + squared(m.bands.c.name - (mean)) + squared(m.bands.d.name - (mean))))
@@ -122,6 +98,8 @@ void work(ivec2 pixel, int chain) {
     float gain = 0.0;
 #if GAIN
     float luma = high.x + along_x.x + along_y.x;
+    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
+    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     float total = dot(wanted, vec3(1.0));
     gain = total > SMALLEST_VARIANCE ? sqrt(luma / total) : 0.0;
 #endif

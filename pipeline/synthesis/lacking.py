@@ -13,13 +13,6 @@ from pipeline.inpaint.reference import Level, children, means_and_variances
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 # Share of known background around a texel from which on the base holds the whole band.
 KNOWN_ENOUGH = 0.2
-# From this level on noise is raised where it fills its kernels in part, by up to 1 / (1 - 0.65):
-# kernels of finer levels are small against holes.
-SHARED_FROM_LEVEL = 3
-MOST_SHARED = 0.65
-# Variance of the high band over that of the oriented ones up to which it is raised so, as for
-# amplitudes 1 / f, and from which on it is not, as for white noise: its waves are short.
-LONG_UP_TO, SHORT_FROM = 1.0, 1.2
 
 
 def noise_variances(
@@ -27,7 +20,6 @@ def noise_variances(
     base_bands: NDArray[np.float64],
     outlined: NDArray[np.bool_],
     known: NDArray[np.float64],
-    level: int,
     *,
     cross: bool,
 ) -> NDArray[np.float64]:
@@ -37,10 +29,6 @@ def noise_variances(
     coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``. A
     coefficient across the outline of something nearer measures that outline. Beside one, the
     base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
-
-    Of a coefficient at the hole's border noise fills a part, and so carries that part of its
-    variance alone, the more so the longer the level's waves. From level `SHARED_FROM_LEVEL` on
-    it is raised to up to ``1 / (1 - min(known, MOST_SHARED))`` of it, by its `long_waves`.
 
     With `cross`, chroma has its covariance with the luma noise: luma's variance times the
     slope ``cov(Y, C) / var(Y)``.
@@ -66,9 +54,6 @@ def noise_variances(
     continued = variance * np.minimum(1.0, known / KNOWN_ENOUGH)[..., None, None]
     across = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
     lacking = np.maximum(0.0, variance - np.where(across, continued, measured))
-    if level >= SHARED_FROM_LEVEL:
-        shared = np.minimum(known, MOST_SHARED)
-        lacking *= (1.0 + long_waves(variance) * shared / (1.0 - shared))[..., None, None]
     if cross:
         measurable = variance[..., :1] > SMALLEST_VARIANCE
         slope = np.divide(
@@ -76,17 +61,6 @@ def noise_variances(
         )
         lacking = lacking[..., :1] * slope
     return lacking.reshape(*values.shape[:2], -1)
-
-
-def long_waves(variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From 1, a level's luma has the long waves of a 1 / f texture, to 0, white's: (H, W)."""
-    return np.clip((SHORT_FROM - shortness(variance)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0)
-
-
-def shortness(variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Luma's variance of the high band over that of the oriented ones: (H, W)."""
-    high, along_x, along_y = np.moveaxis(variance[..., 0], -1, 0)
-    return np.asarray(high / np.maximum(0.5 * (along_x + along_y), SMALLEST_VARIANCE))
 
 
 def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
@@ -110,10 +84,7 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
 def detail_gain(
     statistics: NDArray[np.float64], lacking: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Deviation of the luma to add over that wanted, over all bands: (H, W, 1).
-
-    At most 1, and ``1 / sqrt(1 - MOST_SHARED)`` where `noise_variances` raises what is lacking.
-    """
+    """Deviation of the luma to add over that wanted, over all bands: (H, W, 1), at most 1."""
     _, variance = means_and_variances(statistics, cross=True)
     wanted = variance[..., 0].sum(axis=2, keepdims=True)
     luma = lacking[..., ::3].sum(axis=2, keepdims=True)

@@ -147,7 +147,6 @@ def inpainted_statistics(
             bands[level],
             outlined[level],
             known_background(base_levels[min(level + 1, last)], threshold),
-            level,
             cross=cross,
         )
         statistics.append(inpainted)

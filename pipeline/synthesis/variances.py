@@ -17,10 +17,6 @@ from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
 from pipeline.synthesis.lacking import (
     KNOWN_ENOUGH,
-    LONG_UP_TO,
-    MOST_SHARED,
-    SHARED_FROM_LEVEL,
-    SHORT_FROM,
     SMALLEST_VARIANCE,
 )
 from pipeline.synthesis.settings import MetamericSettings
@@ -98,10 +94,6 @@ class VariancePass:
                 "synthesis/lacking.comp.glsl",
                 IS_FINEST=finest,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
-                SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
-                MOST_SHARED=MOST_SHARED,
-                LONG_UP_TO=LONG_UP_TO,
-                SHORT_FROM=SHORT_FROM,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
                 GAMMA=float(settings.gamma),
                 GAIN=with_gain,

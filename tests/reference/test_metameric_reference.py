@@ -12,7 +12,6 @@ from pipeline.inpaint.reference import Level, guided_base, means_and_variances
 from pipeline.methods.metameric import PushPullDepth
 from pipeline.synthesis.lacking import (
     known_background,
-    long_waves,
     noise_variances,
 )
 from pipeline.synthesis.reference import (
@@ -29,11 +28,11 @@ def statistics(mean, second):
     return np.tile(np.concatenate([mean, second]), 3).reshape(1, 1, 18)
 
 
-def lacking(values, base, *, outlined=False, known=0.0, level=0, cross=False):
+def lacking(values, base, *, outlined=False, known=0.0, cross=False):
     """Of one texel, (9,)."""
     across = np.zeros((2, 2), bool)
     across[1, 0] = outlined
-    return noise_variances(values, base, across, np.full((1, 1), known), level, cross=cross)[0, 0]
+    return noise_variances(values, base, across, np.full((1, 1), known), cross=cross)[0, 0]
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
@@ -65,39 +64,6 @@ def test_beside_an_outline_the_base_holds_what_its_known_background_continues(kn
     found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known)
 
     np.testing.assert_allclose(found, 0.08 * (1 - held), atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("level", "known", "raised"),
-    [(2, 0.5, 1.0), (3, 0.0, 1.0), (3, 0.2, 1.25), (3, 0.5, 2.0), (5, 0.9, 1 / 0.35)],
-)
-def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fills(
-    level, known, raised
-):
-    base = np.zeros((2, 2, 3, 3))
-    base[:, 0], base[:, 1] = 0.1, -0.1
-
-    found = lacking(statistics([0, 0, 0], [0.04] * 3), base, known=known, level=level)
-
-    np.testing.assert_allclose(found, 0.03 * raised)
-
-
-@pytest.mark.parametrize(("high", "raised"), [(0.03, 2.0), (0.04, 2.0), (0.044, 1.5), (0.06, 1.0)])
-def test_short_waves_lose_nothing_at_a_holes_border(high, raised):
-    """Oriented bands of .03 and .05: up to their mean the waves are long, from 1.2 of it short.
-
-    Luma alone decides; chroma, white here, follows.
-    """
-    base = np.zeros((2, 2, 3, 3))
-    luma = np.array([high, 0.03, 0.05])
-    values = np.zeros((3, 6))
-    values[:, 3] = luma
-    values[:, 4:] = [[0.09] * 2, [0.03] * 2, [0.03] * 2]
-
-    found = lacking(values.reshape(1, 1, 18), base, known=0.5, level=3).reshape(3, 3)
-
-    np.testing.assert_allclose(found, values[:, 3:] * raised)
-    assert long_waves(np.tile(luma[:, None], (1, 1, 1, 3))) == pytest.approx(raised - 1)
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
