@@ -23,13 +23,9 @@ from pipeline.features.reference import grow, parents, range_below, spoiled_leve
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
-# Colour pushed into these finest resolutions takes whatever is not nearer: the block that it
-# comes from spans 2 << resolution pixels at most, so what lies behind is the hole's neighbour.
-NEARBY_RESOLUTIONS = 2
 # Colour is relaxed in these finest resolutions, pixel by pixel and 2x2 by 2x2 up to 32x32: what is
 # pushed alone is blocky, and meets the hole's border in a step.
 RELAXED_RESOLUTIONS = 6
-ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +66,14 @@ def pull(fine: Level, threshold: float) -> Level:
     return Level(mean, confidence, deepest)
 
 
-def push(
-    fine: Level, coarse: Level, gamma: float, threshold: float, behind: float | None = None
-) -> Level:
+def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
     """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
 
     Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
     all (classic push-pull), 1 blends by confidence. Push is guided by depth as pull is:
-    a pixel that finds nothing of its own depth below keeps what it has. `behind` is as for
-    `guided_mean`.
+    a pixel that finds nothing of its own depth below keeps what it has.
     """
-    below, similar = interpolate(coarse, fine.guide, threshold, behind)
+    below, similar = interpolate(coarse, fine.guide, threshold)
     known = fine.validity > 0
     confidence = np.where(known, np.where(similar, np.abs(fine.validity) ** gamma, 1.0), 0.0)
     values = confidence[..., None] * fine.values + (1 - confidence[..., None]) * below
@@ -88,14 +81,14 @@ def push(
 
 
 def interpolate(
-    coarse: Level, guide: NDArray[np.float64], threshold: float, behind: float | None = None
+    coarse: Level, guide: NDArray[np.float64], threshold: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
     rows, columns = (
         parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
     )
     shares = np.full((*guide.shape, 2, 2), [[9.0, 3.0], [3.0, 1.0]])
-    return guided_mean(coarse, rows, columns, shares, guide, threshold, behind)
+    return guided_mean(coarse, rows, columns, shares, guide, threshold)
 
 
 def guided_mean(
@@ -105,7 +98,6 @@ def guided_mean(
     shares: NDArray[np.float64],
     guide: NDArray[np.float64],
     threshold: float,
-    behind: float | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Average four neighbours of a coarse level, those of the pixel's own depth only.
 
@@ -119,9 +111,7 @@ def guided_mean(
     shares : (H, W, 2, 2)
         Bilinear weights, by row and column; any scale.
     threshold : float
-        How much nearer than the pixel a neighbour of its own depth may be.
-    behind : float, optional
-        How much farther; the threshold by default.
+        How much nearer or farther than the pixel a neighbour of its own depth may be.
 
     Returns
     -------
@@ -132,8 +122,7 @@ def guided_mean(
     places = [(i, j) for i in range(2) for j in range(2)]
     step = np.stack([guide - coarse.guide[rows[i]][:, columns[j]] for i, j in places], axis=-1)
     share = np.stack([shares[..., i, j] for i, j in places], axis=-1)
-    reach = threshold if behind is None else behind
-    same = share * ((step <= threshold) & (-step <= reach))
+    same = share * (np.abs(step) <= threshold)
     similar = same.sum(axis=-1) > 0
     weight = np.where(similar[..., None], same, share * (step <= threshold))
     total = weight.sum(axis=-1, keepdims=True)
@@ -181,20 +170,16 @@ def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     ]
 
 
-def pull_push(
-    level: Level, gamma: float, threshold: float, nearby: int = 0, relaxed: int = 0
-) -> list[Level]:
+def pull_push(level: Level, gamma: float, threshold: float, relaxed: int = 0) -> list[Level]:
     """Pull to 1x1, at least once, and push back; the completed levels, finest first.
 
-    The `nearby` finest levels take from whatever is not nearer; see `NEARBY_RESOLUTIONS`. The
-    `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
+    The `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
     """
     levels = [level, pull(level, threshold)]
     while levels[-1].validity.shape != (1, 1):
         levels.append(pull(levels[-1], threshold))
     for index in reversed(range(len(levels) - 1)):
-        behind = ANY_DEPTH_BEHIND if index < nearby else threshold
-        levels[index] = push(levels[index], levels[index + 1], gamma, threshold, behind)
+        levels[index] = push(levels[index], levels[index + 1], gamma, threshold)
         if index < relaxed:
             levels[index] = relax(levels[index], gamma, threshold)
     return levels
@@ -244,7 +229,7 @@ def guided_base(
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
     level = Level(values, known, np.where(near, guide, 0.0))
-    return pull_push(level, gamma, threshold, NEARBY_RESOLUTIONS, RELAXED_RESOLUTIONS)
+    return pull_push(level, gamma, threshold, RELAXED_RESOLUTIONS)
 
 
 def band_statistics(

@@ -143,7 +143,7 @@ vec3 deviation(vec3 variance) {
 
 void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
-    share = guided_shares(share, p.guide, guides, depth_threshold).share;
+    share = guided_shares(share, p.guide, guides).share;
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND

@@ -77,7 +77,7 @@ void work(ivec2 pixel, int chain) {
     Measured m = measure(window, guides, near, size, deepest);
 
     Taps taps = parents_of(pixel, coarse_size);
-    Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps), depth_threshold);
+    Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps));
     taps = texels_at(taps, chain, coarse_size.y);
     float keep = kept(m.moments.plane_0.w, GAMMA, below.similar);
 #define COMPLETED(plane, offset) \
