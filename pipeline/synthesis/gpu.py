@@ -56,7 +56,7 @@ class MetamericPass:
             ctx,
             size,
             levels=levels,
-            gamma=settings.base_gamma,
+            gamma=settings.gamma,
             depth_threshold=settings.depth_threshold,
         )
         self.low_bands = LowBandPass(

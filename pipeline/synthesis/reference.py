@@ -85,7 +85,7 @@ def metameric_fill(
         warped.hole,
         guide,
         levels=settings.levels,
-        gamma=settings.base_gamma,
+        gamma=settings.gamma,
         threshold=settings.depth_threshold,
     )
     hole = warped.hole[..., None]

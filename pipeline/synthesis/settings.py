@@ -63,9 +63,7 @@ class MetamericSettings:
     levels : int
         Pyramid levels, 1 to 6.
     gamma : float
-        Exponent on validity when moments are pushed: 0 most local, 1 smoothest.
-    base_gamma : float
-        The same for the colour that the noise is added to.
+        Exponent on validity when colour and moments are pushed: 0 most local, 1 smoothest.
     depth_threshold : float
         Steps of ``1 - z_near / z`` beyond this are depth edges.
     noise : float
@@ -91,9 +89,8 @@ class MetamericSettings:
         If a value is out of range.
     """
 
-    levels: int = 4
+    levels: int = 2
     gamma: float = 0.25
-    base_gamma: float = 0.6
     depth_threshold: float = 0.04
     noise: float = 1.0
     channels: Channels = "correlated"
@@ -103,7 +100,7 @@ class MetamericSettings:
 
     def __post_init__(self) -> None:
         check_levels(self.levels)
-        for name, highest in (("gamma", 8.0), ("base_gamma", 8.0), ("noise", 8.0)):
+        for name, highest in (("gamma", 8.0), ("noise", 8.0)):
             value = getattr(self, name)
             if not 0 <= value <= highest:
                 raise InputError(f"{name} must lie in 0..{highest:g} (got {value})")

@@ -171,7 +171,6 @@ def test_amplitudes_are_interpolated_between_texel_centres():
         ("levels", 0),
         ("levels", 7),
         ("gamma", -0.1),
-        ("base_gamma", 9.0),
         ("noise", -1.0),
         ("depth_threshold", 0.0),
         ("depth_threshold", float("nan")),
@@ -186,12 +185,12 @@ def test_settings_out_of_range_are_refused_by_name(name, value):
 
 
 def test_the_defaults_are_those_of_the_decisions():
-    """docs/decisions/0016 and 0037; push-pull-depth is metameric's base."""
+    """docs/decisions/0065; push-pull-depth is metameric's base."""
     settings = MetamericSettings()
     of_depth_alone = inspect.signature(PushPullDepth).parameters
 
-    assert (settings.levels, settings.gamma, settings.base_gamma) == (4, 0.25, 0.6)
-    assert of_depth_alone["gamma"].default == settings.base_gamma
+    assert (settings.levels, settings.gamma) == (2, 0.25)
+    assert of_depth_alone["gamma"].default == settings.gamma
     assert of_depth_alone["depth_threshold"].default == settings.depth_threshold
 
 

@@ -300,10 +300,10 @@ def test_fill_on_gpu_matches_reference(prepare, rng, size):
     "settings",
     [
         {"levels": 1},
-        {"levels": 2, "gamma": 0.0, "base_gamma": 1.0},
+        {"levels": 3, "gamma": 0.0},
         {"levels": 3, "channels": "independent", "skip_depth_edges": False},
-        {"levels": 5, "gamma": 1.0, "base_gamma": 0.0, "anchor": "screen"},
-        {"levels": 6, "gamma": 0.25, "base_gamma": 0.5, "channels": "independent"},
+        {"levels": 5, "gamma": 1.0, "anchor": "screen"},
+        {"levels": 6, "gamma": 0.5, "channels": "independent"},
         {"anchor": "camera"},
         {"anchor": "camera", "channels": "independent", "noise": 0.5},
         {"anchor": "screen", "skip_depth_edges": False},
@@ -383,7 +383,6 @@ def test_every_combination_matches_reference(
             anchor=anchor,
             skip_depth_edges=skip_depth_edges,
             gamma=gamma,
-            base_gamma=1.0 - gamma if gamma in (0.0, 1.0) else gamma,
         )
 
         close_enough(run, run(), run.reference())
@@ -462,7 +461,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels):
         hole,
         guide_from_depth(run.frame.depth_m, Z_NEAR_M),
         levels=4,
-        gamma=run.settings.base_gamma,
+        gamma=run.settings.gamma,
         threshold=THRESHOLD,
     )
     guides = [level.guide for level in base_levels]
