@@ -6,14 +6,20 @@ texel that takes it.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import parents
 from pipeline.inpaint.reference import Level, guided_mean, pull
+from pipeline.statistics import reference as statistics
 
 Array = NDArray[np.float64]
+
+SPREAD = 0.1  # of colours that count as alike, R'G'B'
 
 
 def alike(one: Array, other: Array, spread: float) -> Array:
@@ -26,7 +32,7 @@ def pull_push_by_colour(
 ) -> list[Level]:
     """`pull_push`, guided by the colours of its resolutions too, down to 1x1."""
     levels = [level]
-    for fine, coarse in zip(colours[:-1], colours[1:], strict=True):
+    for fine, coarse in pairwise(colours):
         height, width = fine.shape[:2]
         parent = coarse.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
         last = levels[-1]
@@ -48,3 +54,18 @@ def pull_push_by_colour(
         own = np.where(fine.validity > 0, own, 0.0)[..., None]
         levels[index] = Level(own * fine.values + (1 - own) * below, fine.validity, fine.guide)
     return levels
+
+
+def inpainted_statistics(
+    base: Array, hole: NDArray[np.bool_], base_levels: list[Level], **settings: Any
+) -> tuple[list[Level], list[Level]]:
+    """As `pipeline.statistics.reference.inpainted_statistics`, but keeping to a colour."""
+    colours = [base, *(level.values for level in base_levels[1:])]
+
+    def pulled_and_pushed(level: Level, gamma: float, threshold: float) -> list[Level]:
+        first = next(k for k, c in enumerate(colours) if c.shape[:2] == level.guide.shape)
+        return pull_push_by_colour(level, colours[first:], gamma, threshold, SPREAD)
+
+    plain = statistics.inpainted_statistics
+    with mock.patch.object(statistics, "pull_push", pulled_and_pushed):
+        return plain(base, hole, base_levels, **settings)

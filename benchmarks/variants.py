@@ -25,18 +25,14 @@ from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
-from pipeline.inpaint.reference import (
-    Level,
-    guide_from_depth,
-    guided_base,
-    interpolate,
-    means_and_variances,
-)
+from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, interpolate
 from pipeline.methods.metameric import Metameric
+from pipeline.noise.tile import noise_bands
 from pipeline.quality import Quality, evaluate, interior
-from pipeline.synthesis.lacking import noise_variances
-from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import inpainted_statistics, shaped_noise
+from pipeline.statistics.lacking import noise_variances
+from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.reference import inpainted_statistics
+from pipeline.synthesis.reference import shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
@@ -120,8 +116,17 @@ def lowpass_base_fill(
     )
     base = np.where(hole[..., None], base_levels[0].values, warped.colour)
     guides = [level.guide for level in base_levels]
-    statistics, _ = inpainted_statistics(base, hole, base_levels, settings)
     cross = settings.channels == "correlated"
+    statistics, _ = inpainted_statistics(
+        base,
+        hole,
+        base_levels,
+        levels=levels,
+        cross=cross,
+        gamma=settings.gamma,
+        threshold=settings.depth_threshold,
+        skip_depth_edges=settings.skip_depth_edges,
+    )
     pyramid = analyse(ycbcr_from_rgb(base), levels)
     *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
     bands, lacking = [], []

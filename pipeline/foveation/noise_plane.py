@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.synthesis.noise import TILE, mixed_bands, noise_bands
-from pipeline.synthesis.reference import look_up
+from pipeline.noise.tile import TILE, look_up, mixed_bands, noise_bands
 
 LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little would be gained
 SEAM_PX = 128  # over so many columns a panorama's noise becomes what goes on at its other side

@@ -1,4 +1,4 @@
-"""Depth-guided pull and push, and the band statistics they carry into holes.
+"""Depth-guided pull and push.
 
 Kuffner dos Anjos et al. 2022, section 3.3 and Alg. 1, with the mends of docs/method.md:
 colour is normalised by its weights, `mix` takes its operands in order, "farthest" is the
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import grow, parents, range_below, spoiled_levels
+from pipeline.features.reference import grow, parents
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
@@ -230,85 +230,6 @@ def guided_base(
     known = (near & ~hole).astype(np.float64)
     level = Level(values, known, np.where(near, guide, 0.0))
     return pull_push(level, gamma, threshold, RELAXED_RESOLUTIONS)
-
-
-def band_statistics(
-    bands: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    guide: NDArray[np.float64],
-    *,
-    cross: bool,
-    gamma: float,
-    threshold: float,
-) -> Level:
-    """Carry one level's band moments into its holes; the result has half its size.
-
-    Inside a hole moments vary slowly, so nothing finer than the first pull is kept.
-
-    Parameters
-    ----------
-    bands : (H, W, bands, channels)
-        Coefficients of Y', Cb, Cr.
-    valid : (H, W) of bool
-        Which of them take part: near a hole, not reaching it (`spoiled_levels`), and not
-        across the outline of something nearer (`outlined_levels`).
-    guide : (H, W)
-    cross : bool
-        As in `moments`.
-    """
-    level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
-    return pull_push(level, gamma, threshold)[1]
-
-
-def outlined_levels(
-    guides: Sequence[NDArray[np.float64]], levels: int, threshold: float
-) -> list[NDArray[np.bool_]]:
-    """Tell, level by level, which coefficients lie across a jump of depth.
-
-    They measure an outline, not the background's texture.
-
-    Parameters
-    ----------
-    guides : sequence of (H_k, W_k)
-        Finest first, to 1x1 or at least `levels` of them.
-    """
-    # A low band across a jump mixes both sides, and its own guide no longer tells.
-    mixed = range_below(guides[0]) > threshold
-    found = spoiled_levels(np.zeros(guides[0].shape, np.bool_), levels, mixed)
-    for level in range(levels):
-        guide = guides[min(level, len(guides) - 1)]  # past 1x1 nothing changes
-        found[level] = found[level] | straddles(guide, threshold)
-    return found
-
-
-def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
-    """Tell where a 3x3 neighbourhood holds a jump of depth from its centre."""
-    padded = np.pad(guide, 1, mode="edge")
-    height, width = guide.shape
-    shifts = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
-    return np.asarray(np.abs(np.stack(shifts) - guide).max(axis=0) > threshold)
-
-
-def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
-    """Stack (H, W, bands, 3) and its second moments into (H, W, bands * 6).
-
-    Second moments are squares, E[X_c^2]; with `cross`, products with the first channel,
-    E[X_0 X_c], so that colour can follow luma.
-    """
-    second = bands * bands[..., :1] if cross else bands**2
-    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
-
-
-def means_and_variances(
-    values: NDArray[np.float64], *, cross: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Undo `moments`: means and (co)variances, each (H, W, bands, 3).
-
-    ``Var[X] = E[X^2] - E[X]^2``: the paper (3.3.1) prints the sign reversed.
-    """
-    pairs = values.reshape(*values.shape[:2], -1, 6)
-    mean, second = pairs[..., :3], pairs[..., 3:]
-    return mean, second - (mean * mean[..., :1] if cross else mean**2)
 
 
 def children(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 // The background's own detail, in place of noise. Include it where LEVELS, `image` and
 // bilinear() are.
-// Twin: details() in synthesis/background.py, shaped_detail() in synthesis/reference.py.
+// Twin: details() in background_texture/reference.py, shaped_detail() in synthesis/reference.py.
 
 #constant DETAIL_LIMIT  // deviations: more of the background's detail is another object's edge
 

@@ -1,6 +1,6 @@
 // Band moments of one texel: coefficients of 2x2 children are made, checked and averaged.
 // Include guided.glsl before.
-// Twin: band_statistics() and outlined_levels() in inpaint/reference.py. Change both or neither.
+// Twin: band_statistics() and outlined_levels() in statistics/reference.py. Change both or neither.
 
 #constant CROSS             // 1: second moments are products with luma, else squares
 #constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing

@@ -1,7 +1,8 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), deviations(), look_up() and sample() in reference.py. Change both or neither.
+// Twin: shaped_noise(), deviations() and sample() in reference.py, look_up() in noise/tile.py. Change both
+// or neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS

@@ -8,22 +8,22 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import LowBandPass
+from pipeline.background_texture.gpu import SeekPass
+from pipeline.errors import InputError
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.synthesis.limits import check_limits
-from pipeline.synthesis.mixing import LAGS
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
+from pipeline.noise.mixing import LAGS
+from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
+from pipeline.statistics.gpu import BANDS, VariancePass
+from pipeline.statistics.low_bands import LowBandPass
 from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
-from pipeline.synthesis.seek import SeekPass
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
     check_seed,
     check_source_from_target,
 )
-from pipeline.synthesis.variances import VariancePass
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
@@ -68,7 +68,16 @@ class MetamericPass:
         )
         self._channels = 1 if settings.channels == "correlated" else 3
         from_background = settings.texture == "background"
-        self.variances = VariancePass(ctx, self.base, settings, with_gain=from_background)
+        self.variances = VariancePass(
+            ctx,
+            self.base,
+            levels=levels,
+            cross=settings.channels == "correlated",
+            gamma=settings.gamma,
+            depth_threshold=settings.depth_threshold,
+            skip_depth_edges=settings.skip_depth_edges,
+            with_gain=from_background,
+        )
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
         self._composite = compile_compute(
             ctx,
@@ -206,3 +215,22 @@ class MetamericPass:
         self._composite.release()
         if self._seek:
             self._seek.release()
+
+
+def check_limits(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """Require a driver for frames of `size`, (width, height).
+
+    Variances of 2x2 pixels lie `BANDS` side by side in one image.
+
+    Raises
+    ------
+    InputError
+        If the frame is too wide.
+    """
+    edge = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    widest = edge // BANDS * 2
+    if size[0] > widest:
+        raise InputError(
+            f"frames to fill with metamers must be at most {widest} px wide on this driver"
+            f" (got {size[0]}x{size[1]})"
+        )

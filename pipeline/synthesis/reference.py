@@ -3,8 +3,7 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with composite.comp.glsl and detail.glsl; lacking.py has its own. Change both
-or neither.
+Twin: gpu.py with composite.comp.glsl and detail.glsl. Change both or neither.
 """
 
 from dataclasses import dataclass, replace
@@ -12,23 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, spoiled_levels
+from pipeline.background_texture.reference import details, texture_origins
+from pipeline.colour import rgb_from_ycbcr
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.inpaint.reference import (
-    Level,
-    band_statistics,
-    guide_from_depth,
-    guided_base,
-    guided_mean,
-    near_a_hole,
-    outlined_levels,
-)
-from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.background import details, texture_origins
-from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances
-from pipeline.synthesis.mixing import LAGS
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
+from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, guided_mean
+from pipeline.noise.tile import NoiseBands, look_up, noise_bands
+from pipeline.statistics.lacking import detail_gain
+from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -90,7 +79,16 @@ def metameric_fill(
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
-    statistics, lacking = inpainted_statistics(base, warped.hole, base_levels, settings)
+    statistics, lacking = inpainted_statistics(
+        base,
+        warped.hole,
+        base_levels,
+        levels=settings.levels,
+        cross=settings.channels == "correlated",
+        gamma=settings.gamma,
+        threshold=settings.depth_threshold,
+        skip_depth_edges=settings.skip_depth_edges,
+    )
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
@@ -113,45 +111,6 @@ def metameric_fill(
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
-
-
-def inpainted_statistics(
-    base: NDArray[np.float64],
-    hole: NDArray[np.bool_],
-    base_levels: list[Level],
-    settings: MetamericSettings,
-) -> tuple[list[Level], list[Level]]:
-    """Measure the bands around the holes and say how much noise each hole pixel lacks."""
-    cross = settings.channels == "correlated"
-    levels, threshold = settings.levels, settings.depth_threshold
-    last = len(base_levels) - 1  # past 1x1 nothing changes
-    guides = [base_levels[min(level, last)].guide for level in range(levels)]
-    bands = analyse(ycbcr_from_rgb(base), levels).bands
-    spoiled = spoiled_levels(hole, levels)
-    outlined = [np.zeros_like(mask) for mask in spoiled]
-    if settings.skip_depth_edges:
-        outlined = outlined_levels(guides, levels, threshold)
-    statistics, lacking = [], []
-    for level in range(levels):
-        near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
-        inpainted = band_statistics(
-            bands[level],
-            near & ~spoiled[level] & ~outlined[level],
-            guides[level],
-            cross=cross,
-            gamma=settings.gamma,
-            threshold=threshold,
-        )
-        variances = noise_variances(
-            inpainted.values,
-            bands[level],
-            outlined[level],
-            known_background(base_levels[min(level + 1, last)], threshold),
-            cross=cross,
-        )
-        statistics.append(inpainted)
-        lacking.append(Level(variances, inpainted.validity, inpainted.guide))
-    return statistics, lacking
 
 
 def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
@@ -210,37 +169,6 @@ def shaped_detail(
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
         total += np.clip(shape[..., 9:] * found, -limit, limit)
     return total
-
-
-def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Read one level's noise between texels without losing variance: (H, W, 3, channels).
-
-    Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its
-    root keeps the texture from pulsing as it glides (3.4.1).
-    """
-    place = TEXELS_PER_PX * (anchor_px - 0.5)
-    corner = np.floor(place)
-    fraction = place - corner
-    column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
-    x, y = fraction[..., 0], fraction[..., 1]
-    tiles = noise.tiles[level].astype(np.float64)
-    taps = [
-        ((0, 0), (1 - x) * (1 - y)),
-        ((0, 1), x * (1 - y)),
-        ((1, 0), (1 - x) * y),
-        ((1, 1), x * y),
-    ]
-    mixed = sum(
-        weight[..., None] * tiles[:, (row + down) % TILE_TEXELS, (column + right) % TILE_TEXELS]
-        for (down, right), weight in taps
-    )
-    (_, a), (_, b), (_, c), (_, d) = taps
-    pairs = {(0, 1): a * b + c * d, (1, 0): a * c + b * d, (1, 1): a * d, (1, -1): b * c}
-    variance = (a * a + b * b + c * c + d * d)[..., None] + 2 * sum(
-        pairs[lag][..., None] * noise.lag_correlation[level, :, index].astype(np.float64)
-        for index, lag in enumerate(LAGS)
-    )
-    return np.moveaxis(np.asarray(mixed) / np.sqrt(variance), 0, -1)
 
 
 def sample(

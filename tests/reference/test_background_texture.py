@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.background_texture.reference import STEPS_PX, details, sample_image, texture_origins
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.errors import InputError
 from pipeline.features.reference import halve
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import guide_from_depth
-from pipeline.synthesis.background import STEPS_PX, details, sample_image, texture_origins
-from pipeline.synthesis.lacking import detail_gain
+from pipeline.statistics.lacking import detail_gain
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 

@@ -11,23 +11,19 @@ from pipeline.inpaint.reference import (
     ONLY_NEARER,
     RELAXED_RESOLUTIONS,
     Level,
-    band_statistics,
-    border_trust,
     guide_from_depth,
     guided_base,
     interpolate,
-    means_and_variances,
-    moments,
     near_a_hole,
     nearest_depth_m,
-    outlined_levels,
     pull,
     pull_push,
     push,
     relax,
-    straddles,
 )
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
+from pipeline.statistics.moments import means_and_variances, moments
+from pipeline.statistics.reference import band_statistics, outlined_levels, straddles
 
 THRESHOLD = 0.04
 GAMMAS = [0.0, 0.25, 0.5, 1.0]
@@ -533,23 +529,6 @@ def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
     guides = [np.full(size, 0.3) for size in ((3, 4), (2, 2), (1, 1))]
 
     assert not any(mask.any() for mask in outlined_levels(guides, 5, THRESHOLD))
-
-
-def test_the_outermost_coefficients_count_for_a_sixteenth():
-    """By hand: 4x6, a corner block holds three of them and one that never sees the border."""
-    trust = border_trust(4, 6)
-    bands = np.zeros((4, 6, 3, 3))
-    bands[1, 1] = 1.0
-    bands[0, :2] = bands[1, 0] = 2.0
-
-    found = statistics(bands, np.ones((4, 6), bool), np.full((4, 6), 0.5))
-
-    assert trust.sum() == 2 * 4 + 16 / 16
-    assert (trust[1:-1, 1:-1] == 1).all()
-    assert found.validity.tolist() == [[19 / 64, 34 / 64, 19 / 64]] * 2
-    assert (border_trust(1, 1), border_trust(2, 2).max()) == (1 / 16, 1 / 16)
-    halves = pull(Level(bands[..., 0], trust, np.full((4, 6), 0.5)), THRESHOLD)
-    np.testing.assert_allclose(halves.values[0, 0], (1 + 3 * 2 / 16) / (19 / 16), rtol=1e-15)
 
 
 def test_statistics_at_the_border_are_those_inside(rng):

@@ -8,18 +8,12 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level, guided_base, means_and_variances
+from pipeline.inpaint.reference import Level, guided_base
 from pipeline.methods.metameric import PushPullDepth
-from pipeline.synthesis.lacking import (
-    known_background,
-    noise_variances,
-)
-from pipeline.synthesis.reference import (
-    deviations,
-    inpainted_statistics,
-    metameric_fill,
-    sample,
-)
+from pipeline.statistics.lacking import known_background, noise_variances
+from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.reference import inpainted_statistics
+from pipeline.synthesis.reference import deviations, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
@@ -91,9 +85,11 @@ def beside_red(plane, first, *, skip_depth_edges):
     base[:, :16] = (0.9, 0.1, 0.1)
     guide = np.full(size, 0.8)
     guide[:, :16] = 0.5
-    settings = MetamericSettings(levels=2, skip_depth_edges=skip_depth_edges)
-    levels = guided_base(base, hole, guide, levels=2, gamma=0.25, threshold=0.04)
-    return inpainted_statistics(base, hole, levels, settings)
+    known = {"levels": 2, "gamma": 0.25, "threshold": 0.04}
+    levels = guided_base(base, hole, guide, **known)
+    return inpainted_statistics(
+        base, hole, levels, cross=True, skip_depth_edges=skip_depth_edges, **known
+    )
 
 
 @pytest.mark.parametrize("skip_depth_edges", [True, False])

@@ -5,29 +5,26 @@ import pytest
 from scipy import signal
 
 from pipeline.features.reference import analyse, band, double, fitted_kernels
-from pipeline.synthesis.fit_mixing import SPECTRA, deviations_of
-from pipeline.synthesis.gains import overlap_by_levels, pairs_of
-from pipeline.synthesis.mixing import (
+from pipeline.noise.fit_mixing import SPECTRA, deviations_of
+from pipeline.noise.gains import (
     AIM,
-    LAGS,
     LEAST_GAIN,
     MOST_GAIN,
-    fitted_mixing,
-    measured_variances,
-    packed,
+    overlap_by_levels,
+    pairs_of,
     spectral_gains,
-    unpacked,
 )
-from pipeline.synthesis.noise import (
+from pipeline.noise.mixing import LAGS, fitted_mixing, measured_variances, packed, unpacked
+from pipeline.noise.tile import (
     GRAIN,
     TILE,
     TILE_TEXELS,
     between,
+    look_up,
     noise_bands,
     softened,
     unit_bands,
 )
-from pipeline.synthesis.reference import look_up
 
 LEVELS = 6
 # Of seed 7: the first texel of white noise, and texels of two tiles.

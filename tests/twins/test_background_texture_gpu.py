@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from pipeline.background_texture.reference import texture_origins
 from pipeline.frame import WarpedFrame
 from pipeline.gl.texture import read_back, texture_from
 from pipeline.inpaint.reference import guide_from_depth
-from pipeline.synthesis.background import texture_origins
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings

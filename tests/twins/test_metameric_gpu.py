@@ -18,21 +18,18 @@ from pipeline.inpaint.reference import (
     children,
     guide_from_depth,
     guided_base,
-    moments,
     near_a_hole,
-    outlined_levels,
     pull,
     pull_push,
     push,
 )
 from pipeline.inpaint.region import STATISTICS_RINGS
+from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.tile import TEXELS_PER_PX, noise_bands
+from pipeline.statistics.lacking import known_background, noise_variances
+from pipeline.statistics.moments import moments
+from pipeline.statistics.reference import outlined_levels
 from pipeline.synthesis.gpu import MetamericPass
-from pipeline.synthesis.lacking import (
-    known_background,
-    noise_variances,
-)
-from pipeline.synthesis.mixing import fitted_mixing
-from pipeline.synthesis.noise import TEXELS_PER_PX, noise_bands
 from pipeline.synthesis.reference import (
     deviations,
     metameric_fill,

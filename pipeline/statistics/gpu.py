@@ -1,6 +1,6 @@
 """How much noise each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
 
-Twins: inpaint/reference.py, lacking.py.
+Twins: reference.py, lacking.py.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,10 @@ from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
-from pipeline.synthesis.lacking import (
+from pipeline.statistics.lacking import (
     KNOWN_ENOUGH,
     SMALLEST_VARIANCE,
 )
-from pipeline.synthesis.settings import MetamericSettings
 
 BANDS = 3  # high, along x, along y: so many texels side by side
 
@@ -34,6 +33,8 @@ class VariancePass:
     ----------
     base : GuidedBasePass
         Whose holes, guide and lists these are; it must have run on the frame.
+    levels, cross, gamma, depth_threshold, skip_depth_edges
+        As for `reference.inpainted_statistics`.
     with_gain : bool
         Also say how much of the background's detail to add.
     """
@@ -42,18 +43,21 @@ class VariancePass:
         self,
         ctx: moderngl.Context,
         base: GuidedBasePass,
-        settings: MetamericSettings,
         *,
+        levels: int,
+        cross: bool,
+        gamma: float,
+        depth_threshold: float,
+        skip_depth_edges: bool,
         with_gain: bool,
     ) -> None:
         self._base = base
-        self._levels = settings.levels
-        sizes = base.resolutions.sizes[1 : settings.levels + 1]
+        self._levels = levels
+        sizes = base.resolutions.sizes[1 : levels + 1]
         # Level 0 above, the others side by side below it.
         corners = [(0, 0)]
         corners += [
-            (BANDS * sum(width for width, _ in sizes[1:k]), sizes[0][1])
-            for k in range(1, settings.levels)
+            (BANDS * sum(width for width, _ in sizes[1:k]), sizes[0][1]) for k in range(1, levels)
         ]
         widest = max(sizes[0][0], sum(width for width, _ in sizes[1:]))
         height = sum(rows for _, rows in sizes[:2])
@@ -68,20 +72,20 @@ class VariancePass:
             base.guide,
             planes=MOMENT_PLANES,
             is_base=False,
-            gamma=settings.gamma,
-            depth_threshold=settings.depth_threshold,
+            gamma=gamma,
+            depth_threshold=depth_threshold,
         )
         bands = {
             **band_constants(),
             "PLANES": MOMENT_PLANES,
-            "CROSS": settings.channels == "correlated",
-            "SKIP_DEPTH_EDGES": settings.skip_depth_edges,
+            "CROSS": cross,
+            "SKIP_DEPTH_EDGES": skip_depth_edges,
         }
         # For coarser levels, and for the finest.
         self._first = [
             compile_compute(
                 ctx,
-                "inpaint/moments_first.comp.glsl",
+                "statistics/moments_first.comp.glsl",
                 IS_FINEST=finest,
                 TILE=CELL // 2,
                 **bands,
@@ -91,18 +95,18 @@ class VariancePass:
         self._lacking = [
             compile_compute(
                 ctx,
-                "synthesis/lacking.comp.glsl",
+                "statistics/lacking.comp.glsl",
                 IS_FINEST=finest,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                GAMMA=float(settings.gamma),
+                GAMMA=float(gamma),
                 GAIN=with_gain,
                 **bands,
             )
             for finest in (False, True)
         ]
         for shader in (*self._first, *self._lacking):
-            shader["depth_threshold"] = settings.depth_threshold
+            shader["depth_threshold"] = depth_threshold
 
     @property
     def dispatches(self) -> int:

@@ -8,7 +8,8 @@ Twin: lacking.comp.glsl. Change both or neither.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inpaint.reference import Level, children, means_and_variances
+from pipeline.inpaint.reference import Level, children
+from pipeline.statistics.moments import means_and_variances
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 # Share of known background around a texel from which on the base holds the whole band.

@@ -1,10 +1,61 @@
-"""How spectral_gains.glsl reads what mixed bands measure.
+"""Spectral gains: weights corrected for what mixed bands measure of each other.
 
-Twin: `mixing.spectral_gains`.
+Foveated pictures, which hold every spectrum side by side, weigh noise with them. Fills do without:
+mixing alone serves their holes as well (docs/decisions/0065).
+
+Twin: spectral_gains.glsl. Change both or neither.
 """
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.noise.mixing import measured_variances
+
+# Over what a plane asks for: in holes, variances fall towards the border.
+AIM = 1.03
+# No band is weakened to less or raised to more: single textures may ask for odd spectra.
+LEAST_GAIN, MOST_GAIN = 0.25, 1.5
+# Added to the variance asked for and the one measured: a quarter of an 8-bit step, squared. Where
+# both are less, nobody sees the difference.
+UNSEEN_VARIANCE = 2.0**-20
+# Weights that differ from place to place do not cancel out in finer bands as even ones do, and the
+# second level's high band leaves most in the finest one: so it is asked for less the softer waves
+# are. This share of its oriented bands' variance counts as measured.
+UNEVEN = 0.045
+
+
+def spectral_gains(
+    variances: NDArray[np.float64],
+    overlap: NDArray[np.float64],
+    *,
+    aim: float = AIM,
+) -> NDArray[np.float64]:
+    """By what to multiply deviations, so that mixed bands measure what they are asked for.
+
+    The deviation asked for over the one that it would measure on a plane where every place asks
+    for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
+
+    In the second level's high band `UNEVEN` of the oriented bands' variance counts as measured too.
+
+    Parameters
+    ----------
+    variances : (..., B)
+        Asked for, at least 0.
+    overlap : (B, B, B)
+        See `Mixing`.
+    aim : float, optional
+        Deviation to reach over the one asked for.
+
+    Returns
+    -------
+    ndarray of shape (..., B)
+        From `LEAST_GAIN` to `MOST_GAIN`, times `aim`.
+    """
+    measured = measured_variances(np.sqrt(variances), overlap)
+    if len(overlap) > 3:
+        measured[..., 3] += UNEVEN * variances[..., 4:6].mean(axis=-1)
+    gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
+    return np.asarray(aim * np.clip(gain, LEAST_GAIN, MOST_GAIN))
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
