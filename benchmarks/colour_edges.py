@@ -32,11 +32,11 @@ def pull_push_by_colour(
 ) -> list[Level]:
     """`pull_push`, guided by the colours of its resolutions too, down to 1x1."""
     levels = [level]
-    for fine, coarse in pairwise(colours):
-        height, width = fine.shape[:2]
-        parent = coarse.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
+    for here, above in pairwise(colours):
+        height, width = here.shape[:2]
+        parent = above.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
         last = levels[-1]
-        weighed = last.validity * np.where(last.validity > 0, alike(fine, parent, spread), 1.0)
+        weighed = last.validity * np.where(last.validity > 0, alike(here, parent, spread), 1.0)
         levels.append(pull(Level(last.values, weighed, last.guide), threshold))
     for index in reversed(range(len(levels) - 1)):
         fine, coarse = levels[index], levels[index + 1]

@@ -3,6 +3,7 @@
 A plane of amplitudes 1 / f^e, blurred or not, and a disc in front that has moved right. What the
 fill's bands measure in the uncovered hole is compared with what the plane's own measure there,
 over many seeds of texture and noise, from 1000 on; the tests and all fitting use those from 0 on.
+A guard against breakage: within a quarter, of four levels.
 One seed's textures are all filtered from one white noise.
 
 The control is the plane of another seed in place of the fill. A fill shares its surroundings with
@@ -74,12 +75,8 @@ class Scene:
 SCENES = (
     Scene(320, 40, 56),
     Scene(256, 64, 110),
-    Scene(192, 48, 48),
     Scene(192, 64, 44),
-    Scene(320, 64, 44),
     Scene(192, 56, 36),
-    Scene(320, 56, 36),
-    Scene(192, 56, 32),
 )
 
 
@@ -107,17 +104,7 @@ class Texture:
         return np.asarray(shown, np.float32)
 
 
-TEXTURES = (
-    Texture(0.0),
-    Texture(0.5),
-    Texture(1.0),
-    Texture(1.5),
-    Texture(2.0),
-    Texture(0.0, 1.0),
-    Texture(1.0, 1.0),
-    Texture(0.0, 2.0),
-    Texture(1.0, 2.0),
-)
+TEXTURES = (Texture(0.0), Texture(1.0), Texture(2.0), Texture(0.0, 1.0), Texture(1.0, 1.0))
 
 
 class Fills(Protocol):
@@ -211,7 +198,7 @@ def header(textures: Sequence[Texture]) -> str:
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=128, help="how many, for each texture")
+    parser.add_argument("--seeds", type=int, default=32, help="how many, for each texture")
     parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
     parser.add_argument(
         "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
@@ -225,7 +212,7 @@ def main(argv: list[str]) -> int:
     ctx = create_context()
     try:
         renderer = str(describe(ctx))
-        method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M})
+        method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M, "levels": LEVELS})
         try:
             for scene in SCENES:
                 found = measure(method, scene, TEXTURES, seeds)
