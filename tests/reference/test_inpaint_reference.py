@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pipeline.features.reference import analyse
 from pipeline.inpaint.reference import (
     ONLY_NEARER,
     RELAXED_RESOLUTIONS,
@@ -529,24 +528,6 @@ def test_nothing_is_outlined_on_a_plane_and_past_1x1_nothing_changes():
     guides = [np.full(size, 0.3) for size in ((3, 4), (2, 2), (1, 1))]
 
     assert not any(mask.any() for mask in outlined_levels(guides, 5, THRESHOLD))
-
-
-def test_statistics_at_the_border_are_those_inside(rng):
-    """White noise: bands along the repeated border have 1.6 times their energy.
-
-    Averaged with the next row that is 1.3; the border's row counted as a sixteenth, 1.01.
-    """
-    size, energies = (32, 32), []
-    for _ in range(200):
-        noise = rng.normal(size=(*size, 1)).repeat(3, axis=2)
-        bands = analyse(noise, 1).bands[0]
-        found = statistics(bands, np.ones(size, bool), np.full(size, 0.5))
-        _, second = np.split(found.values.reshape(16, 16, 3, 6), 2, axis=-1)
-        energies.append([second[0, 1:-1, 1, 0].mean(), (bands[4:-4, 4:-4, 1, 0] ** 2).mean()])
-
-    at_border, inside = np.mean(energies, axis=0)
-
-    assert at_border / inside == pytest.approx(1.01, abs=0.06)
 
 
 def test_statistics_ignore_what_is_not_valid(rng):
