@@ -188,10 +188,10 @@ def pull_push(level: Level, gamma: float, threshold: float, relaxed: int = 0) ->
 def near_a_hole(
     hole: NDArray[np.bool_], cell_resolution: int, rings: int, tile_resolution: int
 ) -> NDArray[np.bool_]:
-    """Tell which pixels lie in a work tile near a hole.
+    """Tell which pixels are near a hole, in cells of the pyramid (region.py).
 
-    A tile takes part if it overlaps a cell within `rings` cells of one that holds a hole
-    pixel. Cells and tiles of resolution r are squares of ``CELL << r`` pixels.
+    Those are whole cells of `tile_resolution` that overlap a cell of `cell_resolution` within
+    `rings` cells of one that holds a hole pixel.
     """
     edge = CELL << cell_resolution
     near = grow(_blocks(hole, edge), rings).repeat(edge, axis=0).repeat(edge, axis=1)

@@ -149,7 +149,6 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
     if (p.origin.x >= 0.0) {
-        if (!has_detail(level)) return;
         vec3 next = coarser_at(level, p.origin);
         p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), high,
                                  along_x, along_y);

@@ -52,6 +52,7 @@ class MetamericPass:
         self.size = size
         self.settings = settings
         levels = settings.levels
+        from_background = settings.texture == "background"
         self.base = GuidedBasePass(
             ctx,
             size,
@@ -62,12 +63,11 @@ class MetamericPass:
         self.low_bands = LowBandPass(
             ctx,
             self.base,
-            levels,
+            levels + from_background,  # detail is a level less the next coarser one
             skip_depth_edges=settings.skip_depth_edges,
             depth_threshold=settings.depth_threshold,
         )
         self._channels = 1 if settings.channels == "correlated" else 3
-        from_background = settings.texture == "background"
         self.variances = VariancePass(
             ctx,
             self.base,
@@ -93,7 +93,7 @@ class MetamericPass:
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
         if from_background:
-            set_array(self._composite, "coarser", np.arange(levels - 1, dtype=np.int32))
+            set_array(self._composite, "coarser", np.arange(levels, dtype=np.int32))
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
@@ -183,7 +183,7 @@ class MetamericPass:
         self.set_seed(seed)
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
-        self.variances(levels, depth_m, z_near_m)
+        self.variances(levels[: self.settings.levels], depth_m, z_near_m)
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)

@@ -80,8 +80,7 @@ class MetamericSettings:
         measure of what the base already holds.
     texture : {"noise", "background"}
         What is shaped by the statistics: filtered white noise, or the detail of the known
-        background along the parallax, and noise where that is out of reach. The latter needs
-        at least 2 levels.
+        background along the parallax, and noise where that is out of reach.
 
     Raises
     ------
@@ -106,10 +105,6 @@ class MetamericSettings:
                 raise InputError(f"{name} must lie in 0..{highest:g} (got {value})")
         if not 0 < self.depth_threshold <= 1:
             raise InputError(f"depth_threshold must lie in (0, 1] (got {self.depth_threshold})")
-        if self.texture == "background" and self.levels < 2:
-            raise InputError(
-                f'levels must be at least 2 for texture "background" (got {self.levels})'
-            )
         for name, choices in (
             ("channels", get_args(Channels)),
             ("anchor", get_args(Anchor)),

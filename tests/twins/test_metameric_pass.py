@@ -119,12 +119,12 @@ def test_dispatches_are_counted_right(prepare, rng, monkeypatch, size, levels, d
 
 
 @pytest.mark.parametrize("edge", [512, 1024, 2048])
-def test_a_fill_needs_at_most_forty_dispatches(gl_context, edge):
+def test_a_fill_needs_at_most_45_dispatches(gl_context, edge):
     fill_pass = MetamericPass(gl_context, (edge, 64), MetamericSettings())
     dispatches = fill_pass.dispatches
     fill_pass.release()
 
-    assert dispatches <= 40
+    assert dispatches <= 45
 
 
 @pytest.mark.parametrize("channels", ["correlated", "independent"])
