@@ -3,7 +3,8 @@
 A plane of amplitudes 1 / f^e, blurred or not, and a disc in front that has moved right. What the
 fill's bands measure in the uncovered hole is compared with what the plane's own measure there,
 over many seeds of texture and noise, from 1000 on; the tests and all fitting use those from 0 on.
-A guard against breakage: within a quarter, of four levels.
+A guard against breakage: within a quarter, at the levels that `metameric` has by default, but for
+white noise.
 One seed's textures are all filtered from one white noise.
 
 The control is the plane of another seed in place of the fill. A fill shares its surroundings with
@@ -29,9 +30,10 @@ from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method
+from pipeline.synthesis.settings import MetamericSettings
 from protocols.revision import code_revision, package_version
 
-LEVELS = 4
+LEVELS = MetamericSettings.levels
 Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
 FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
 FIRST_SEED = 1000
@@ -186,7 +188,7 @@ def header(textures: Sequence[Texture]) -> str:
     """Head of the table."""
     columns = [
         "hole",
-        "level 3: side by side",
+        f"level {LEVELS - 1}: side by side",
         "measured",
         *(texture.label for texture in textures),
     ]
@@ -212,7 +214,7 @@ def main(argv: list[str]) -> int:
     ctx = create_context()
     try:
         renderer = str(describe(ctx))
-        method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M, "levels": LEVELS})
+        method = create_method("metameric", ctx, {"z_near_m": Z_NEAR_M})
         try:
             for scene in SCENES:
                 found = measure(method, scene, TEXTURES, seeds)
