@@ -449,9 +449,7 @@ def farther_neighbour(disparity, known):
     return np.where(known, disparity, np.minimum(*ends))
 
 
-def test_depth_alone_fills_the_motorcycle_about_as_well_as_the_prototype(
-    method, splatted_motorcycle
-):
+def test_depth_alone_fills_the_motorcycle_nearly_as_the_prototype(method, splatted_motorcycle):
     frame, interior, truth = splatted_motorcycle
     assert interior.mean() == pytest.approx(0.0882, abs=0.0001)
 
