@@ -42,16 +42,9 @@ from pipeline.gl.texture import (
     texture_from,
     upload,
 )
-from pipeline.synthesis.gains import overlap_by_levels
-from pipeline.synthesis.mixing import (
-    LAGS,
-    LEAST_GAIN,
-    MOST_GAIN,
-    UNEVEN,
-    UNSEEN_VARIANCE,
-    fitted_mixing,
-)
-from pipeline.synthesis.noise import TEXELS_PER_PX
+from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.mixing import LAGS, fitted_mixing
+from pipeline.noise.tile import TEXELS_PER_PX
 
 TILE = 8  # work-group edge
 TEXEL_BYTES = 16  # of noise

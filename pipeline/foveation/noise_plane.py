@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import EquirectangularGeometry
-from pipeline.synthesis.mixing import fitted_mixing
-from pipeline.synthesis.noise import (
+from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.tile import (
     TILE,
     NoiseBands,
     between,
+    look_up,
     mixed,
     mixed_bands,
     split,
     white_noise,
 )
-from pipeline.synthesis.reference import look_up
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]

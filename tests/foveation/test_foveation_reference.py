@@ -22,7 +22,7 @@ from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panor
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.synthesis.noise import mixed_bands
+from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
 
 SETTINGS = MetamerSettings()

@@ -1,6 +1,6 @@
 """How much noise each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
 
-Twins: inpaint/reference.py, lacking.py.
+Twins: reference.py, lacking.py.
 """
 
 from collections.abc import Sequence
@@ -13,23 +13,12 @@ from pipeline.features.gpu import band_constants
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
-from pipeline.inpaint.reference import BORDER_TRUST
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
-from pipeline.synthesis.lacking import (
+from pipeline.statistics.lacking import (
     KNOWN_ENOUGH,
-    LONG_UP_TO,
-    MOST_SHARED,
-    SHARED_FROM_LEVEL,
-    SHARP_FROM,
-    SHORT_FROM,
     SMALLEST_VARIANCE,
-    SOFT_UP_TO,
-    THIN_UP_TO,
-    WIDE_FROM,
-    WIDE_FROM_LEVEL,
 )
-from pipeline.synthesis.settings import MetamericSettings
 
 BANDS = 3  # high, along x, along y: so many texels side by side
 
@@ -44,6 +33,8 @@ class VariancePass:
     ----------
     base : GuidedBasePass
         Whose holes, guide and lists these are; it must have run on the frame.
+    levels, cross, gamma, depth_threshold, skip_depth_edges
+        As for `reference.inpainted_statistics`.
     with_gain : bool
         Also say how much of the background's detail to add.
     """
@@ -52,18 +43,21 @@ class VariancePass:
         self,
         ctx: moderngl.Context,
         base: GuidedBasePass,
-        settings: MetamericSettings,
         *,
+        levels: int,
+        cross: bool,
+        gamma: float,
+        depth_threshold: float,
+        skip_depth_edges: bool,
         with_gain: bool,
     ) -> None:
         self._base = base
-        self._levels = settings.levels
-        sizes = base.resolutions.sizes[1 : settings.levels + 1]
+        self._levels = levels
+        sizes = base.resolutions.sizes[1 : levels + 1]
         # Level 0 above, the others side by side below it.
         corners = [(0, 0)]
         corners += [
-            (BANDS * sum(width for width, _ in sizes[1:k]), sizes[0][1])
-            for k in range(1, settings.levels)
+            (BANDS * sum(width for width, _ in sizes[1:k]), sizes[0][1]) for k in range(1, levels)
         ]
         widest = max(sizes[0][0], sum(width for width, _ in sizes[1:]))
         height = sum(rows for _, rows in sizes[:2])
@@ -78,53 +72,41 @@ class VariancePass:
             base.guide,
             planes=MOMENT_PLANES,
             is_base=False,
-            gamma=settings.gamma,
-            depth_threshold=settings.depth_threshold,
+            gamma=gamma,
+            depth_threshold=depth_threshold,
         )
         bands = {
             **band_constants(),
             "PLANES": MOMENT_PLANES,
-            "CROSS": settings.channels == "correlated",
-            "BORDER_TRUST": BORDER_TRUST,
-            "SKIP_DEPTH_EDGES": settings.skip_depth_edges,
+            "CROSS": cross,
+            "SKIP_DEPTH_EDGES": skip_depth_edges,
         }
         # For coarser levels, and for the finest.
         self._first = [
             compile_compute(
                 ctx,
-                "inpaint/moments_first.comp.glsl",
+                "statistics/moments_first.comp.glsl",
                 IS_FINEST=finest,
                 TILE=CELL // 2,
                 **bands,
             )
             for finest in (False, True)
         ]
-        # By whether it is the finest level, and whether holes may be wide against it.
-        kinds = {(k == 0, k >= WIDE_FROM_LEVEL) for k in range(settings.levels)}
-        self._lacking = {
-            (finest, may_be_wide): compile_compute(
+        self._lacking = [
+            compile_compute(
                 ctx,
-                "synthesis/lacking.comp.glsl",
+                "statistics/lacking.comp.glsl",
                 IS_FINEST=finest,
-                MAY_BE_WIDE=may_be_wide,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
-                THIN_UP_TO=THIN_UP_TO,
-                WIDE_FROM=WIDE_FROM,
-                SHARED_FROM_LEVEL=SHARED_FROM_LEVEL,
-                MOST_SHARED=MOST_SHARED,
-                LONG_UP_TO=LONG_UP_TO,
-                SHORT_FROM=SHORT_FROM,
-                SOFT_UP_TO=SOFT_UP_TO,
-                SHARP_FROM=SHARP_FROM,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                GAMMA=float(settings.gamma),
+                GAMMA=float(gamma),
                 GAIN=with_gain,
                 **bands,
             )
-            for finest, may_be_wide in kinds
-        }
-        for shader in (*self._first, *self._lacking.values()):
-            shader["depth_threshold"] = settings.depth_threshold
+            for finest in (False, True)
+        ]
+        for shader in (*self._first, *self._lacking):
+            shader["depth_threshold"] = depth_threshold
 
     @property
     def dispatches(self) -> int:
@@ -150,10 +132,7 @@ class VariancePass:
         self.chain()
         self.texels.bind_to_image(3, read=False, write=True)
         for k, level in enumerate(levels):
-            may_be_wide = k >= WIDE_FROM_LEVEL
-            shader = self._lacking[k == 0, may_be_wide]
-            if may_be_wide:
-                levels[0].bind_to_image(7, read=True, write=False)
+            shader = self._lacking[k == 0]
             self._bind(shader, k, level, depth_m, z_near_m)
             self._base.chain.at(k + 1).bind_to_image(6)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
@@ -190,5 +169,5 @@ class VariancePass:
         """Free everything this pass made."""
         self.chain.release()
         self.texels.release()
-        for shader in (*self._first, *self._lacking.values()):
+        for shader in (*self._first, *self._lacking):
             shader.release()

@@ -1,6 +1,6 @@
 """Fit how noise bands are mixed and write `mixing.json` with the measured errors.
 
-    python -m pipeline.synthesis.fit_mixing
+    python -m pipeline.noise.fit_mixing
 
 Bands overlap: of a band that passes its filters again, softened, neighbouring ones measure a part.
 Bands of white noise, weighed by the deviations ``s`` of another texture, therefore measure
@@ -15,8 +15,8 @@ covariance that band `b` measures between all bands of unit noise, it measures
 - and each of these with its bands jittered, so that no odd spectrum is amplified.
 
 T couples neighbouring levels only, treats x and y alike, and is held to the identity. The
-noise is linear in its weights, so T is absorbed into the tile (noise.py). What T leaves, the
-gains of `mixing.spectral_gains` correct place by place, so that ``s`` above is what they make
+noise is linear in its weights, so T is absorbed into the tile (tile.py). What T leaves, the
+gains of `gains.spectral_gains` correct place by place, so that ``s`` above is what they make
 of it: T is fitted with them. `mixing.json` also holds the covariances, for those gains.
 
 Mixed bands interpolate differently, too. `lag_correlation` is the answer to: whatever the
@@ -35,16 +35,15 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
-from pipeline.synthesis.mixing import (
+from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN
+from pipeline.noise.mixing import (
     LAGS,
-    LEAST_GAIN,
-    MOST_GAIN,
     measured_variances,
     overlaps,
     packed,
     unpacked,
 )
-from pipeline.synthesis.noise import TEXELS_PER_PX
+from pipeline.noise.tile import TEXELS_PER_PX
 
 EDGE = 256  # of the noise that is measured, pixels
 SEEDS = 16
@@ -103,7 +102,7 @@ def _fold(spectrum: Complex, level: int) -> Complex:
 
 
 def noise_statistics(levels: int) -> tuple[Array, Array]:
-    """Measure unit noise bands against each other, as `noise.unit_bands` makes them.
+    """Measure unit noise bands against each other, as `tile.unit_bands` makes them.
 
     Returns
     -------
@@ -116,7 +115,7 @@ def noise_statistics(levels: int) -> tuple[Array, Array]:
     count = len(filters)
     frequency = np.asarray(2 * np.pi * np.fft.fftfreq(EDGE), np.float64)
     per_texel = frequency / TEXELS_PER_PX
-    passed = [np.ones((EDGE, EDGE))]  # by as many levels; see noise.softened
+    passed = [np.ones((EDGE, EDGE))]  # by as many levels; see tile.softened
     for level in range(levels):
         low = _response(fitted_kernels().low, frequency * (1 << level))
         passed.append(passed[-1] * np.abs(low) ** 2)
@@ -270,7 +269,7 @@ class MatrixFit:
 
 @dataclass(frozen=True, eq=False)
 class LagFit:
-    """Least squares for the lag correlations of mixed bands; see `reference.look_up`."""
+    """Least squares for the lag correlations of mixed bands; see `tile.look_up`."""
 
     levels: int
     mixed: Array  # (1 + len(LAGS), B, B): covariance of mixed bands at lag 0 and LAGS

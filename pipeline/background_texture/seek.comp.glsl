@@ -1,6 +1,6 @@
 #version 430
 // Seek: from where in the frame each hole pixel takes its texture.
-// Twin: texture_origins() in background.py. Change both or neither.
+// Twin: texture_origins() in reference.py. Change both or neither.
 
 #constant REACH     // how far a ray looks for a known pixel
 #constant STEP_0    // steps along the parallax, tried in turn

@@ -1,7 +1,7 @@
 #version 430
 // Low-pass and halve; a call makes 2x2 results from 6x6 pixels. a: 1 where no tap, at any
 // level, was a hole or mixed two depths; MIXED where one mixed two depths; else 0.
-// Twin: halve(), range_below() and spoiled_levels() in reference.py. Change both or neither.
+// Twin: halve(), range_below() and spoiled_levels() in features/reference.py. Change both or neither.
 
 #constant LOW_INNER   // taps of the 4x4 kernel, all positive: both offsets inner,
 #constant LOW_MIXED   // one outer,

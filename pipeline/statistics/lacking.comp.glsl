@@ -7,16 +7,7 @@
 
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
-#constant KNOWN_ENOUGH       // share of known background that settles a band in a thin hole
-#constant MAY_BE_WIDE        // 1: holes may be wide against the level's kernels
-#constant THIN_UP_TO         // share of hole among 4x4 coefficients: thin up to,
-#constant WIDE_FROM          // wide from
-#constant SHARED_FROM_LEVEL  // from it on, noise is raised where it fills its kernels in part
-#constant MOST_SHARED        // share of known background beyond which it is raised no more
-#constant LONG_UP_TO         // variance of the high band over the oriented ones: raised up to,
-#constant SHORT_FROM         // not raised from
-#constant SOFT_UP_TO         // the same of the finest level: noise fades in up to,
-#constant SHARP_FROM         // starts at once from
+#constant KNOWN_ENOUGH       // share of known background that settles a band
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
 #include "pixels.glsl"
@@ -27,36 +18,13 @@
 #include "window.glsl"
 
 layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // moments of 4x4, complete
-layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain, heeded
+layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain
 layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
 layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a: confidence
 
 uniform ivec2 coarse_size;
 uniform ivec2 corner;  // of this level's variances
-
-#if MAY_BE_WIDE
-layout(rgba32f, binding = 7) uniform readonly image2D frame;  // a: 0 hole, else 1
-
-// Of a row's four coefficients. Each is asked at one pixel, another one in each row and column, so
-// that a straight border passes them one after the other.
-float holes_in(int y, int x, ivec2 last, int chain) {
-    ivec2 end = imageSize(frame) - 1;
-    y = clamp(y, 0, last.y);
-    ivec4 columns = clamp(ivec4(x - 1, x, x + 1, x + 2), ivec4(0), ivec4(last.x));
-    ivec4 xs = min((columns << chain) + ((2 * (y & 3) + 1) << chain >> 3), ivec4(end.x));
-    ivec4 ys = min((y << chain) + ((2 * (columns & 3) + 1) << chain >> 3), ivec4(end.y));
-    vec4 known = vec4(imageLoad(frame, ivec2(xs.x, ys.x)).a, imageLoad(frame, ivec2(xs.y, ys.y)).a,
-                      imageLoad(frame, ivec2(xs.z, ys.z)).a, imageLoad(frame, ivec2(xs.w, ys.w)).a);
-    return dot(1.0 - step(0.5, known), vec4(1.0));
-}
-
-float wideness(ivec2 near, ivec2 last, int chain) {
-    float holes = holes_in(near.y - 1, near.x, last, chain) + holes_in(near.y, near.x, last, chain)
-                + holes_in(near.y + 1, near.x, last, chain) + holes_in(near.y + 2, near.x, last, chain);
-    return clamp((holes / 16.0 - THIN_UP_TO) / (WIDE_FROM - THIN_UP_TO), 0.0, 1.0);
-}
-#endif
 
 vec3 squared(vec3 v) { return v * v; }
 
@@ -74,21 +42,11 @@ float known_background(ivec2 place, float deepest) {
     return 0.0625 * (corners + 2.0 * edges + 4.0 * known_at(place, deepest));
 }
 
-// Of the high band over the oriented ones, in luma.
-float shortness(vec3 variance) {
-    return variance.x / max(0.5 * (variance.y + variance.z), SMALLEST_VARIANCE);
-}
-
-// What the base holds, and noise has to fill.
-struct Held {
-    float share;   // of the wanted variance that the base is taken to hold; negative: as measured
-    float raised;  // for the part of its kernels that noise does not fill
-};
-
-vec3 lacking(vec3 mean, vec3 second, vec3 measured, Held held) {
+// `held`: share of the wanted variance that the base is taken to hold; negative: as measured.
+vec3 lacking(vec3 mean, vec3 second, vec3 measured, float held) {
     vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
-    vec3 present = held.share < 0.0 ? measured : held.share * variance;
-    vec3 missing = max(vec3(0.0), variance - present) * held.raised;
+    vec3 present = held < 0.0 ? measured : held * variance;
+    vec3 missing = max(vec3(0.0), variance - present);
 #if CROSS
     missing = missing.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
 #endif
@@ -119,7 +77,7 @@ void work(ivec2 pixel, int chain) {
     Measured m = measure(window, guides, near, size, deepest);
 
     Taps taps = parents_of(pixel, coarse_size);
-    Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps), depth_threshold);
+    Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps));
     taps = texels_at(taps, chain, coarse_size.y);
     float keep = kept(m.moments.plane_0.w, GAMMA, below.similar);
 #define COMPLETED(plane, offset) \
@@ -129,26 +87,7 @@ void work(ivec2 pixel, int chain) {
     vec4 plane_3 = COMPLETED(plane_3, ivec2(3, 0)), plane_4 = COMPLETED(plane_4, ivec2(4, 0));
 
     float known = known_background(pixel, deepest);
-    Held held;
-    float share = known / KNOWN_ENOUGH;
-#if MAY_BE_WIDE
-    share = mix(share, known, wideness(near, last, chain));
-#endif
-    held.share = m.outlined ? min(1.0, share) : -1.0;
-    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
-    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
-    held.raised = 1.0;
-    float heeded = 0.0;  // of the known background beside, see beside_known()
-#if IS_FINEST
-    heeded = known * clamp((SHARP_FROM - shortness(wanted)) / (SHARP_FROM - SOFT_UP_TO), 0.0, 1.0);
-#endif
-    if (chain >= SHARED_FROM_LEVEL) {
-        heeded = known;
-        float long_waves = clamp((SHORT_FROM - shortness(wanted)) / (SHORT_FROM - LONG_UP_TO), 0.0, 1.0);
-        float known_share = min(known, MOST_SHARED);
-        held.raised += long_waves * known_share / (1.0 - known_share);
-    }
-
+    float held = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
 #define MEASURED(name, mean)                                                   \
     (0.25 * (squared(m.bands.a.name - (mean)) + squared(m.bands.b.name - (mean)) \
              + squared(m.bands.c.name - (mean)) + squared(m.bands.d.name - (mean))))
@@ -159,11 +98,13 @@ void work(ivec2 pixel, int chain) {
     float gain = 0.0;
 #if GAIN
     float luma = high.x + along_x.x + along_y.x;
+    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
+    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     float total = dot(wanted, vec3(1.0));
     gain = total > SMALLEST_VARIANCE ? sqrt(luma / total) : 0.0;
 #endif
     ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
     imageStore(variances, to, vec4(high, deepest));
     imageStore(variances, to + ivec2(1, 0), vec4(along_x, gain));
-    imageStore(variances, to + ivec2(2, 0), vec4(along_y, heeded));
+    imageStore(variances, to + ivec2(2, 0), vec4(along_y, 0.0));
 }

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import BANDS, Kernels, analyse, band, double, fitted_kernels
-from pipeline.synthesis.mixing import fitted_mixing
+from pipeline.noise.mixing import LAGS, fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
 TEXELS_PER_PX = 2  # along each axis
@@ -37,7 +37,7 @@ GRAIN = 2.0**-20
 
 @dataclass(frozen=True, eq=False)
 class NoiseBands:
-    """One seed's noise, mixed: weigh it by deviations times `mixing.spectral_gains` and sum.
+    """One seed's noise, mixed: weigh it by deviations and sum.
 
     `tiles`: (levels, channels, TILE_TEXELS, TILE_TEXELS, 3 bands), a pixel's centre at every
     even texel; `lag_correlation`: (levels, 3 bands, 4 lags of `mixing.LAGS`), of
@@ -149,3 +149,35 @@ def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64
         ]
         image = np.asarray(sum(taps))
     return image
+
+
+def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Read one level's noise between texels without losing variance: (H, W, 3, channels).
+
+    Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its
+    root keeps the texture from pulsing as it glides (3.4.1).
+    """
+    place = TEXELS_PER_PX * (anchor_px - 0.5)
+    corner = np.floor(place)
+    fraction = place - corner
+    column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
+    x, y = fraction[..., 0], fraction[..., 1]
+    tiles = noise.tiles[level].astype(np.float64)
+    edge = tiles.shape[1]
+    taps = [
+        ((0, 0), (1 - x) * (1 - y)),
+        ((0, 1), x * (1 - y)),
+        ((1, 0), (1 - x) * y),
+        ((1, 1), x * y),
+    ]
+    mixed = sum(
+        weight[..., None] * tiles[:, (row + down) % edge, (column + right) % edge]
+        for (down, right), weight in taps
+    )
+    (_, a), (_, b), (_, c), (_, d) = taps
+    pairs = {(0, 1): a * b + c * d, (1, 0): a * c + b * d, (1, 1): a * d, (1, -1): b * c}
+    variance = (a * a + b * b + c * c + d * d)[..., None] + 2 * sum(
+        pairs[lag][..., None] * noise.lag_correlation[level, :, index].astype(np.float64)
+        for index, lag in enumerate(LAGS)
+    )
+    return np.moveaxis(np.asarray(mixed) / np.sqrt(variance), 0, -1)

@@ -154,9 +154,7 @@ def _octant(vector: NDArray[np.float64]) -> NDArray[np.intp]:
 def details(
     base: NDArray[np.float64], origin_px: NDArray[np.float64], levels: int
 ) -> list[NDArray[np.float64]]:
-    """Detail of every level but the last at `origin_px`: each (H, W, 3), Y', Cb, Cr.
-
-    The last level is left to the base, which knows it better (docs/decisions/0016).
+    """Detail of every level at `origin_px`: each (H, W, 3), Y', Cb, Cr.
 
     Parameters
     ----------
@@ -168,7 +166,7 @@ def details(
     result: list[NDArray[np.float64]] = []
     image: NDArray[np.float64] = base
     here = sample_image(base, 0, origin_px)
-    for level in range(1, levels):
+    for level in range(1, levels + 1):
         image = halve(image)
         coarser = sample_image(image, level, origin_px)
         result.append(ycbcr_from_rgb(here - coarser).astype(np.float64))

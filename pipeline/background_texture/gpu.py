@@ -1,18 +1,18 @@
 """From where in the frame each hole pixel takes its texture, on the GPU.
 
-Twin: background.py.
+Twin: reference.py.
 """
 
 import moderngl
 
+from pipeline.background_texture import reference
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import create_texture, texture_bytes
 from pipeline.inpaint.regions import WorkLists
-from pipeline.synthesis import background
 
 
 class SeekPass:
-    """Find from where each hole pixel takes its texture. Twin: background.texture_origins.
+    """Find from where each hole pixel takes its texture. Twin: reference.texture_origins.
 
     Writes hole pixels of a texture of its own: rg32f, (x, y), negative where there is none.
     """
@@ -20,14 +20,14 @@ class SeekPass:
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], depth_threshold: float
     ) -> None:
-        steps = {f"STEP_{k}": step for k, step in enumerate(background.STEPS_PX)}
+        steps = {f"STEP_{k}": step for k, step in enumerate(reference.STEPS_PX)}
         self._shader = compile_compute(
             ctx,
-            "synthesis/seek.comp.glsl",
-            REACH=background.REACH_PX,
-            INSET=background.INSET_PX,
-            MARGIN=float(background.MARGIN_PX),
-            OCTANT_TANGENT=background.OCTANT_TANGENT,
+            "background_texture/seek.comp.glsl",
+            REACH=reference.REACH_PX,
+            INSET=reference.INSET_PX,
+            MARGIN=float(reference.MARGIN_PX),
+            OCTANT_TANGENT=reference.OCTANT_TANGENT,
             **steps,
         )
         self._shader["depth_threshold"] = depth_threshold
