@@ -26,6 +26,11 @@ class Ways:
     end: NDArray[np.intp]  # (N, 2), the pixel whose colour goes on
     across_px: NDArray[np.float64]  # (N,), how wide the hole is along the way
 
+    def of(self, some: NDArray[np.bool_]) -> "Ways":
+        """Those of some of the pixels, (N,)."""
+        parts = (self.pixel, self.step, self.steps, self.end, self.across_px)
+        return Ways(*(part[some] for part in parts))
+
 
 def find_ways(warped: WarpedFrame, threshold: float) -> Ways:
     """Walk from every hole pixel to the background's side, and once the other way."""

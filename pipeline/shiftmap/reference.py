@@ -47,7 +47,7 @@ class ShiftMapFill:
     detail: NDArray[np.float64]  # (H, W, 3), before its gain
     gain: NDArray[np.float64]  # (H, W)
     copied: NDArray[np.bool_]  # (H, W), detail that has a source; elsewhere it is noise
-    tiles: Tiles | None  # None without holes
+    tiles: Tiles
     shift: NDArray[np.intp]  # (N, 2) of the tiles, rows and columns
 
 
@@ -71,20 +71,17 @@ def shift_map_fill(
     seed = check_seed(seed)
     check_some_known(warped.hole)
     hole, threshold = warped.hole, settings.depth_threshold
-    if not hole.any():
-        colour, flat = warped.colour.astype(np.float64), np.zeros(hole.shape)
-        none = np.zeros((0, 2), np.intp)
-        return ShiftMapFill(colour, colour, np.zeros_like(colour), flat, hole, None, none)
     guide = guide_from_depth(warped.depth_m, z_near_m)
     colour = np.where(hole[..., None], 0.0, warped.colour.astype(np.float64))
     ways = find_ways(warped, threshold)
     base, wide = smooth_base(warped, guide, ways, threshold)
 
     low = surface_lowpass(colour, ~hole, guide, DETAIL_SIGMA_PX, threshold)
-    tiles = cut_tiles(hole, guide, warped.flow_px, ways)
+    known_detail = np.where(hole[..., None], 0.0, colour - low)
+    thick = hole & (wide > 0)
+    tiles = cut_tiles(thick, guide, warped.flow_px, ways.of(thick[hole]))
     search = Search(tiles, hole, guide, colour, base, low, threshold)
     shift = search.agree(search.first_shifts(), seed)
-    known_detail = np.where(hole[..., None], 0.0, colour - low)
     copied, found = shifted(known_detail, tiles, shift, hole, guide, warped.flow_px, threshold)
     noise = shaped_noise(known_detail, hole, guide, warped.flow_px, seed, threshold)
     detail = np.where(found[..., None], copied, noise)

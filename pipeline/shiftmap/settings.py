@@ -8,6 +8,7 @@ from pipeline.errors import InputError
 
 TILE_PX = 8  # one shift per square of this edge in the source frame
 WINDOW_PX = 8  # known pixels this far around a tile are compared too
+WINDOW_STEP_PX = 2  # every so many of them, along rows and columns
 DETAIL_SIGMA_PX = 2.0  # detail is what lies above a low-pass of this deviation
 VARIANCE_SIGMA_PX = 4.0  # variances of detail are averaged over this
 THIN_PX, WIDE_PX = 4.0, 12.0  # across a hole: from here up, and from here on, it is not thin

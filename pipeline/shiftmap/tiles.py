@@ -30,6 +30,7 @@ from pipeline.shiftmap.settings import (
     SWEEPS,
     TILE_PX,
     WINDOW_PX,
+    WINDOW_STEP_PX,
 )
 
 NEIGHBOURS = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
@@ -74,22 +75,22 @@ def tile_coordinates(flow_px: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def cut_tiles(
-    hole: NDArray[np.bool_],
+    thick: NDArray[np.bool_],
     guide: NDArray[np.float64],
     flow_px: NDArray[np.float32],
     ways: Ways,
 ) -> Tiles:
-    """Cut the holes into tiles."""
-    belongs = np.floor(tile_coordinates(flow_px)[hole] + 0.5).astype(np.intp)
-    first = belongs.min(axis=0) - 1
-    shape = belongs.max(axis=0) - first + 2
+    """Cut the part of the holes that gets detail, `thick`, into tiles; `ways` are its pixels'."""
+    belongs = np.floor(tile_coordinates(flow_px)[thick] + 0.5).astype(np.intp)
+    first = belongs.min(axis=0, initial=0) - 1
+    shape = belongs.max(axis=0, initial=0) - first + 2
     flat = (belongs - first) @ (shape[1], 1)
     used, of_pixel = np.unique(flat, return_inverse=True)
     place = np.stack(np.divmod(used, shape[1]), axis=1) + first
     index = np.full(shape, -1, np.intp)
     index.flat[used] = np.arange(len(used))
-    label = np.full(hole.shape, -1, np.intp)
-    label[hole] = of_pixel
+    label = np.full(thick.shape, -1, np.intp)
+    label[thick] = of_pixel
     count = np.bincount(of_pixel)
 
     def mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -101,9 +102,9 @@ def cut_tiles(
     way = np.where(longer > 0.2, way / np.maximum(longer, 0.2), (0.0, 1.0))
     way_px = np.zeros(len(used), np.intp)
     np.maximum.at(way_px, of_pixel, ways.steps)
-    motion = np.stack([mean(flow_px[hole][:, k]) for k in (1, 0)], axis=1)
+    motion = np.stack([mean(flow_px[thick][:, k]) for k in (1, 0)], axis=1)
     corner = np.rint(place * TILE_PX + motion).astype(np.intp)
-    return Tiles(place, index, first, corner, label, mean(guide[hole]), way, way_px)
+    return Tiles(place, index, first, corner, label, mean(guide[thick]), way, way_px)
 
 
 class Search:
@@ -131,11 +132,10 @@ class Search:
         source_guide = np.pad(np.where(hole, OUTSIDE, guide), 1, constant_values=OUTSIDE)
         self._stride = source_guide.shape[1]
         self._source_guide = source_guide.ravel()
-        self._source = np.pad(_steps(colour), ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
-        self._source_low = np.pad(_steps(low), ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
+        planes = np.pad(np.stack([_steps(low), _steps(colour)]), ((0, 0), (1, 1), (1, 1), (0, 0)))
+        self._sources = planes.reshape(-1, 3)
         self._size = np.array(hole.shape)
-        span = np.arange(-WINDOW_PX, TILE_PX + WINDOW_PX)
-        window = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
+        window, lattice = _window()
         pixel = tiles.corner[:, None] + window
         within = ((pixel >= 0) & (pixel < hole.shape)).all(axis=-1)
         row, column = np.moveaxis(pixel.clip(0, self._size - 1), -1, 0)
@@ -143,8 +143,9 @@ class Search:
         me = np.arange(len(pixel))[:, None]
         self._own = within & (tiles.label[row, column] == me)
         same = np.abs(guide[row, column] - tiles.guide[:, None]) <= threshold
-        self._beside = within & ~hole[row, column] & same
-        # What is own is compared by its base, what lies beside by its colour.
+        self._beside = within & lattice & ~hole[row, column] & same
+        # What is own is compared by its base with the low-pass, what lies beside by its colour.
+        self._plane = np.where(self._own, 0, source_guide.size)
         self._guide = np.where(self._own, guide[row, column], tiles.guide[:, None])
         shown = np.where(self._own[..., None], _steps(base)[row, column], 0)
         self._shown = np.where(self._beside[..., None], _steps(colour)[row, column], shown)
@@ -153,7 +154,7 @@ class Search:
         """Return the cost of moving tiles `which`, (M,), by `shift`, (M, 2), neighbours aside.
 
         The mean squared difference of the base and of the sources' low-pass, over its own pixels
-        that find a source; that of known pixels in the window around, over as many pixels as a
+        that find a source; that of every other known pixel in the window around, over as many as a
         tile has or more; `NOT_KNOWN_COST` times the share of pixels without a source, and
         `FARTHER_COST` times that of sources which lie clearly behind.
         """
@@ -162,17 +163,19 @@ class Search:
         nearer = self._guide[which] - self._source_guide[flat]
         source = nearer <= self._threshold
         own, beside = self._own[which], self._beside[which]
-        wanted = np.where(own[..., None], self._source_low[flat], self._source[flat])
-        error = ((self._shown[which] - wanted) ** 2).sum(axis=-1)
+        off = self._shown[which] - self._sources[flat + self._plane[which]]
+        error = np.einsum("tpc,tpc->tp", off, off)
         found = own & source
         pixels, sources = own.sum(axis=1), found.sum(axis=1)
         farther = (found & (-nearer > self._threshold)).sum(axis=1)
         compared = beside & source
-        base_cost = COST_SCALE * (error * found).sum(axis=1) // np.maximum(sources, 1)
-        count = np.maximum(compared.sum(axis=1), TILE_PX * TILE_PX)
+        base_cost = (
+            COST_SCALE * (error * found).sum(axis=1, dtype=np.int64) // np.maximum(sources, 1)
+        )
+        count = np.maximum(compared.sum(axis=1), (TILE_PX // WINDOW_STEP_PX) ** 2)
         return np.asarray(
             base_cost
-            + COST_SCALE * (error * compared).sum(axis=1) // count
+            + COST_SCALE * (error * compared).sum(axis=1, dtype=np.int64) // count
             + COST_SCALE * NOT_KNOWN_COST * (pixels - sources) // np.maximum(pixels, 1)
             + COST_SCALE * FARTHER_COST * farther // np.maximum(pixels, 1)
         )
@@ -297,29 +300,50 @@ def shifted(
     """Copy `source`, (H, W, n), into the holes; and tell where there was one, (H, W).
 
     Each pixel blends what the four tiles around it bring, by sharpened bilinear shares, so that
-    tiles leave no edges. Holes, what lies outside and what is clearly nearer are no sources.
+    tiles leave no edges. What different shifts bring is taken as uncorrelated, and the sum scaled
+    to keep its variance. Holes, what lies outside and what is clearly nearer are no sources.
     """
-    at = tile_coordinates(flow_px)[hole]
-    pixel = np.argwhere(hole)
-    corner = np.floor(at).astype(np.intp)
-    total, weight = np.zeros((len(at), source.shape[-1])), np.zeros(len(at))
+    thick = tiles.label >= 0
+    at = tile_coordinates(flow_px)[thick]
+    pixel = np.argwhere(thick)
+    shares, shifts = [], []
+    total = np.zeros((len(at), source.shape[-1]))
     for offset in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        place = corner + offset
+        place = np.floor(at).astype(np.intp) + offset
         cell = (place - tiles.first).clip(0, np.array(tiles.index.shape) - 1)
         tile = tiles.index[cell[:, 0], cell[:, 1]]
         share = (1 - np.abs(at - place)).prod(axis=1) ** OVERLAP_POWER
         there = pixel + shift[tile]
         valid = (tile >= 0) & ((there >= 0) & (there < hole.shape)).all(axis=1)
         row, column = there.clip(0, np.array(hole.shape) - 1).T
-        valid &= ~hole[row, column] & (guide[hole] - guide[row, column] <= threshold)
-        share = np.where(valid, share, 0.0)
-        total += share[:, None] * source[row, column]
-        weight += share
+        valid &= ~hole[row, column] & (guide[thick] - guide[row, column] <= threshold)
+        shares.append(np.where(valid, share, 0.0))
+        shifts.append(shift[tile])
+        total += shares[-1][:, None] * source[row, column]
+    power = sum(
+        shares[i] * shares[j] * (shifts[i] == shifts[j]).all(axis=1)
+        for i in range(4)
+        for j in range(4)
+    )
+    some = np.asarray(power) > 0
     copied = np.zeros(source.shape)
     found = np.zeros(hole.shape, np.bool_)
-    found[hole] = weight > 0
-    copied[found] = total[weight > 0] / weight[weight > 0, None]
+    found[thick] = some
+    copied[found] = total[some] / np.sqrt(power[some])[:, None]
     return copied, found
+
+
+def _window() -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Pixels that a tile looks at, from its corner, (P, 2); and which serve for comparison, (P,).
+
+    All that may be its own (motion within a tile differs by rounding), and every
+    `WINDOW_STEP_PX`th of the window in both directions.
+    """
+    span = np.arange(-WINDOW_PX, TILE_PX + WINDOW_PX)
+    pixel = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = (pixel % WINDOW_STEP_PX == 0).all(axis=1)
+    own = ((pixel >= -1) & (pixel <= TILE_PX)).all(axis=1)
+    return pixel[lattice | own], lattice[lattice | own]
 
 
 def _steps(colour: NDArray[np.float64]) -> NDArray[np.int32]:
