@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import guided_base
 from pipeline.shiftmap.lowpass import surface_lowpass
-from pipeline.shiftmap.settings import DETAIL_SIGMA_PX, SPREAD, THIN_PX, WIDE_PX
+from pipeline.shiftmap.settings import (
+    DETAIL_SIGMA_PX,
+    EXTENSION_SHARE,
+    SPREAD,
+    THIN_PX,
+    WIDE_PX,
+)
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.walks import Scene, background_ends, parallax_direction, walk_to_known, walk_within
 
 EDGE_INSET_PX = 1  # past the mixed colours of a silhouette
-PROBE_PX = 8  # how far past a hole the extension is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +94,6 @@ def across(
     return total / weight[:, None]  # its own end always counts
 
 
-def extension_share(
-    colour: NDArray[np.float64],
-    pushed: NDArray[np.float64],
-    warped: WarpedFrame,
-    ways: Ways,
-    threshold: float,
-) -> NDArray[np.float64]:
-    """How much better the extension predicts what lies past a way's end than push-pull: (N,).
-
-    1 where it is right and push-pull is not, as along walls that follow the parallax; 1/2 where
-    both are equally off.
-    """
-    return np.full(len(ways.pixel), 0.5)
-
-
 def smooth_base(
     warped: WarpedFrame, guide: NDArray[np.float64], ways: Ways, threshold: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -123,7 +113,7 @@ def smooth_base(
         threshold=threshold,
     )[0].values
     wide = wideness(hole, ways, guide, threshold)
-    share = (wide[hole] * extension_share(colour, pushed, warped, ways, threshold))[:, None]
+    share = EXTENSION_SHARE * wide[hole][:, None]
     base = colour.copy()
     extended = across(colour, hole, ways, guide, threshold)
     base[hole] = (1 - share) * pushed[hole] + share * extended

@@ -11,7 +11,8 @@ WINDOW_PX = 8  # known pixels this far around a tile are compared too
 WINDOW_STEP_PX = 2  # every so many of them, along rows and columns
 DETAIL_SIGMA_PX = 2.0  # detail is what lies above a low-pass of this deviation
 VARIANCE_SIGMA_PX = 4.0  # variances of detail are averaged over this
-THIN_PX, WIDE_PX = 4.0, 12.0  # across a hole: from here up, and from here on, it is not thin
+THIN_PX, WIDE_PX = 2.0, 6.0  # across a hole: from here up, and from here on, it is not thin
+EXTENSION_SHARE = 0.5  # of the base; the rest is push-pull
 SPREAD = 0.25  # the extension is smoothed by this share of the way to its end
 OVERLAP_POWER = 3.0  # bilinear shares of four tiles, sharpened: 1 blends most
 
