@@ -115,6 +115,7 @@ def smooth_base(
     wide = wideness(hole, ways, guide, threshold)
     share = EXTENSION_SHARE * wide[hole][:, None]
     base = colour.copy()
-    extended = across(colour, hole, ways, guide, threshold)
+    low = surface_lowpass(colour, ~hole, guide, DETAIL_SIGMA_PX, threshold)
+    extended = across(low, hole, ways, guide, threshold)
     base[hole] = (1 - share) * pushed[hole] + share * extended
     return base, wide
