@@ -35,6 +35,7 @@ from pipeline.synthesis.settings import check_seed
 
 LUMA = YCBCR_FROM_RGB[0]
 NOISE_STREAM = 1 << 16  # of the hash: the search uses those below
+SOFTENING = (0.25, 0.5, 0.25)  # of the noise: real detail is strongest at a few pixels
 LEAST_VARIANCE = 1e-6  # below this detail is none, and what it lacks has no meaning
 
 
@@ -121,8 +122,8 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Grey noise as strong as the detail around, for holes without a source: (H, W, 3).
 
-    White noise of a hash of the place in the source frame, so that it moves with the background;
-    its deviation is carried into the hole by push-pull.
+    A hash of the place in the source frame, so that it moves with the background; its
+    deviation is carried into the hole by push-pull.
     """
     luma = known_detail @ LUMA
     level = Level((luma**2)[..., None], (~hole).astype(np.float64), guide)
@@ -130,6 +131,14 @@ def shaped_noise(
     deviation = np.sqrt(np.maximum(pushed[0].values[..., 0], 0.0))
     pixel = np.stack(np.indices(hole.shape), axis=-1)
     texel = np.floor(pixel + 0.5 - flow_px[..., ::-1].astype(np.float64)).astype(np.int64)
-    bits = hashed(texel[..., 0], texel[..., 1], NOISE_STREAM, seed)
-    white = (bits.astype(np.float64) / 2**32 - 0.5) * np.sqrt(12.0)
-    return np.asarray((deviation * white)[..., None].repeat(3, axis=-1))
+    return np.asarray((deviation * soft_noise(texel, seed))[..., None].repeat(3, axis=-1))
+
+
+def soft_noise(texel: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
+    """Noise of unit variance at whole places (..., 2): a hash of each, smoothed by [1 2 1] / 4."""
+    total = np.zeros(texel.shape[:-1])
+    for i, across in zip((-1, 0, 1), SOFTENING, strict=True):
+        for j, along in zip((-1, 0, 1), SOFTENING, strict=True):
+            bits = hashed(texel[..., 0] + i, texel[..., 1] + j, NOISE_STREAM, seed)
+            total += across * along * (bits.astype(np.float64) / 2**32 - 0.5)
+    return np.sqrt(12.0) / sum(share**2 for share in SOFTENING) * total
