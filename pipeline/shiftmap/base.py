@@ -57,7 +57,8 @@ def wideness(
     """Tell how far holes are from thin: 0 up to `THIN_PX` across, 1 from `WIDE_PX` on, (H, W)."""
     share = np.zeros(hole.shape)
     share[hole] = np.clip((ways.across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
-    return surface_lowpass(share[..., None], hole, guide, DETAIL_SIGMA_PX, threshold)[..., 0]
+    smooth = surface_lowpass(share[..., None], hole, guide, DETAIL_SIGMA_PX, threshold)[..., 0]
+    return np.where(hole, smooth, 0.0)
 
 
 def across(

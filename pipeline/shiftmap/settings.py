@@ -17,10 +17,11 @@ SPREAD = 0.25  # the extension is smoothed by this share of the way to its end
 OVERLAP_POWER = 3.0  # bilinear shares of four tiles, sharpened: 1 blends most
 
 # Of the search. Costs are whole numbers, so that both twins choose alike.
-LENGTHS, LENGTH_STEP_PX = 16, 2  # first shifts: along the parallax, from just past the hole
-ASIDE, ASIDE_STEP_PX = 2, 2  # and this many to either side
+LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel
+ASIDES_PX = (-4, -2, 2, 4)  # and aside of these
+ASIDE_EVERY = 4  # of so many lengths
 SWEEPS = 4
-RANDOM_REACH_PX = (16, 8, 4, 2)  # of a sweep's random steps
+RANDOM_REACH_PX = (16, 8, 4, 2, 1)  # of a sweep's random steps
 ENCODED_STEPS = 255  # colours are compared in these
 COST_SCALE = 16  # costs: squared colour steps, times this
 NOT_KNOWN_COST = 13005  # squared steps: of a tile none of whose pixels finds a source (0.2)

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from pipeline.shiftmap.base import Ways
 from pipeline.shiftmap.settings import (
-    ASIDE,
-    ASIDE_STEP_PX,
+    ASIDE_EVERY,
+    ASIDES_PX,
     COST_SCALE,
     DISAGREEMENT_COST,
     DISAGREEMENT_PX,
     ENCODED_STEPS,
     FARTHER_COST,
-    LENGTH_STEP_PX,
     LENGTHS,
     NOT_KNOWN_COST,
     OVERLAP_POWER,
@@ -187,9 +186,9 @@ class Search:
         best, cost = np.zeros((len(every), 2), np.intp), np.full(len(every), WORSE)
         side = np.stack([-tiles.way[:, 1], tiles.way[:, 0]], axis=1)
         for length in range(LENGTHS):
-            along = (tiles.way_px + 1 + LENGTH_STEP_PX * length)[:, None] * tiles.way
-            for aside in range(-ASIDE, ASIDE + 1):
-                shift = np.rint(along + ASIDE_STEP_PX * aside * side).astype(np.intp)
+            along = (tiles.way_px + 1 + length)[:, None] * tiles.way
+            for aside in (0, *ASIDES_PX) if length % ASIDE_EVERY == 0 else (0,):
+                shift = np.rint(along + aside * side).astype(np.intp)
                 found = self.cost(every, shift)
                 better = found < cost
                 best[better], cost[better] = shift[better], found[better]
