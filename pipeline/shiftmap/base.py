@@ -33,8 +33,13 @@ class Ways:
 
     def of(self, some: NDArray[np.bool_]) -> "Ways":
         """Those of some of the pixels, (N,)."""
-        parts = (self.pixel, self.step, self.steps, self.end, self.across_px)
-        return Ways(*(part[some] for part in parts))
+        return Ways(
+            self.pixel[some],
+            self.step[some],
+            self.steps[some],
+            self.end[some],
+            self.across_px[some],
+        )
 
 
 def find_ways(warped: WarpedFrame, threshold: float) -> Ways:
@@ -75,7 +80,7 @@ def across(
     surface do not count. Beside the hole a known pixel is its own end.
     """
     height, width = hole.shape
-    end_of = np.stack(np.indices((height, width)), axis=-1)
+    end_of = np.moveaxis(np.indices((height, width)), 0, -1).copy()
     end_of[hole] = ways.end
     own = guide[ways.end[:, 0], ways.end[:, 1]]
     aside = np.stack([-ways.step[:, 1], ways.step[:, 0]], axis=1)

@@ -1,4 +1,4 @@
-"""A low-pass of what is known of one surface. Twin of the definition in reference.py."""
+"""A low-pass of what is known of one surface."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -6,7 +6,7 @@ real: tiles of the hole are shifted onto the known background (Pritch et al. 200
 editing"), and what the background has there above a low-pass is copied, as much of it as the base
 lacks.
 
-Twin: none yet. See docs/methods.md.
+There is no twin on the GPU yet: docs/decisions/0067.
 """
 
 from dataclasses import dataclass
@@ -129,7 +129,7 @@ def shaped_noise(
     level = Level((luma**2)[..., None], (~hole).astype(np.float64), guide)
     pushed = pull_push(level, 0.0, threshold, NEARBY_RESOLUTIONS, RELAXED_RESOLUTIONS)
     deviation = np.sqrt(np.maximum(pushed[0].values[..., 0], 0.0))
-    pixel = np.stack(np.indices(hole.shape), axis=-1)
+    pixel = np.moveaxis(np.indices(hole.shape), 0, -1)
     texel = np.floor(pixel + 0.5 - flow_px[..., ::-1].astype(np.float64)).astype(np.int64)
     return np.asarray((deviation * soft_noise(texel, seed))[..., None].repeat(3, axis=-1))
 
@@ -141,4 +141,4 @@ def soft_noise(texel: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
         for j, along in zip((-1, 0, 1), SOFTENING, strict=True):
             bits = hashed(texel[..., 0] + i, texel[..., 1] + j, NOISE_STREAM, seed)
             total += across * along * (bits.astype(np.float64) / 2**32 - 0.5)
-    return np.sqrt(12.0) / sum(share**2 for share in SOFTENING) * total
+    return np.asarray(np.sqrt(12.0) / sum(share**2 for share in SOFTENING) * total)

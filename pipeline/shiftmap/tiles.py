@@ -69,7 +69,7 @@ class Tiles:
 def tile_coordinates(flow_px: NDArray[np.float32]) -> NDArray[np.float64]:
     """Where each pixel lies in the grid, (H, W, 2), row and column; whole: a tile's centre."""
     height, width, _ = flow_px.shape
-    pixel = np.stack(np.indices((height, width)), axis=-1)
+    pixel = np.moveaxis(np.indices((height, width)), 0, -1)
     return np.asarray((pixel - flow_px[..., ::-1].astype(np.float64) + 0.5) / TILE_PX - 0.5)
 
 
