@@ -7,6 +7,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.methods.method import composite
+from pipeline.shiftmap.plate import ShiftMapPlate
 from pipeline.shiftmap.reference import shift_map_fill
 from pipeline.shiftmap.settings import ShiftMapSettings
 
@@ -39,6 +40,10 @@ class ShiftMap:
         return composite(
             warped, shift_map_fill(warped, self._settings, seed=seed, z_near_m=z_near_m).colour
         )
+
+    def new_plate(self) -> ShiftMapPlate:
+        """Return what keeps the fills of one source frame from view to view."""
+        return ShiftMapPlate(self._settings.depth_threshold)
 
     def release(self) -> None:
         """Hold nothing."""
