@@ -74,6 +74,11 @@ SHIPPED = tuple(
             "pipeline.methods.metameric:MetamericPaper",
         ),
         (
+            "shift-map",
+            "the background's own detail, shifted in tile by tile (after Pritch et al. 2009)",
+            "pipeline.methods.shift_map:ShiftMap",
+        ),
+        (
             "push-pull-depth",
             "push-pull that keeps to the background",
             "pipeline.methods.metameric:PushPullDepth",
