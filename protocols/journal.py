@@ -61,7 +61,8 @@ class Event(Model):
     at: UtcTime
     """Wall clock, UTC."""
     chain: Sha256 | None = None
-    """Kept free for a checksum over this line and all before it; null: there is none."""
+    """Checksum over this line and all before it: SHA-256 of the checksum of the line before,
+    then this line with null here, without its line feed. Null: written before there were any."""
 
 
 class DisplayReport(Model):

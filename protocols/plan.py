@@ -85,6 +85,27 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         arranged.
     """
     check_manifest(protocol, manifest)
+    return Plan(
+        study=protocol.study.name,
+        participant=participant,
+        slot=slot,
+        seed=protocol.design.seed,
+        protocol_sha256=protocol.sha256,
+        manifest_sha256=manifest.sha256,
+        trials=planned_trials(protocol, participant, slot),
+    )
+
+
+def planned_trials(
+    protocol: StudyProtocol, participant: str, slot: int
+) -> tuple[PlannedTrial, ...]:
+    """Return the trials of a participant, which no clip decides: `make_plan` says how.
+
+    Raises
+    ------
+    StudyError
+        If the design cannot be arranged.
+    """
     design = protocol.design
     chance = Chance(design.seed, participant, slot, "plan")
     main = _main_trials(protocol, slot, chance)
@@ -104,15 +125,7 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
     for number in sorted(blocks):
         before = trials[-1].shown if trials else None
         trials += _keyed(protocol, slot, chance, apart(blocks[number], before))
-    return Plan(
-        study=protocol.study.name,
-        participant=participant,
-        slot=slot,
-        seed=design.seed,
-        protocol_sha256=protocol.sha256,
-        manifest_sha256=manifest.sha256,
-        trials=tuple(trials),
-    )
+    return tuple(trials)
 
 
 def chosen(

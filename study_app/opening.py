@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from protocols.against_plan import contradictions
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
 from protocols.hashing import sha256_json
 from protocols.journal import (
+    Attempt,
     DisplayReport,
     GazeInfo,
     SessionEnd,
@@ -226,5 +228,11 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
         raise StudyError(
             f"{recorder.path}: the plan must come out as it did (hash {start.plan_sha256[:12]},"
             f" got {plan.sha256[:12]}); resume with revision {start.revision}"
+        )
+    attempts = [event for event in events if isinstance(event, Attempt)]
+    for attempt, reason in contradictions(setting.protocol, plan, attempts):
+        raise StudyError(
+            f"{recorder.path}: line {attempt.n + 1}: {reason}; the journal was changed after it"
+            " was written: restore it from a copy"
         )
     return plan

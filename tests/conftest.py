@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -116,6 +117,30 @@ def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     protocol = load_protocol(Path("demo"))
     simulate_study(Simulation(protocol, load_display(protocol.display.display)), root, 2)
     return root
+
+
+@pytest.fixture(scope="session")
+def reseal() -> Callable[[Path], None]:
+    """Give a function that computes a journal's checksums anew, after a test has changed it."""
+    from protocols.chain import due, first_link
+    from protocols.hashing import canonical_json
+
+    def resealed(path: Path) -> None:
+        before, lines = first_link(b""), []
+        for line in path.read_bytes().split(b"\n"):
+            try:
+                event = json.loads(line)
+            except ValueError:
+                lines.append(line)
+                continue
+            if "chain" in event:
+                bare = canonical_json(event | {"chain": None})
+                before = due(bare, before)
+                line = canonical_json(event | {"chain": before})
+            lines.append(line)
+        path.write_bytes(b"\n".join(lines))
+
+    return resealed
 
 
 @pytest.fixture(scope="session")

@@ -14,11 +14,14 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd
-from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
+from protocols.load import load_protocol
 from study_app.cli.errors import user_errors
-from study_app.cli.options import SessionArgument, SessionsOption
+from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
 from study_app.operator_view import rows
 from study_app.run import utc_now
+from study_app.sittings import Sitting
+from study_app.verification import verify as verify_sitting
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant
 
@@ -65,6 +68,52 @@ def watch(
                     live.update(_table(path))
         except KeyboardInterrupt:
             return
+
+
+def verify(
+    sessions: Annotated[
+        Path, typer.Argument(help="Folder of one session, of a study's, or of all sessions.")
+    ],
+    protocol: Annotated[
+        Path | None,
+        typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
+    ] = None,
+) -> None:
+    """Prove that what was recorded is as it was written: journals, gaze, flips, display reports.
+
+    Every line of a journal is held to its checksum, and every file to the hash that the journal has
+    of it. With a protocol, trials, conditions, answers, times and order are compared with the plan.
+    Nothing is changed. Ends with status 2 where something is not as it was.
+
+    Example: metamerlab session verify sessions --protocol demo
+    """
+    with user_errors():
+        study = load_protocol(protocol) if protocol else None
+        paths = find_journals(sessions)
+        if not paths:
+            raise StudyError(
+                f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
+            )
+        wrong = 0
+        for path in paths:
+            sitting = Sitting(path.absolute().parent, read_journal(path, lenient=True))
+            found = verify_sitting(sitting, study)
+            lines = len(sitting.journal.events) + len(sitting.journal.damaged)
+            verdict = "NOT as it was recorded" if found.problems else "whole"
+            print(
+                f"{sitting.study}/{sitting.participant}: {verdict} ({sitting.state}, {lines} lines,"
+                f" {found.files} files)"
+            )
+            for problem in found.problems:
+                print(f"  {problem}")
+            for note in found.notes:
+                print(f"  note: {note}")
+            wrong += bool(found.problems)
+        if wrong:
+            raise StudyError(
+                f"{sessions}: {wrong} of {len(paths)} sessions must be restored from a copy;"
+                " nothing was changed"
+            )
 
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:

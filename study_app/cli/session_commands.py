@@ -31,6 +31,7 @@ from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
+from study_app.verification import checksums_of
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -298,6 +299,8 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
     attempts = journal.attempts
     details = [("session", f"{sitting.study} / {sitting.participant}"), ("state", sitting.state)]
     details += [("damaged", f"line {line.line}: {line.reason}") for line in journal.damaged]
+    if journal.has_lines:
+        details.append(("checksums", checksums_of(journal)))
     if journal.torn:
         details.append(("last line", "torn: the program was killed while writing it"))
     if sitting.state in {"damaged", "withdrawn", "stillborn"} and not attempts:

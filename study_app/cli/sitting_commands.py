@@ -15,7 +15,7 @@ from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
-from study_app.cli.record_commands import print_rows, watch, withdraw
+from study_app.cli.record_commands import print_rows, verify, watch, withdraw
 from study_app.cli.undecided import require_decisions
 from study_app.conduct import Outcome
 from study_app.display_check import DisplayCheck, check_display, verdict, write_report
@@ -205,6 +205,7 @@ def register(app: typer.Typer) -> None:
     app.command()(resume)
     app.command("check-display")(check_display_)
     app.command()(watch)
+    app.command()(verify)
     app.command()(withdraw)
 
 
