@@ -138,6 +138,29 @@ def test_a_changed_method_makes_only_its_own_clips_again(
     assert check_batch(copy).in_order
 
 
+def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read_orders):
+    """Each changes the key of its scene's clips, and of no others."""
+    study = tmp_path / "study"
+    shutil.copytree(small_study.parent, study)
+    for folder in ("a", "b"):
+        (study / folder).mkdir()
+        shutil.copy(study / "wall.png", study / folder / "t.png")
+    (study / "box.mtl").write_text("newmtl wall\nmap_Kd a/t.png\nnewmtl box\nmap_Kd b/t.png\n")
+
+    def keys() -> dict[str, str]:
+        orders = read_orders(study / small_study.name)
+        return {str(name): orders.clip_key(name) for name in orders.clip_names}
+
+    for folder in ("a", "b"):
+        before = keys()
+        with (study / folder / "t.png").open("ab") as file:
+            file.write(b"changed")
+        after = keys()
+        assert {name for name in after if after[name] != before[name]} == {
+            name for name in after if name.startswith("box__")
+        }
+
+
 def test_another_rim_makes_only_the_photographs_clips_again(
     batch, copy, small_study, inline, tmp_path, read_orders
 ):
