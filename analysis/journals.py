@@ -126,7 +126,7 @@ def _not_vouched_for(readings: Sequence[Reading]) -> list[str]:
     if other := [reading.name for reading in readings if not reading.planned]:
         notes.append(
             f"{_named(other)}: trials are not compared with the plan, which comes out otherwise"
-            " than it was recorded"
+            " than it was recorded, or needs the study's secret"
         )
     for reading in readings:
         wrong = reading.files.wrong

@@ -22,17 +22,20 @@ _ROUND_S = 2e-6
 def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
     """Return the plan of a sitting; None where it does not come out as the sitting had it.
 
+    So it is where the study's secret is not at hand.
+
     Format 1 hashed plans in its own words, so of its sittings the hash is not compared.
     """
     try:
         trials = planned_trials(protocol, start.participant, start.slot)
+        seed = protocol.order_seed
     except StudyError:
         return None
     plan = Plan(
         study=protocol.study.name,
         participant=start.participant,
         slot=start.slot,
-        seed=protocol.design.seed,
+        seed=seed,
         protocol_sha256=start.protocol_sha256,
         manifest_sha256=start.manifest_sha256,
         trials=trials,

@@ -14,6 +14,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
+from protocols.hashing import sha256_bytes
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -22,6 +23,8 @@ from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
 M = TypeVar("M", bound=BaseModel)
+SECRET_SUFFIX = ".secret"
+"""A study's secret lies beside its file, under the same name."""
 _OLD = (
     "this file has format 1, and places are named as in format 2 (such as stimuli.scenes for"
     " [[scenes]], task.gap_s for trial.gap_s); once it is in order, 'metamerlab protocol upgrade"
@@ -45,7 +48,21 @@ def load_protocol(path: Path) -> StudyProtocol:
     """
     path = _shipped(path, "studies")
     raw = read_toml(path)
-    return protocol_of(raw, path)
+    return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
+
+
+def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
+    """Return a study with its secret, where it has one and it is here."""
+    wanted = study.privacy.secret_sha256
+    if wanted is None or not path.exists():
+        return study
+    secret = decode_utf8(read_bytes(path, "the study's secret"), path).strip()
+    if sha256_bytes(secret.encode()) != wanted:
+        raise StudyError(
+            f"{path}: must be the secret that privacy.secret_sha256 names ({wanted[:12]}, its hash"
+            " is another); restore it from the lab's folder"
+        )
+    return study.with_secret(secret)
 
 
 def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:

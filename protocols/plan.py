@@ -89,7 +89,7 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         study=protocol.study.name,
         participant=participant,
         slot=slot,
-        seed=protocol.design.seed,
+        seed=protocol.order_seed,
         protocol_sha256=protocol.sha256,
         manifest_sha256=manifest.sha256,
         trials=planned_trials(protocol, participant, slot),
@@ -107,7 +107,7 @@ def planned_trials(
         If the design cannot be arranged.
     """
     design = protocol.design
-    chance = Chance(design.seed, participant, slot, "plan")
+    chance = Chance(protocol.order_seed, participant, slot, "plan")
     main = _main_trials(protocol, slot, chance)
     if design.blocks > len(main):
         raise StudyError(

@@ -82,8 +82,8 @@ def _compare(journal: Journal, protocol: StudyProtocol) -> tuple[list[str], list
     plan = plan_of(protocol, start)
     if plan is None:
         return [
-            f"the plan must come out as it did (hash {start.plan_sha256[:12]}); verify with"
-            f" revision {start.revision}, or see whether code or slot were changed"
+            f"the plan must come out as it did (hash {start.plan_sha256[:12]}); verify with the"
+            f" study's secret and revision {start.revision}, or see whether code or slot changed"
         ], []
     found = [
         f"line {attempt.n + 1}: {reason}"

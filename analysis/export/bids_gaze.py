@@ -42,6 +42,8 @@ def write_gaze(content: Content, beh: Path, stem: str, person: Person, run: Run)
             except StudyError as error:
                 notes.append(f"{person.reading.name}: {error}; its samples are left out")
                 continue
+            shift_s = (content.shifts or {}).get(person.reading.name, {}).get(attempt.n, 0.0)
+            samples = [(t_s + shift_s, raw_t, x, y) for t_s, raw_t, x, y in samples]
             for t_s, raw_t, x_px, y_px in samples:
                 place = f"{x_px:.2f}\t{y_px:.2f}" if x_px is not None else f"{NOTHING}\t{NOTHING}"
                 own = "" if content.public else f"\t{raw_t!r}"

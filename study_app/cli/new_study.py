@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import secrets
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 
 from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
-from protocols.load import load_display
+from protocols.load import SECRET_SUFFIX, load_display
 from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
@@ -57,7 +58,7 @@ def new_study(
             raise StudyError(
                 f"--title: must hold no quotes, backslashes and line ends (got {shown!r})"
             )
-        texts = study_files(named, shown, load_display(display), task)
+        texts = study_files(named, shown, load_display(display), task, secret=secrets.token_hex(32))
         from stimuli.example_pictures import example_files
 
         made = {file: text.encode() for file, text in texts.items()} | example_files(task)
@@ -65,6 +66,8 @@ def new_study(
             for file, data in made.items():
                 (work / file).parent.mkdir(exist_ok=True)
                 (work / file).write_bytes(data)
+                if file.endswith(SECRET_SUFFIX):
+                    (work / file).chmod(0o600)
             for below in (*FOLDERS, PARTS[task][1]):
                 (work / below).mkdir(exist_ok=True)
     print(f"{folder}: the study {named!r}, ready to be made yours. Next:")

@@ -215,7 +215,8 @@ def upgrade(
 
 
 def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:
-    return make_plan(study, manifest or virtual_manifest(study, screen), f"P{slot}", slot)
+    clips = manifest or virtual_manifest(study, screen)
+    return make_plan(study.in_any_order(), clips, f"P{slot}", slot)
 
 
 def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
