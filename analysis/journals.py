@@ -98,11 +98,18 @@ def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
     """Return a sitting compared with its plan and its files."""
     journal = reading.journal
     plan = plan_of(protocol, reading.start)
+    wrong: dict[int, str] = {}
+    for attempt in journal.attempts:
+        try:
+            protocol.task.row(attempt)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
     if plan is not None:
-        wrong = {
+        wrong |= {
             attempt.n: reason
             for attempt, reason in contradictions(protocol, plan, journal.attempts)
         }
+    if wrong:
         journal = replace(
             journal,
             events=tuple(event for event in journal.events if event.n not in wrong),

@@ -11,7 +11,15 @@ from pydantic import ValidationError
 from protocols.chain import due, first_link, stated
 from protocols.errors import StudyError
 from protocols.format1 import upgraded_attempt
-from protocols.journal import EVENT, AnyEvent, Attempt, SessionResume, SessionStart, Withdrawal
+from protocols.journal import (
+    EVENT,
+    AnyEvent,
+    Attempt,
+    Event,
+    SessionResume,
+    SessionStart,
+    Withdrawal,
+)
 from protocols.load import read_bytes
 
 JOURNAL_NAME = "journal.jsonl"
@@ -82,7 +90,12 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     StudyError
         If the file cannot be read or, unless `lenient`, a line is damaged or missing.
     """
-    data = read_bytes(path, "the journal")
+    try:
+        data = read_bytes(path, "the journal")
+    except StudyError as error:
+        if lenient and path.exists():  # one sitting's, and not the study's end
+            return Journal(path, (), b"", False, (DamagedLine(1, str(error)),))
+        raise
     *lines, tail = data.split(b"\n")
     ends_open = False
     if tail.startswith(b"{") and _holds_an_object(tail):  # a torn line is the beginning of one
@@ -205,10 +218,16 @@ def _parse(line: bytes) -> AnyEvent | str:
             raw = json.loads(line)
         except (ValueError, RecursionError):
             return f"must be one JSON object (got {line[:40]!r})"
-        detail = error.errors()[0]
+        detail = error.errors(include_input=False, include_url=False)[0]
         kind = raw.get("kind") if isinstance(raw, dict) else None
+        if kind is not None and (not isinstance(kind, str) or kind not in _KINDS):
+            return f"event: kind must be one of those that journals have (got {ascii(kind)[:40]})"
         place = ".".join(map(str, detail["loc"][1:] if kind else detail["loc"]))
-        return f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+        said = f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+        return said.encode("ascii", "backslashreplace").decode()[:200]
+
+
+_KINDS = {kind.model_fields["kind"].default for kind in Event.__subclasses__()}
 
 
 class _ContradictionError(Exception):

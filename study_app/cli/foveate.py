@@ -16,6 +16,7 @@ from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import check_file, check_folder, read_parameters
 from study_app.cli.progress import one_line
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import moderngl
@@ -74,7 +75,7 @@ def _print_methods(asked: bool) -> None:
         known = condition_parameters(probe)
         shown = ", ".join(k if v is None else f"{k} ({v})" for k, v in known.items())
         table.add_row(entry.shown_name, entry.summary, shown or "-")
-    console = Console(highlight=False)
+    console = PlainConsole()
     console.print(table)
     laws = Table("law", "how wide the eye pools", "parameter (default)", box=None)
     for name, (law, constant) in PRESETS.items():
@@ -277,7 +278,7 @@ def foveate(
         gaze_px = read_gaze(gaze, looking.geometry)
         if score is not None:
             _check_scorable(looking, gaze_px)
-        console = Console(highlight=False, soft_wrap=True, markup=False)
+        console = PlainConsole(soft_wrap=True)
         console.print(f"{width} x {height} px")
         for line in (looking.words, gaze_words(gaze_px, looking.geometry)):
             console.print(line)
@@ -307,7 +308,7 @@ def _run(
     state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
     if state.exists():
         console.print(f"going on where {state} ends")
-    with Console(stderr=True).status("working ...") as status:
+    with PlainConsole(stderr=True).status("working ...") as status:
         seen = look_through(
             shown, gaze_px, viewing, choices, seed=seed, ctx=ctx, state=state, report=status.update
         )

@@ -15,6 +15,7 @@ from protocols.load import SECRET_SUFFIX, load_display
 from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
+from study_app.cli.terminal import say
 
 _NEVER_REPLACED = ".no-earlier-study"
 
@@ -70,10 +71,10 @@ def new_study(
                     (work / file).chmod(0o600)
             for below in (*FOLDERS, PARTS[task][1]):
                 (work / below).mkdir(exist_ok=True)
-    print(f"{folder}: the study {named!r}, ready to be made yours. Next:")
-    print(f"  cd {folder}")
-    print("  metamerlab protocol check study.toml")
-    print("and see README.md there.")
+    say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
+    say(f"  cd {folder}")
+    say("  metamerlab protocol check study.toml")
+    say("and see README.md there.")
 
 
 def slug(text: str) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
@@ -18,6 +17,7 @@ from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.load import load_protocol
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
+from study_app.cli.terminal import PlainConsole, say
 from study_app.operator_view import rows
 from study_app.run import utc_now
 from study_app.sittings import Sitting
@@ -41,7 +41,7 @@ def withdraw(
         if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
             raise StudyError(f"{folder}: nothing was deleted")
         count = withdraw_participant(out, participant, utc_now, study)
-        print(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
+        say(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
 
 
 def watch(
@@ -100,14 +100,14 @@ def verify(
             found = verify_sitting(sitting, study)
             lines = len(sitting.journal.events) + len(sitting.journal.damaged)
             verdict = "NOT as it was recorded" if found.problems else "whole"
-            print(
+            say(
                 f"{sitting.study}/{sitting.participant}: {verdict} ({sitting.state}, {lines} lines,"
                 f" {found.files} files)"
             )
             for problem in found.problems:
-                print(f"  {problem}")
+                say(f"  {problem}")
             for note in found.notes:
-                print(f"  note: {note}")
+                say(f"  note: {note}")
             wrong += bool(found.problems)
         if wrong:
             raise StudyError(
@@ -118,7 +118,7 @@ def verify(
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:
     """Print names and values as a table."""
-    Console().print(_grid(entries))
+    PlainConsole().print(_grid(entries))
 
 
 def _table(path: Path) -> Table:

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
 from protocols.errors import StudyError
@@ -26,6 +25,7 @@ from protocols.units import Scalar
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.sitting_commands import register
+from study_app.cli.terminal import Description, PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
@@ -148,8 +148,8 @@ def simulate(
             "S001",
             0,
         )
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        terminal = Console(stderr=True)
+        columns = (Description(), BarColumn(), MofNCompleteColumn())
+        terminal = PlainConsole(stderr=True)
         with Progress(
             *columns,
             TimeRemainingColumn(),
@@ -165,7 +165,7 @@ def simulate(
 
             outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
         done = sum(outcome.main_done for outcome in outcomes.values())
-        print(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
+        say(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
         codes = {participant_code(number) for number in range(participants)}
         require_decisions(
             sitting
@@ -195,7 +195,7 @@ def list_(
             table.add_column(column)
         for sitting in sittings:
             table.add_row(*_row(sitting))
-        Console().print(table)
+        PlainConsole().print(table)
 
 
 @app.command()
@@ -218,7 +218,7 @@ def status(
         table = Table(show_header=False)
         for name, value in _details(sitting):
             table.add_row(name, value)
-        Console().print(table)
+        PlainConsole().print(table)
 
 
 def _sittings_above(session: Path) -> list[Sitting]:

@@ -12,6 +12,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import check_file, check_folder, read_parameters
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +46,7 @@ def _print_methods(asked: bool) -> None:
         probe = f"{entry.name}x" if entry.takes_path else entry.name
         shown = ", ".join(f"{k} ({v})" for k, v in method_parameters(probe).items())
         table.add_row(entry.shown_name, entry.summary, shown or "-")
-    Console(highlight=False).print(table)
+    PlainConsole().print(table)
     raise typer.Exit
 
 
@@ -289,7 +290,7 @@ def _run(
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     ctx = create_context()
     try:
         console.print(f"renderer: {describe(ctx)}")

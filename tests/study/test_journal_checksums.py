@@ -254,7 +254,7 @@ def test_another_code_or_slot_is_no_longer_the_plan_of_the_sitting(sessions):
     notes = [n for n in read_sessions(sessions, DEMO).warnings if "not compared" in n]
     assert notes == [
         "demo/S001: trials are not compared with the plan, which comes out otherwise than it was"
-        " recorded"
+        " recorded, or needs the study's secret"
     ]
     found = verify(find_sittings(sessions)[0], DEMO)
     assert any("the plan must come out as it did" in problem for problem in found.problems)
