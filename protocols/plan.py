@@ -9,6 +9,7 @@ from protocols.chance import Chance
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
+from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Cell
@@ -229,6 +230,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
     rule = protocol.task.adaptation
     if rule is not None:
+        check_trials(rule.trials)
         return [
             PlannedTrial(
                 id=f"main-{number:04d}",
@@ -244,6 +246,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
         ]
     scenes = protocol.main_scenes()
     cells = protocol.task.cells(protocol, scenes)
+    check_trials(len(cells) * protocol.design.repeats)
     if not cells:
         raise StudyError(
             "design: must have at least one trial (no scene has the stimuli that the task needs:"
@@ -277,6 +280,7 @@ def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list
     cells = chance.shuffled(protocol.task.practice_cells(protocol, protocol.practice_scenes()))
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
+    check_trials(practice.trials * practice.rounds)
     trials = []
     for number in range(practice.trials * practice.rounds):
         repeat, place = divmod(number, len(cells))
@@ -291,6 +295,7 @@ def _catch_trials(
     wanted = protocol.task.catch_trials
     if not wanted:
         return []
+    check_trials(wanted)
     cells = protocol.task.catch_cells(protocol)
     if not cells:
         raise StudyError("task.catch: must fit stimuli of at least one scene")

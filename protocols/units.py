@@ -48,7 +48,7 @@ SecondsOrNone = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
 Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"}), AfterValidator(storable)]
 """A moment on one stated clock; its zero is arbitrary."""
 Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"})]
-Degrees = Annotated[float, Field(gt=0, json_schema_extra={"unit": "deg"})]
+Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"})]
 """Degrees of visual angle."""
 SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
 Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"})]

@@ -19,6 +19,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import InputError
+from pipeline.limits import reading
 from stimuli.scenes.mesh_inputs import OnlyThese, check_textures, document, words_after
 from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
 
@@ -103,7 +104,8 @@ def load_world(
         matrix[:3] *= scale
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
             continue  # scaled to nothing: it cannot be seen
-        part = _part(path, geometry, matrix, materials, lit)
+        with reading(path, f"a whole {path.suffix} file"):
+            part = _part(path, geometry, matrix, materials, lit)
         parts.append(Part(part.mesh.faceted(), part.material) if facets else part)
     if not parts:
         raise InputError(f"{path}: must hold at least one triangle (it holds none)")

@@ -21,6 +21,7 @@ from PIL import Image
 from trimesh.resolvers import Resolver
 
 from pipeline.errors import InputError
+from pipeline.limits import check_values
 
 ENDINGS = (".glb", ".gltf", ".obj")
 KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
@@ -181,7 +182,10 @@ def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
 def _decode(data: bytes, name: str, what: str) -> None:
     try:
         with Image.open(io.BytesIO(data)) as picture:
+            check_values(Path(name), *picture.size, len(picture.getbands()))
             picture.load()
+    except InputError:
+        raise
     except Exception as error:  # Pillow's formats raise what they meet
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(
