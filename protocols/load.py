@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +24,7 @@ from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
 M = TypeVar("M", bound=BaseModel)
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 SECRET_SUFFIX = ".secret"
 """A study's secret lies beside its file, under the same name."""
 _OLD = (
@@ -51,6 +53,18 @@ def load_protocol(path: Path) -> StudyProtocol:
     return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
 
 
+def _control_characters(value: object, place: str = "") -> Iterator[Problem]:
+    """Yield every text with a character that no page, figure or terminal can show."""
+    if isinstance(value, str) and (found := _CONTROL.search(value)):
+        yield Problem(place, f"must hold no control characters (got {found.group()!a})")
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _control_characters(entry, f"{place}.{key}".lstrip("."))
+    elif isinstance(value, list | tuple):
+        for index, entry in enumerate(value):
+            yield from _control_characters(entry, f"{place}[{index}]")
+
+
 def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
     """Return a study with its secret, where it has one and it is here."""
     wanted = study.privacy.secret_sha256
@@ -76,7 +90,9 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
-    problems: list[Problem] = []
+    problems: list[Problem] = list(_control_characters(raw))
+    if problems:
+        raise _study_error(path, problems)
     raw = _with_tables(raw, path.parent)
     try:
         study = StudyProtocol.model_validate(raw)

@@ -48,6 +48,8 @@ class Setting:
     simulated: bool = False
     display_report: DisplayReport | None = None
     timing_evidence: str = ""
+    simulation: str = ""
+    """What artificial observers depend on besides; recorded, and the same when they go on."""
 
 
 def begin(
@@ -100,7 +102,7 @@ def begin(
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions(),
+                versions=versions() | _simulation(setting),
                 platform=platform.platform(),
                 timing_evidence=setting.timing_evidence,
             )
@@ -141,6 +143,13 @@ def resume(
         recorder.close()
         raise
     return recorder, plan
+
+
+_SIMULATION = "simulation"
+
+
+def _simulation(setting: Setting) -> dict[str, str]:
+    return {_SIMULATION: setting.simulation} if setting.simulation else {}
 
 
 def versions() -> dict[str, str]:
@@ -223,6 +232,13 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
             )
     if start.simulated != setting.simulated:
         raise StudyError(f"{recorder.path}: simulated and real sessions must not be mixed")
+    before = start.versions.get(_SIMULATION, setting.simulation)
+    if before != setting.simulation:
+        raise StudyError(
+            f"{recorder.path}: a simulated session must go on with the observer it began with"
+            f" ({before or 'none stated'}, got {setting.simulation or 'none stated'}); give the"
+            " same --seed and options, or another folder"
+        )
     plan = make_plan(setting.protocol, setting.manifest, participant, start.slot)
     if plan.sha256 != start.plan_sha256:
         raise StudyError(
