@@ -5,6 +5,7 @@ whatever was left out.
 """
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -19,6 +20,7 @@ from protocols.suggest import did_you_mean
 FIRST_LINE = 2
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -30,6 +32,11 @@ def read_table(path: Path) -> pd.DataFrame:
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
     text = decode_utf8(read_bytes(path, "the table"), path)
+    if found := _CONTROL.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise StudyError(
+            f"{path}: line {line}: must hold no control characters (got {found.group()!a})"
+        )
     separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
     reader = csv.reader(StringIO(text), delimiter=separator)
     try:

@@ -23,7 +23,6 @@ from stimuli.batch_folder import (
     Report,
     check_folder,
     claim,
-    is_clip_folder,
     move_over,
     remove_strangers,
     remove_surveys,
@@ -89,7 +88,7 @@ class _Batch:
     def run(self) -> Outcome[ClipName]:
         orders = self.orders
         names = [str(name) for name in orders.clip_names]
-        check_folder(self.out, is_clip_folder)
+        check_folder(self.out)
         try:
             self.renderer = self.executor.submit(describe_renderer).result()
         except BrokenProcessPool:
@@ -111,7 +110,7 @@ class _Batch:
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
             sync(self.out)
         self._make(missing)
-        remove_strangers(self.out, names, is_clip_folder)
+        remove_strangers(self.out, names)
         remove_surveys(self.out, [survey_name(name) for name in orders.clip_names])
         derive(
             orders.protocol,

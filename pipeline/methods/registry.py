@@ -148,6 +148,29 @@ def method_parameters(name: str) -> dict[str, Any]:
     }
 
 
+def method_files(name: str) -> list[Path]:
+    """Return every file that decides what a method with a path does; none for the others.
+
+    A class that opens more than its file, or than the files of its folder, says so by a static
+    method ``files``, from the path to a list of paths.
+
+    Raises
+    ------
+    InputError, FileNotFoundError
+        If there is no such method, or a file is missing or cannot be read.
+    """
+    entry = check_method_name(name)
+    if not entry.takes_path:
+        return []
+    path = Path(name.removeprefix(entry.name))
+    files = getattr(entry.load(), "files", None)
+    if files is not None:
+        return cast(list[Path], files(path))
+    if path.is_dir():
+        return sorted(file for file in path.rglob("*") if file.is_file())
+    return [path]
+
+
 def create_method(
     name: str, ctx: moderngl.Context | None = None, parameters: Mapping[str, Any] | None = None
 ) -> Method:

@@ -23,6 +23,7 @@ from study_app.cli.one_picture import (
     print_methods,
 )
 from study_app.cli.progress import Teller
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import moderngl
@@ -208,7 +209,7 @@ def foveate(
         choices = _choices(methods, settings, sheet)
         outputs = Outputs(out, compare, steps, score, animate, flip, size_px)
         _check(outputs)
-        console = Console(highlight=False, soft_wrap=True, markup=False)
+        console = PlainConsole(soft_wrap=True)
         with _renderer(console, numpy_only) as ctx, Teller(console) as teller:
             foveate_file(
                 picture, outputs, gaze=gaze, display=display, fov_deg=fov, panorama=panorama,

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from study_app.cli.terminal import PlainConsole
 
 LOOK = "To look at"
 """Panel of what is made to be looked at."""
@@ -42,7 +43,7 @@ def list_option(what: str, show: Callable[[Console], None]) -> Any:
 
     def stop(asked: bool) -> None:
         if asked:
-            show(Console(highlight=False))
+            show(PlainConsole())
             raise typer.Exit
 
     return typer.Option("--list", help=f"List {what}, then stop.", callback=stop, is_eager=True)

@@ -10,17 +10,18 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from study_app.cli.terminal import Description, PlainConsole
 
 
 @contextmanager
 def one_line() -> Iterator[Callable[[str, int, int], None]]:
     """Show one line that says what is done; a total of 0 means that no end is known."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    columns = (Description(), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=PlainConsole(stderr=True), transient=True) as bars:
         task = bars.add_task("starting", total=None)
 
         def say(name: str, done: int, total: int) -> None:
@@ -65,11 +66,11 @@ class Teller:
 def progress_bar() -> Progress:
     """Return a bar that stays, with counts and times; its tasks say what is going on."""
     return Progress(
-        TextColumn("{task.description}"),
+        Description(),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
+        Description("left"),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=PlainConsole(stderr=True),
     )

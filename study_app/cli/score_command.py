@@ -15,6 +15,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_bar
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from stimuli.score.batch import Subjects
@@ -194,7 +195,7 @@ def _score(
                 " another --out"
             )
         check_out(folder)
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
 
@@ -271,7 +272,7 @@ def _print_metrics() -> None:
             str(metric.least_px),
             metric.licence,
         )
-    console = Console(highlight=False, markup=False)
+    console = PlainConsole()
     console.print(table)
     for entry in missing:
         console.print(f"missing: {', '.join(entry.metrics)}: {entry.reason}", soft_wrap=True)

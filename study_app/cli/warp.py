@@ -21,6 +21,7 @@ from study_app.cli.one_picture import (
     method_option,
     print_methods,
 )
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -269,7 +270,7 @@ def _run(
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     ctx = create_context()
     try:
         console.print(f"renderer: {describe(ctx)}")
