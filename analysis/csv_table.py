@@ -26,6 +26,7 @@ DAY_S = 86_400.0
 SHOWN_LETTERS = 60
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -37,6 +38,11 @@ def read_table(path: Path) -> pd.DataFrame:
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
     text = decode_utf8(read_bytes(path, "the table"), path)
+    if found := _CONTROL.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise StudyError(
+            f"{path}: line {line}: must hold no control characters (got {found.group()!a})"
+        )
     separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
     reader = csv.reader(StringIO(text), delimiter=separator)
     try:

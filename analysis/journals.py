@@ -1,13 +1,15 @@
 """Reads the journals of one study: what tables, reports and exports are made from."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from protocols.against_plan import contradictions, plan_of
 from protocols.errors import StudyError
 from protocols.journal import SessionStart
-from protocols.journal_file import Journal, find_journals, read_journal
+from protocols.journal_file import DamagedLine, Journal, find_journals, read_journal
 from protocols.schema import StudyProtocol
+from protocols.side_files import SideFiles, check_side_files
 
 Progress = Callable[[str, int, int], None]
 """Told what is done, how much of it, and of how much; 0 where no end is known."""
@@ -23,7 +25,12 @@ class Reading:
     name: str
     """Its folder, relative to the folder that was searched."""
     journal: Journal
+    """Without attempts that contradict the plan: they are among its damaged lines."""
     start: SessionStart
+    planned: bool
+    """Whether the plan comes out as the sitting had it, so that attempts were compared with it."""
+    files: SideFiles
+    """The files beside the journal, held to their hashes."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +79,7 @@ def read_study(
         if not starts:
             notes.append(f"{name}: left out, its first line (the header) cannot be read")
             continue
-        readings.append(Reading(name, journal, starts[0]))
+        readings.append(Reading(name, journal, starts[0], False, SideFiles(0, ())))
     if progress:
         progress("reading journals", len(paths), len(paths))
     if not readings:
@@ -82,7 +89,72 @@ def read_study(
         )
     _check_one_study(folder, readings, protocol)
     notes += _note_manifests(readings)
-    return StudyReadings(tuple(readings), tuple(notes))
+    for number, reading in enumerate(readings):
+        if progress:
+            progress("checking what was recorded", number, len(readings))
+        readings[number] = _checked(reading, protocol)
+    if progress:
+        progress("checking what was recorded", len(readings), len(readings))
+    return StudyReadings(tuple(readings), (*notes, *_not_vouched_for(readings)))
+
+
+def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
+    """Return a sitting compared with its plan and its files."""
+    journal = reading.journal
+    plan = plan_of(protocol, reading.start)
+    wrong: dict[int, str] = {}
+    for attempt in journal.attempts:
+        try:
+            protocol.task.row(attempt)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
+    if plan is not None:
+        wrong |= {
+            attempt.n: reason
+            for attempt, reason in contradictions(protocol, plan, journal.attempts)
+        }
+    if wrong:
+        journal = replace(
+            journal,
+            events=tuple(event for event in journal.events if event.n not in wrong),
+            damaged=(
+                *journal.damaged,
+                *(DamagedLine(number + 1, reason) for number, reason in wrong.items()),
+            ),
+        )
+    files = check_side_files(reading.journal)
+    return replace(reading, journal=journal, planned=plan is not None, files=files)
+
+
+def _not_vouched_for(readings: Sequence[Reading]) -> list[str]:
+    """Say what could not be checked, and which files are not as they were recorded."""
+    notes = []
+    if bare := [reading.name for reading in readings if reading.journal.unchecked]:
+        notes.append(
+            f"{_named(bare)}: written without checksums, by an older version; a change to such"
+            " lines may go unnoticed"
+        )
+    if other := [reading.name for reading in readings if not reading.planned]:
+        notes.append(
+            f"{_named(other)}: trials are not compared with the plan, which comes out otherwise"
+            " than it was recorded, or needs the study's secret"
+        )
+    for reading in readings:
+        wrong = reading.files.wrong
+        if wrong:
+            listed = ", ".join(f"{entry.file} {entry.reason}" for entry in wrong[:3])
+            more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+            notes.append(
+                f"{reading.name}: {len(wrong)} of {reading.files.checked} files beside the journal"
+                f" are not as they were recorded: {listed}{more}"
+            )
+    return notes
+
+
+def _named(names: Sequence[str]) -> str:
+    if len(names) <= 3:
+        return ", ".join(names)
+    return f"{', '.join(names[:3])} and {len(names) - 3} more sittings"
 
 
 def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyProtocol) -> None:

@@ -85,7 +85,7 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         session, tries, decided, said, found = _one_sitting(
             reading.name, reading.journal, reading.start, protocol
         )
-        sessions.append(session)
+        sessions.append(session | {"wrong_files": len(reading.files.wrong)})
         attempts += tries
         decisions += decided
         answers += said
@@ -230,6 +230,7 @@ def _session_row(
         "accuracy_deg": max((check.accuracy_deg for check in checks), default=None),
         "resumed": sum(isinstance(event, SessionResume) for event in journal.events),
         "damaged_lines": len(journal.damaged),
+        "unchecked_lines": journal.unchecked,
         "torn": int(bool(journal.torn)),
         "refresh_hz": start.refresh_hz,
         "gaze_mode": start.gaze_mode,

@@ -9,6 +9,7 @@ BENCHMARKS = {
     "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
+    "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
     "thin": "what is one pixel thin, through the warp, on the built-in scenes",
     "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",

@@ -1,9 +1,10 @@
 """What each correction of `metameric` is worth: `script/bench ablation --help`.
 
-One correction at a time is switched off, in the numpy twin, and all together; beside them the
-number of levels, `metameric-paper` and `push-pull-depth`. Measured on the stereo pairs, against the
-other photograph inside interior holes, and on the built-in scenes, against the true view; of frames
-larger than `--crop` the part with the most holes. FovVideoVDP where it can be imported.
+One correction at a time is switched off, in the numpy twin; beside them settings, the number of
+levels, what was tried and left out, `metameric-paper` and `push-pull-depth`. Measured on the stereo
+pairs, against the other photograph inside interior holes, and on the built-in scenes, against the
+true view; of frames larger than `--crop` the part with the most holes. FovVideoVDP where it can be
+imported.
 """
 
 from __future__ import annotations
@@ -22,17 +23,21 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
+from benchmarks import colour_edges
 from benchmarks.output import PagePart, file_to_write
 from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.inpaint import reference as inpaint
 from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.noise import tile
+from pipeline.noise.mixing import Mixing, fitted_mixing
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
 from pipeline.quality import Quality, evaluate
-from pipeline.synthesis import lacking, noise, reference
-from pipeline.synthesis.mixing import Mixing, fitted_mixing
+from pipeline.statistics import reference as statistics
+from pipeline.statistics.lacking import noise_variances
+from pipeline.synthesis import reference as synthesis
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from protocols.revision import code_revision, package_version
@@ -58,45 +63,31 @@ def unmixed(levels: int) -> Mixing:
     )
 
 
-def _no_gains(variances: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.float64]:
-    return np.ones_like(variances)
-
-
-def _block_gains(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
-    rows, columns = (-(-length // 2) for length in hole.shape)
-    return gains.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
-
-
-def _never_wide(hole: NDArray[np.bool_], level: int) -> NDArray[np.float64]:
-    return np.zeros_like(lacking.wideness(hole, level))
-
-
-def _heedless(
-    variance: NDArray[np.float64],  # noqa: ARG001
+def _outlines_measured(
+    values: NDArray[np.float64],
+    base_bands: NDArray[np.float64],
+    outlined: NDArray[np.bool_],
     known: NDArray[np.float64],
-    level: int,  # noqa: ARG001
+    *,
+    cross: bool,
 ) -> NDArray[np.float64]:
-    return np.zeros_like(known)
+    return noise_variances(values, base_bands, np.zeros_like(outlined), known, cross=cross)
+
+
+def _everywhere(hole: NDArray[np.bool_], *_: int) -> NDArray[np.bool_]:
+    return np.ones_like(hole)
 
 
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
-    "0036 a wide hole is not settled by its border": ((reference, "wideness", _never_wide),),
-    "0037 the frame's border counts little": ((inpaint, "BORDER_TRUST", 1.0),),
-    "0047 noise is mixed": (
-        (noise, "fitted_mixing", unmixed),
-        (reference, "fitted_mixing", unmixed),
+    "0034 the base is not measured across outlines": (
+        (statistics, "noise_variances", _outlines_measured),
     ),
-    "0048 noise is corrected for what its bands measure": (
-        (reference, "spectral_gains", _no_gains),
-    ),
-    "0049 noise heeds the known background": ((lacking, "beside_known", _heedless),),
-    "0059 noise is softened": ((noise, "softened", lambda image, _: image),),
-    "0059 gains go on smoothly": ((reference, "between_blocks", _block_gains),),
+    "0047 noise is mixed": ((tile, "fitted_mixing", unmixed),),
+    "0058 the base is relaxed": ((inpaint, "RELAXED_RESOLUTIONS", 0),),
+    "0059 noise is softened": ((tile, "softened", lambda image, _: image),),
 }
-PAYS = ("0047 noise is mixed", "0059 noise is softened")
 DEFAULT = "metameric"
 DEFAULTS = MetamericSettings()
-ALL = "without any of them"
 
 
 @dataclass(frozen=True)
@@ -111,20 +102,18 @@ class Variant:
 VARIANTS = (
     Variant(DEFAULT),
     *(Variant(f"without {name}", patches=patches) for name, patches in CORRECTIONS.items()),
-    Variant("base_gamma as gamma (0037)", MetamericSettings(base_gamma=MetamericSettings.gamma)),
+    Variant("skip_depth_edges false", MetamericSettings(skip_depth_edges=False)),
+    Variant("channels independent", MetamericSettings(channels="independent")),
+    Variant("gamma 0", MetamericSettings(gamma=0.0)),
+    Variant("gamma 0.5", MetamericSettings(gamma=0.5)),
+    *(Variant(f"levels {levels}", MetamericSettings(levels=levels)) for levels in (1, 3, 4)),
     Variant(
-        "0047 and softening alone",
-        patches=tuple(
-            p for name, patches in CORRECTIONS.items() if name not in PAYS for p in patches
-        ),
+        "statistics that keep to a colour",
+        patches=((synthesis, "inpainted_statistics", colour_edges.inpainted_statistics),),
     ),
-    Variant(
-        "softening alone, base_gamma as gamma",
-        MetamericSettings(base_gamma=MetamericSettings.gamma),
-        tuple(p for name, patches in CORRECTIONS.items() if name != PAYS[1] for p in patches),
-    ),
-    Variant(ALL, patches=tuple(patch for patches in CORRECTIONS.values() for patch in patches)),
-    *(Variant(f"levels {levels}", MetamericSettings(levels=levels)) for levels in (1, 2, 3)),
+    Variant("statistics of the whole frame", patches=((statistics, "near_a_hole", _everywhere),)),
+    Variant("texture background", MetamericSettings(texture="background")),
+    Variant("texture background, levels 4", MetamericSettings(texture="background", levels=4)),
     Variant("noise 0 (push-pull-depth)", MetamericSettings(noise=0.0)),
 )
 PRINTED = "metameric-paper"
@@ -132,15 +121,15 @@ PRINTED = "metameric-paper"
 
 @contextmanager
 def replaced(patches: Sequence[Patch]) -> Iterator[None]:
-    """Put `patches` in place; the noise is made anew before and after."""
+    """Put `patches` in place; noise that they change is made anew before and after."""
+    of_noise = any(where is tile for where, _, _ in patches)
     with ExitStack() as stack:
         for where, name, value in patches:
             stack.enter_context(mock.patch.object(where, name, value))
-        noise.noise_bands.cache_clear()
-        try:
-            yield
-        finally:
-            noise.noise_bands.cache_clear()
+        if of_noise:
+            stack.callback(tile.noise_bands.cache_clear)
+            tile.noise_bands.cache_clear()
+        yield
 
 
 def fills(view: View) -> Iterator[tuple[str, Colour]]:

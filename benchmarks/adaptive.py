@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import spearmanr
 
-from benchmarks.analysis import processor
+from benchmarks.machine import processor
 from benchmarks.output import file_to_write
 from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.psychometric import probability, slope_of

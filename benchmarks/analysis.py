@@ -33,6 +33,7 @@ from analysis.power import mean_logit
 from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
 from analysis.tasks.preference.settings import from_protocol
+from benchmarks.machine import processor
 from benchmarks.output import file_to_write
 from protocols.load import load_protocol
 from protocols.revision import code_revision
@@ -361,16 +362,6 @@ def learning_rates(scale_down: int) -> list[LearningRates]:
             between.append(result.p < 0.05)
         found.append(LearningRates(drift, studies, float(np.mean(pooled)), float(np.mean(between))))
     return found
-
-
-def processor() -> str:
-    """Return the processor's model name, where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else "unknown"
 
 
 def main(argv: list[str]) -> int:

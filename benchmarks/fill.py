@@ -173,7 +173,7 @@ class Bench:
 
             return fill, metameric.dispatches, metameric.held_bytes, metameric.release
         if method == "push-pull-depth":
-            guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.base_gamma)
+            guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.gamma)
             return (
                 lambda: guided(self.image, self.depth_m, Z_NEAR_M),
                 guided.dispatches,

@@ -1,36 +1,49 @@
-"""Time of foveated pictures against a copy and a blur: `script/bench foveate --help`.
+"""Time and memory of foveated pictures against a copy and a blur: `script/bench foveate --help`.
 
-Conditions take turns, so that what else the machine does meets all alike; ratios are of one run.
+Conditions take turns, so that what else the machine does meets all alike; ratios are turn by turn.
+What the CPU does, a software renderer's work as well, is counted in CPU time, over all cores: what
+other programs take is no time of its.
+Analysis and synthesis are told apart by the passes' own times (Beyond Blur's Fig. 8).
 odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is installed.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
 
 import moderngl
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.output import file_to_write
+from benchmarks import foveate_report as report
+from benchmarks import machine
+from benchmarks.foveate_report import Line
+from benchmarks.odak_library import perception
+from benchmarks.output import PagePart, file_to_write
+from benchmarks.passes import timed_dispatches
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
-from pipeline.gl.context import create_context, describe, release_context
+from pipeline.foveation.gpu import FoveationPass
+from pipeline.gl.context import Renderer, create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
 
+PART = PagePart("foveation times")
 EDGES = (512, 1024, 2048, 4096)
-ON_GPU = ("blur", "metamer", "eidolon", "warped-metamer")
-IN_NUMPY = ("noise-enhanced", "contrast-enhanced")
-LARGEST_NUMPY_EDGE = 1024  # beyond it numpy takes minutes
+CONDITIONS = (
+    "blur", "metamer", "eidolon", "warped-metamer", "noise-enhanced", "contrast-enhanced",
+)  # fmt: skip
+LARGEST_TWIN_EDGE = 1024  # beyond it the numpy twin of what the GPU does is not timed
+LARGEST_SLOW_EDGE = 2048  # beyond it what only numpy makes takes minutes
+LARGEST_ODAK_EDGE = 1024
+PULL = "pull.comp.glsl"  # the shader of the analysis
+SHARED_RUNS = 3  # of which the least time of each dispatch counts
 TILE = 8
 
 _COPY = """\
@@ -46,21 +59,6 @@ void main() {
 """
 
 
-@dataclass(frozen=True)
-class Line:
-    """One condition at one size."""
-
-    edge_px: int
-    condition: str
-    where: str  # gpu, numpy, or the package
-    median_ms: float
-    least_ms: float
-    over_blur: float | None  # of medians, of one run
-    over_copy: float | None
-    passes: int | None
-    bytes_per_pixel: float | None  # held beyond source and target
-
-
 def picture(edge_px: int) -> np.ndarray:
     """A random picture with some structure, (H, W, 3) in [0, 1]."""
     rng = np.random.default_rng(1)
@@ -69,8 +67,14 @@ def picture(edge_px: int) -> np.ndarray:
     return np.repeat(waves.clip(0, 1)[..., None], 3, axis=2).astype(np.float32)
 
 
-def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int) -> list[Line]:
-    """Time a copy and what the GPU makes, of one size, in turn."""
+def time_gpu(
+    ctx: moderngl.Context,
+    edge_px: int,
+    width_deg: float,
+    repeats: int,
+    conditions: Sequence[str] = CONDITIONS,
+) -> list[Line]:
+    """Time a copy and what the GPU makes, of one size, in turn; a blur is always among it."""
     shown = picture(edge_px)
     size = (edge_px, edge_px)
     source = texture_from(ctx, np.dstack([shown, shown[..., :1]]), "rgba32f")
@@ -83,135 +87,186 @@ def time_gpu(ctx: moderngl.Context, edge_px: int, width_deg: float, repeats: int
         shader.run(-(-edge_px // TILE), -(-edge_px // TILE))
         ctx.memory_barrier()
 
-    made = {name: Foveator(size, viewing=Flat(width_deg), method=name, ctx=ctx) for name in ON_GPU}
+    made: dict[str, FoveationPass] = {}
+    foveators = []
+    for name in dict.fromkeys(("blur", *conditions)):
+        foveator = Foveator(size, viewing=Flat(width_deg), method=name, ctx=ctx)
+        if foveator.passes is not None:
+            made[name] = foveator.passes
+            foveators.append(foveator)
     middle = (edge_px / 2, edge_px / 2)
     works: dict[str, Callable[[], None]] = {"copy": copy}
-    for name, foveator in made.items():
-        passes = foveator.passes
-        assert passes is not None
+    for name, passes in made.items():
         works[name] = lambda passes=passes: passes(source, target, middle)  # type: ignore[misc]
+    software = describe(ctx).software
     times: dict[str, list[float]] = {name: [] for name in works}
+    cpu_times: dict[str, list[float]] = {name: [] for name in works}
     for turn in range(repeats + 1):
         for name, work in works.items():
-            found = measure(ctx, work, repeats=1, warm_up=2 if turn == 0 else 0).median_ms
-            if turn:
-                times[name].append(found)
-    median = {name: statistics.median(values) for name, values in times.items()}
-    lines = []
-    for name, values in times.items():
-        passes = made[name].passes if name in made else None
+            if turn == 0:
+                measure(ctx, work, repeats=1, warm_up=1)
+                continue
+            cpu_s = time.process_time()
+            times[name].append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
+            cpu_times[name].append(1e3 * (time.process_time() - cpu_s))
+    compared = cpu_times if software else times
+
+    def line(name: str) -> Line:
+        # Turn by turn: then a ratio holds while the machine's speed drifts.
+        blurs, copies = (
+            statistics.median(ours / theirs for ours, theirs in zip(*pair, strict=True))
+            for pair in ((compared[name], compared[other]) for other in ("blur", "copy"))
+        )
+        return Line(
+            edge_px,
+            name,
+            "gpu",
+            statistics.median(times[name]),
+            min(times[name]),
+            statistics.median(cpu_times[name]) if software else None,
+            blurs,
+            copies,
+            passes=1,
+            held_bytes=0,
+        )
+
+    lines = [line("copy")]
+    for name, passes in made.items():
+        found_line = line(name)
+        share = analysis_share(ctx, works[name], min(repeats, SHARED_RUNS))
         lines.append(
-            Line(
-                edge_px,
-                name,
-                "gpu",
-                median[name],
-                min(values),
-                median[name] / median["blur"],
-                median[name] / median["copy"],
-                passes.dispatches if passes else 1,
-                passes.held_bytes / edge_px**2 if passes else 0.0,
+            replace(
+                found_line,
+                analysis_ms=share * found_line.counted_ms,
+                synthesis_ms=(1 - share) * found_line.counted_ms,
+                passes=passes.dispatches,
+                held_bytes=passes.held_bytes,
+                analysis_bytes=sum(chain.held_bytes for chain in passes.chains),
             )
         )
-    for foveator in made.values():
+    for foveator in foveators:
         foveator.release()
     for thing in (source, target, shader):
         thing.release()
     return lines
 
 
-def time_cpu(edge_px: int, width_deg: float) -> list[Line]:
-    """Time what numpy makes, once after a warm-up."""
+def analysis_share(ctx: moderngl.Context, work: Callable[[], None], repeats: int) -> float:
+    """Share of a call's time that its pulls take, by the least time of each dispatch."""
+    runs: list[list[tuple[str, float]]] = []
+    for _ in range(repeats):
+        with timed_dispatches(ctx) as found:
+            work()
+        runs.append(found)
+    least = [
+        (first[0], min(ms for _, ms in same))
+        for first, same in zip(runs[0], zip(*runs, strict=True), strict=True)
+    ]
+    pulls = sum(ms for shader, ms in least if shader.endswith(PULL))
+    return pulls / sum(ms for _, ms in least)
+
+
+def time_numpy(edge_px: int, width_deg: float, names: list[str]) -> list[Line]:
+    """Time what numpy makes."""
     shown = picture(edge_px)
     lines = []
-    for name in (*ON_GPU, *IN_NUMPY):
+    for name in names:
         foveator = Foveator((edge_px, edge_px), viewing=Flat(width_deg), method=name)
-        times = []
-        for _ in range(2):
-            start_s = time.perf_counter()
-            foveator(shown, (edge_px / 2, edge_px / 2))
-            times.append(1e3 * (time.perf_counter() - start_s))
-        lines.append(Line(edge_px, name, "numpy", times[-1], min(times), None, None, None, None))
+        lines.append(
+            on_cpu(edge_px, name, "numpy", partial(foveator, shown, (edge_px / 2, edge_px / 2)))
+        )
     return lines
 
 
 def time_odak(edge_px: int) -> list[Line]:
     """Time odak's metamer and blur on the CPU; nothing where it is not installed."""
-    if importlib.util.find_spec("odak") is None:
+    odak = perception()
+    if odak is None:
         return []
     import torch
-    from odak.learn.perception import MetamerMSELoss, RadiallyVaryingBlur
 
     image = torch.from_numpy(picture(edge_px).transpose(2, 0, 1)[None].copy())
-    loss = MetamerMSELoss(n_pyramid_levels=5)
-    blur = RadiallyVaryingBlur()
+    loss = odak.MetamerMSELoss(n_pyramid_levels=5)
+    blur = odak.RadiallyVaryingBlur()
     works = {
         "gen_metamer": lambda: loss.gen_metamer(image, gaze=[0.5, 0.5]),
         "RadiallyVaryingBlur": lambda: blur.blur(image, centre=(0.5, 0.5)),
     }
     lines = []
     for name, work in works.items():
-        times = []
-        for _ in range(3):
-            start_s = time.perf_counter()
-            work()
-            times.append(1e3 * (time.perf_counter() - start_s))
-        lines.append(
-            Line(
-                edge_px, name, "odak", statistics.median(times), min(times), None, None, None, None
-            )
-        )
+        lines.append(on_cpu(edge_px, name, "odak", work))
     return lines
 
 
-def show(lines: list[Line], console: Console) -> None:
-    """Print a table."""
-    table = Table()
-    for name in ("edge px", "condition", "by", "median ms", "least ms", "x blur", "x copy"):
-        table.add_column(name, justify="left" if name in ("condition", "by") else "right")
-    table.add_column("passes", justify="right")
-    table.add_column("B/px", justify="right")
-
-    def number(value: float | None, digits: int) -> str:
-        return "" if value is None else f"{value:.{digits}f}"
-
-    for line in lines:
-        table.add_row(
-            str(line.edge_px),
-            line.condition,
-            line.where,
-            number(line.median_ms, 2),
-            number(line.least_ms, 2),
-            number(line.over_blur, 2),
-            number(line.over_copy, 1),
-            number(line.passes, 0),
-            number(line.bytes_per_pixel, 1),
-        )
-    console.print(table)
+def on_cpu(edge_px: int, name: str, where: str, work: Callable[[], object]) -> Line:
+    """Time what the CPU does: twice after a warm-up, or once where it takes long."""
+    times, cpu_times = [], []
+    for _ in range(3 if edge_px <= LARGEST_TWIN_EDGE // 2 else 1):
+        start_s, cpu_s = time.perf_counter(), time.process_time()
+        work()
+        times.append(1e3 * (time.perf_counter() - start_s))
+        cpu_times.append(1e3 * (time.process_time() - cpu_s))
+    return Line(edge_px, name, where, statistics.median(times), min(times), min(cpu_times))
 
 
 def main(argv: list[str]) -> int:
-    """Time every condition at each size, and print or store a table."""
+    """Time every condition at each size; print tables, and write JSON, a page and a plot."""
     parser = argparse.ArgumentParser(prog="script/bench foveate", description=__doc__)
     parser.add_argument("--size", type=int, nargs="+", default=list(EDGES), metavar="EDGE")
     parser.add_argument("--width-deg", type=float, default=40.0, help="of the picture (40)")
     parser.add_argument("--repeats", type=int, default=9, help="turns of each (default 9)")
+    parser.add_argument(
+        "--condition", nargs="+", choices=CONDITIONS, default=list(CONDITIONS), help="of these"
+    )
     parser.add_argument("--gpu-only", action="store_true", help="leave out numpy and odak")
-    parser.add_argument("--out", type=file_to_write, help="JSON file to write")
+    parser.add_argument(
+        "--json", type=file_to_write, help="write the numbers and the machine there"
+    )
+    parser.add_argument("--docs", type=PART.page, help="page whose tables are replaced")
+    parser.add_argument("--plot", type=file_to_write, help="draw time and memory (.svg, .png)")
     arguments = parser.parse_args(argv)
-    console = Console()
+    console = Console(highlight=False)
+    console.width = max(console.width, 140)  # a table with many columns
+    known = machine.conditions("numpy", "moderngl", "torch", "odak")
     ctx = create_context()
-    renderer = str(describe(ctx))
-    console.print(f"renderer: {renderer}")
+    device = describe(ctx)
+    console.print(f"renderer: {device}; load {known['load_average_before']}")
     lines: list[Line] = []
-    for edge_px in arguments.size:
-        lines += time_gpu(ctx, edge_px, arguments.width_deg, arguments.repeats)
-        if not arguments.gpu_only and edge_px <= LARGEST_NUMPY_EDGE:
-            lines += time_cpu(edge_px, arguments.width_deg) + time_odak(edge_px)
+    for edge_px in sorted(arguments.size):
+        found = time_gpu(ctx, edge_px, arguments.width_deg, arguments.repeats, arguments.condition)
+        if not arguments.gpu_only:
+            there = {line.condition for line in found}
+            names = [
+                name
+                for name in arguments.condition
+                if edge_px <= LARGEST_TWIN_EDGE
+                or (name not in there and edge_px <= LARGEST_SLOW_EDGE)
+            ]
+            found += time_numpy(edge_px, arguments.width_deg, names)
+            found += time_odak(edge_px) if edge_px <= LARGEST_ODAK_EDGE else []
+        lines += found
+        console.print(f"{edge_px} px done")
+        # After each size: what was measured stays, whatever becomes of the next one.
+        _write(arguments, lines, known, device)
     release_context(ctx)
-    show(lines, console)
-    if arguments.out:
-        record = {"renderer": renderer, "width_deg": arguments.width_deg}
-        found = record | {"lines": [asdict(line) for line in lines]}
-        Path(arguments.out).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    report.show(lines, console)
     return 0
+
+
+def _write(
+    arguments: argparse.Namespace, lines: list[Line], known: dict[str, object], device: Renderer
+) -> None:
+    """Write what is asked for."""
+    record = known | {
+        "load_average_after": machine.load_average(),
+        "renderer": asdict(device),
+        "width_deg": arguments.width_deg,
+        "repeats": arguments.repeats,
+        "lines": [asdict(line) for line in lines],
+    }
+    if arguments.json:
+        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    if arguments.docs:
+        PART.replace(arguments.docs, report.markdown(lines, device.name, machine.busy_words(known)))
+    if arguments.plot:
+        report.plot(lines, device.name, arguments.plot)

@@ -75,7 +75,8 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
     """Return a study of built-in scenes, each on the path of `MOTIONS` called `motion`."""
     raw: dict[str, Any] = tomllib.loads(shipped("studies")["demo"].read_text(encoding="utf-8"))
     raw["study"] |= {"name": f"quality-{motion}", "title": f"The built-in scenes, {motion}"}
-    raw["scenes"] = [
+    stimuli = raw["stimuli"]
+    stimuli["scenes"] = [
         {
             "name": f"{scene}-{motion}",
             "kind": "builtin",
@@ -85,16 +86,14 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         }
         for scene in scenes
     ]
-    raw["sizes"] = [SIZE]
-    raw["methods"] = [{"name": name, **VARIANTS.get(name, {})} for name in methods]
-    raw["clips"] |= {
+    stimuli["sizes"] = [SIZE]
+    stimuli["methods"] = [{"name": name, **VARIANTS.get(name, {})} for name in methods]
+    stimuli["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
     }  # fmt: skip
-    raw["design"] = {
-        key: value for key, value in raw["design"].items() if key not in ("practice", "catch")
-    }
-    raw["analysis"]["primary"] = {"method": "metameric", "against": "push-pull"}
+    del raw["design"]["practice"], raw["task"]["catch"]
+    raw["analysis"]["primary"] = {"method": methods[-1], "against": methods[0]}
     return StudyProtocol.model_validate_json(json.dumps(raw))
 
 

@@ -3,6 +3,8 @@
 A plane of amplitudes 1 / f^e, blurred or not, and a disc in front that has moved right. What the
 fill's bands measure in the uncovered hole is compared with what the plane's own measure there,
 over many seeds of texture and noise, from 1000 on; the tests and all fitting use those from 0 on.
+A guard against breakage: within a quarter, at the levels that `metameric` has by default, but for
+white noise.
 One seed's textures are all filtered from one white noise.
 
 The control is the plane of another seed in place of the fill. A fill shares its surroundings with
@@ -28,9 +30,10 @@ from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method
+from pipeline.synthesis.settings import MetamericSettings
 from protocols.revision import code_revision, package_version
 
-LEVELS = 4
+LEVELS = MetamericSettings.levels
 Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
 FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
 FIRST_SEED = 1000
@@ -74,12 +77,8 @@ class Scene:
 SCENES = (
     Scene(320, 40, 56),
     Scene(256, 64, 110),
-    Scene(192, 48, 48),
     Scene(192, 64, 44),
-    Scene(320, 64, 44),
     Scene(192, 56, 36),
-    Scene(320, 56, 36),
-    Scene(192, 56, 32),
 )
 
 
@@ -107,17 +106,7 @@ class Texture:
         return np.asarray(shown, np.float32)
 
 
-TEXTURES = (
-    Texture(0.0),
-    Texture(0.5),
-    Texture(1.0),
-    Texture(1.5),
-    Texture(2.0),
-    Texture(0.0, 1.0),
-    Texture(1.0, 1.0),
-    Texture(0.0, 2.0),
-    Texture(1.0, 2.0),
-)
+TEXTURES = (Texture(0.0), Texture(1.0), Texture(2.0), Texture(0.0, 1.0), Texture(1.0, 1.0))
 
 
 class Fills(Protocol):
@@ -199,7 +188,7 @@ def header(textures: Sequence[Texture]) -> str:
     """Head of the table."""
     columns = [
         "hole",
-        "level 3: side by side",
+        f"level {LEVELS - 1}: side by side",
         "measured",
         *(texture.label for texture in textures),
     ]
@@ -211,7 +200,7 @@ def header(textures: Sequence[Texture]) -> str:
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=128, help="how many, for each texture")
+    parser.add_argument("--seeds", type=int, default=32, help="how many, for each texture")
     parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
     parser.add_argument(
         "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"

@@ -25,18 +25,14 @@ from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
-from pipeline.inpaint.reference import (
-    Level,
-    guide_from_depth,
-    guided_base,
-    interpolate,
-    means_and_variances,
-)
+from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, interpolate
 from pipeline.methods.metameric import Metameric
+from pipeline.noise.tile import noise_bands
 from pipeline.quality import Quality, evaluate, interior
-from pipeline.synthesis.lacking import noise_variances
-from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import inpainted_statistics, shaped_noise
+from pipeline.statistics.lacking import noise_variances
+from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.reference import inpainted_statistics
+from pipeline.synthesis.reference import shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
@@ -68,15 +64,12 @@ VARIANTS = (
     Variant("texture noise (default)"),
     Variant("texture background", BACKGROUND),
     Variant("texture background, noise 0.5", replace(BACKGROUND, noise=0.5)),
-    Variant("texture background, base_gamma 0", replace(BACKGROUND, base_gamma=0.0)),
-    Variant("texture background, base_gamma 0.25", replace(BACKGROUND, base_gamma=0.25)),
+    Variant("texture background, levels 3", replace(BACKGROUND, levels=3)),
+    Variant("levels 3", MetamericSettings(levels=3)),
     Variant("noise 0", MetamericSettings(noise=0.0)),
     Variant("noise 0.5", MetamericSettings(noise=0.5)),
     Variant("skip_depth_edges false", MetamericSettings(skip_depth_edges=False)),
     Variant("channels independent", MetamericSettings(channels="independent")),
-    Variant("base_gamma 0", MetamericSettings(base_gamma=0.0)),
-    Variant("base_gamma 0.25", MetamericSettings(base_gamma=0.25)),
-    Variant("base_gamma 0.5", MetamericSettings(base_gamma=0.5)),
     Variant("gamma 0", MetamericSettings(gamma=0.0)),
     Variant("gamma 0.5", MetamericSettings(gamma=0.5)),
     Variant("gamma 1", MetamericSettings(gamma=1.0)),
@@ -118,13 +111,22 @@ def lowpass_base_fill(
         hole,
         guide,
         levels=levels,
-        gamma=settings.base_gamma,
+        gamma=settings.gamma,
         threshold=settings.depth_threshold,
     )
     base = np.where(hole[..., None], base_levels[0].values, warped.colour)
     guides = [level.guide for level in base_levels]
-    statistics, _ = inpainted_statistics(base, hole, base_levels, settings)
     cross = settings.channels == "correlated"
+    statistics, _ = inpainted_statistics(
+        base,
+        hole,
+        base_levels,
+        levels=levels,
+        cross=cross,
+        gamma=settings.gamma,
+        threshold=settings.depth_threshold,
+        skip_depth_edges=settings.skip_depth_edges,
+    )
     pyramid = analyse(ycbcr_from_rgb(base), levels)
     *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
     bands, lacking = [], []
@@ -136,9 +138,7 @@ def lowpass_base_fill(
         bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
         own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
         no_outline, nowhere = np.zeros(own.shape[:2], np.bool_), np.zeros(found.guide.shape)
-        all_of_it = noise_variances(
-            found.values, own, no_outline, nowhere, nowhere, level, cross=cross
-        )
+        all_of_it = noise_variances(found.values, own, no_outline, nowhere, cross=cross)
         lacking.append(replace(found, values=all_of_it))
     # Averages of known background alone: a low-pass that no hole reaches into.
     clean = ycbcr_from_rgb(base_levels[levels].values)
@@ -146,7 +146,6 @@ def lowpass_base_fill(
     x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
     noise = shaped_noise(
         lacking,
-        hole,
         guide,
         np.stack([x, y], axis=-1) - warped.flow_px,
         noise_bands(seed, levels, 1 if cross else 3),

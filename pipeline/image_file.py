@@ -11,6 +11,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.limits import check_values
 
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
@@ -56,6 +57,11 @@ def read_pixels(path: Path) -> Pixels:
         reason = _one_line(oiio.geterror()) if path.is_file() else "it is a folder"
         raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
     spec = source.spec()
+    try:
+        check_values(path, spec.width, spec.height, spec.nchannels)
+    except InputError:
+        source.close()
+        raise
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _INTEGERS else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)

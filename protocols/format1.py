@@ -81,7 +81,9 @@ def protocol_as_written(study: StudyProtocol) -> Json:
     StudyError
         If the study says what format 1 could not.
     """
-    plain = study.model_dump(mode="json")
+    from protocols.schema import without_nothing
+
+    plain = without_nothing(study.model_dump(mode="json"))
     stimuli, task, response = (plain.pop(name) for name in ("stimuli", "task", "response"))
     if stimuli["kind"] != "warped-clips" or task["kind"] != "two-interval":
         raise StudyError("format: must be 2 for this task and recipe (got 1); set format = 2")

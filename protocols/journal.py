@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, StringConstraints, TypeAdapter, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.hashing import canonical_json
 from protocols.units import (
@@ -29,6 +29,7 @@ from protocols.units import (
     Share,
     Stamp,
     Text,
+    storable,
 )
 
 UtcTime = Annotated[
@@ -61,7 +62,8 @@ class Event(Model):
     at: UtcTime
     """Wall clock, UTC."""
     chain: Sha256 | None = None
-    """Kept free for a checksum over this line and all before it; null: there is none."""
+    """Checksum over this line and all before it: SHA-256 of the checksum of the line before,
+    then this line with null here, without its line feed. Null: written before there were any."""
 
 
 class DisplayReport(Model):
@@ -145,9 +147,9 @@ class Calibration(Event):
     """A validation of the gaze source before a block."""
 
     kind: Literal["calibration"] = "calibration"
-    accuracy_deg: Annotated[float, Field(ge=0)]
+    accuracy_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
     """Mean angle between target and gaze."""
-    precision_deg: Annotated[float, Field(ge=0)]
+    precision_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
     """Root mean square of sample-to-sample angles."""
     points: Count
 
@@ -172,14 +174,14 @@ class Break(Event):
 
     kind: Literal["break"] = "break"
     after_block: Count
-    duration_s: Annotated[float, Field(ge=0)]
+    duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
 
 
 class Pause(Event):
     """The session rested because the participant asked, written when it goes on."""
 
     kind: Literal["pause"] = "pause"
-    duration_s: Annotated[float, Field(ge=0)]
+    duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
 
 
 class Phase(Model):
@@ -223,9 +225,9 @@ class GazeQuality(Model):
     """Losses short enough to be pardoned."""
     violations: Count
     """Times that gaze was outside for long enough; at most 1 in mode `enforce`."""
-    mean_deg: Annotated[float, Field(ge=0)] | None
+    mean_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
     """Mean angle between gaze and dot; null without data."""
-    max_deg: Annotated[float, Field(ge=0)] | None
+    max_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
 
 
 class SideFile(Model):
@@ -268,7 +270,7 @@ class Attempt(Event):
     correct: bool | None
     """Whether it was right; null without an answer, or where none is right."""
     key: str | None
-    rt_s: Annotated[float, Field(ge=0)] | None
+    rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
     """From the onset of the answer phase to the stamp of the key press."""
     phases: tuple[Phase, ...]
     """The phases that were shown, in order."""

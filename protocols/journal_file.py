@@ -8,9 +8,18 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from protocols.chain import due, first_link, stated
 from protocols.errors import StudyError
 from protocols.format1 import upgraded_attempt
-from protocols.journal import EVENT, AnyEvent, Attempt, SessionStart, Withdrawal
+from protocols.journal import (
+    EVENT,
+    AnyEvent,
+    Attempt,
+    Event,
+    SessionResume,
+    SessionStart,
+    Withdrawal,
+)
 from protocols.load import read_bytes
 
 JOURNAL_NAME = "journal.jsonl"
@@ -36,6 +45,8 @@ class Journal:
     ends_open: bool
     """True where the last event is whole but lacks its line feed."""
     damaged: tuple[DamagedLine, ...]
+    unchecked: int = 0
+    """Lines without a checksum, as older versions wrote them."""
 
     @property
     def start(self) -> SessionStart:
@@ -79,25 +90,43 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     StudyError
         If the file cannot be read or, unless `lenient`, a line is damaged or missing.
     """
-    data = read_bytes(path, "the journal")
+    try:
+        data = read_bytes(path, "the journal")
+    except StudyError as error:
+        if lenient and path.exists():  # one sitting's, and not the study's end
+            return Journal(path, (), b"", False, (DamagedLine(1, str(error)),))
+        raise
     *lines, tail = data.split(b"\n")
     ends_open = False
-    if tail and not isinstance(_parse(tail), str):
+    if tail.startswith(b"{") and _holds_an_object(tail):  # a torn line is the beginning of one
         lines, tail, ends_open = [*lines, tail], b"", True
     events: list[AnyEvent] = []
     damaged: list[DamagedLine] = []
+    checksums = _Checksums()
     lost = 0  # numbers that damaged lines stand for
     for number, line in enumerate(lines, start=1):
-        event = _parse(line)
+        event, wrong = _parse(line), checksums.problem(line)
         if isinstance(event, str):
             damaged.append(DamagedLine(number, event))
             lost += 1
             continue
+        if event.chain is not None and stated(line) is None:
+            wrong = "must be as it was written: its checksum stands in another form"
         expected = events[-1].n + 1 if events else 0
         if not expected <= event.n <= expected + lost:
             damaged.append(
                 DamagedLine(number, f"n must be {expected} (got {event.n}): a line is missing")
             )
+        elif wrong:
+            damaged.append(DamagedLine(number, wrong))
+        elif events and not lost and _falls(events[-1], event):
+            before_s = events[-1].t_s
+            damaged.append(
+                DamagedLine(number, f"t_s must not fall (got {event.t_s:g} after {before_s:g})")
+            )
+        if wrong and checksums.certain:
+            lost += 1
+            continue
         lost = 0
         events.append(event)
     if damaged and not lenient:
@@ -106,7 +135,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
             f"{path}: line {first.line}: {first.reason}; the journal was changed after it was"
             " written: restore it from a copy (an analysis reads past the damage and says so)"
         )
-    return Journal(path, tuple(events), tail, ends_open, tuple(damaged))
+    return Journal(path, tuple(events), tail, ends_open, tuple(damaged), checksums.lacking)
 
 
 def find_journals(folder: Path) -> tuple[Path, ...]:
@@ -120,6 +149,56 @@ def find_journals(folder: Path) -> tuple[Path, ...]:
     if not folder.is_dir():
         raise StudyError(f"{folder}: must be a folder of sessions (there is no such folder)")
     return tuple(sorted(folder.rglob(JOURNAL_NAME)))
+
+
+class _Checksums:
+    """Follows the checksums of a journal from line to line."""
+
+    def __init__(self) -> None:
+        self.lacking = 0
+        """Lines that have none."""
+        self.certain = True
+        """Whether the last line that was found wrong must itself have been changed: what stands
+        before it was as written, or says what it said."""
+        self._before: list[str] = []  # what the next line may build on
+        self._begun = False
+        self._unsealed = b""
+
+    def problem(self, line: bytes) -> str | None:
+        """Take the next line; return what is wrong with its checksum."""
+        said = stated(line)
+        if said is None:
+            if not self._begun:
+                self.lacking += 1
+                self._unsealed += line + b"\n"
+                return None
+            self.certain, self._before = bool(self._before), []
+            return "must have a checksum, as the lines before it have"
+        if not self._begun:
+            self._begun, self._before = True, [first_link(self._unsealed)]
+        found = [due(line, link) for link in self._before]
+        self.certain = bool(self._before)
+        if said in found:
+            self._before = [said]
+            return None
+        self._before = [said, *found[:1]]  # the line was changed, or its checksum was
+        if self.certain:
+            return "must be as it was written: its checksum does not fit"
+        return "its checksum cannot be checked, since the line before it has none"
+
+
+def _falls(before: AnyEvent, event: AnyEvent) -> bool:
+    """Return whether the clock ran backwards; it begins anew where a session is resumed."""
+    return event.t_s < before.t_s and not isinstance(event, SessionResume)
+
+
+def _holds_an_object(tail: bytes) -> bool:
+    """Return whether a last line without a line feed has a whole JSON object at its beginning."""
+    try:
+        json.JSONDecoder().raw_decode(tail.decode("utf-8", errors="replace"))
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _parse(line: bytes) -> AnyEvent | str:
@@ -137,12 +216,18 @@ def _parse(line: bytes) -> AnyEvent | str:
     except ValidationError as error:
         try:
             raw = json.loads(line)
-        except (ValueError, RecursionError):  # no JSON; a number too long; brackets too deep
+        except (ValueError, RecursionError):
             return f"must be one JSON object (got {line[:40]!r})"
-        detail = error.errors()[0]
+        detail = error.errors(include_input=False, include_url=False)[0]
         kind = raw.get("kind") if isinstance(raw, dict) else None
+        if kind is not None and (not isinstance(kind, str) or kind not in _KINDS):
+            return f"event: kind must be one of those that journals have (got {ascii(kind)[:40]})"
         place = ".".join(map(str, detail["loc"][1:] if kind else detail["loc"]))
-        return f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+        said = f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+        return said.encode("ascii", "backslashreplace").decode()[:200]
+
+
+_KINDS = {kind.model_fields["kind"].default for kind in Event.__subclasses__()}
 
 
 class _ContradictionError(Exception):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +15,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
+from protocols.hashing import sha256_bytes
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -22,6 +24,9 @@ from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
 M = TypeVar("M", bound=BaseModel)
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+SECRET_SUFFIX = ".secret"
+"""A study's secret lies beside its file, under the same name."""
 _OLD = (
     "this file has format 1, and places are named as in format 2 (such as stimuli.scenes for"
     " [[scenes]], task.gap_s for trial.gap_s); once it is in order, 'metamerlab protocol upgrade"
@@ -45,7 +50,33 @@ def load_protocol(path: Path) -> StudyProtocol:
     """
     path = _shipped(path, "studies")
     raw = read_toml(path)
-    return protocol_of(raw, path)
+    return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
+
+
+def _control_characters(value: object, place: str = "") -> Iterator[Problem]:
+    """Yield every text with a character that no page, figure or terminal can show."""
+    if isinstance(value, str) and (found := _CONTROL.search(value)):
+        yield Problem(place, f"must hold no control characters (got {found.group()!a})")
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _control_characters(entry, f"{place}.{key}".lstrip("."))
+    elif isinstance(value, list | tuple):
+        for index, entry in enumerate(value):
+            yield from _control_characters(entry, f"{place}[{index}]")
+
+
+def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
+    """Return a study with its secret, where it has one and it is here."""
+    wanted = study.privacy.secret_sha256
+    if wanted is None or not path.exists():
+        return study
+    secret = decode_utf8(read_bytes(path, "the study's secret"), path).strip()
+    if sha256_bytes(secret.encode()) != wanted:
+        raise StudyError(
+            f"{path}: must be the secret that privacy.secret_sha256 names ({wanted[:12]}, its hash"
+            " is another); restore it from the lab's folder"
+        )
+    return study.with_secret(secret)
 
 
 def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
@@ -59,7 +90,9 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
-    problems: list[Problem] = []
+    problems: list[Problem] = list(_control_characters(raw))
+    if problems:
+        raise _study_error(path, problems)
     raw = _with_tables(raw, path.parent)
     try:
         study = StudyProtocol.model_validate(raw)

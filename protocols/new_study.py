@@ -23,6 +23,7 @@ from pydantic import BaseModel
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.hashing import sha256_bytes
 from protocols.publish import schema_text
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
@@ -59,7 +60,12 @@ _KEY = re.compile(r"(#\? )?(\w+) = ")
 
 
 def study_files(
-    name: str, title: str, display: Display, task: str = "two-interval", picture_px: int = 128
+    name: str,
+    title: str,
+    display: Display,
+    task: str = "two-interval",
+    picture_px: int = 128,
+    secret: str | None = None,
 ) -> dict[str, str]:
     """Return the files of a new study by name.
 
@@ -75,6 +81,8 @@ def study_files(
         One of `PARTS`.
     picture_px : int
         Edge of the pictures that a study of `files` starts from.
+    secret : str, optional
+        Also seeds the order of trials; left out: the order follows from the code.
 
     Raises
     ------
@@ -110,6 +118,9 @@ def study_files(
         text = composed(task, recipe) if file == "study.toml" else _template(file)
         for word, value in words.items():
             text = text.replace(f"@{word}@", str(value))
+        if file == "study.toml" and secret is not None:
+            digest = sha256_bytes(secret.encode())
+            text = text.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
         return text if model is None else explained(text, model)
 
     return {
@@ -118,7 +129,7 @@ def study_files(
         "README.md": made("README.md"),
         "schemas/study.schema.json": schema_text("study"),
         "schemas/display.schema.json": schema_text("display"),
-    }
+    } | ({} if secret is None else {"study.secret": f"{secret}\n", ".gitignore": "*.secret\n"})
 
 
 def composed(task: str, recipe: str) -> str:

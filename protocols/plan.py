@@ -9,6 +9,7 @@ from protocols.chance import Chance
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
+from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Cell
@@ -85,8 +86,29 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         arranged.
     """
     check_manifest(protocol, manifest)
+    return Plan(
+        study=protocol.study.name,
+        participant=participant,
+        slot=slot,
+        seed=protocol.order_seed,
+        protocol_sha256=protocol.sha256,
+        manifest_sha256=manifest.sha256,
+        trials=planned_trials(protocol, participant, slot),
+    )
+
+
+def planned_trials(
+    protocol: StudyProtocol, participant: str, slot: int
+) -> tuple[PlannedTrial, ...]:
+    """Return the trials of a participant, which no clip decides: `make_plan` says how.
+
+    Raises
+    ------
+    StudyError
+        If the design cannot be arranged.
+    """
     design = protocol.design
-    chance = Chance(design.seed, participant, slot, "plan")
+    chance = Chance(protocol.order_seed, participant, slot, "plan")
     main = _main_trials(protocol, slot, chance)
     if design.blocks > len(main):
         raise StudyError(
@@ -104,15 +126,7 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
     for number in sorted(blocks):
         before = trials[-1].shown if trials else None
         trials += _keyed(protocol, slot, chance, apart(blocks[number], before))
-    return Plan(
-        study=protocol.study.name,
-        participant=participant,
-        slot=slot,
-        seed=design.seed,
-        protocol_sha256=protocol.sha256,
-        manifest_sha256=manifest.sha256,
-        trials=tuple(trials),
-    )
+    return tuple(trials)
 
 
 def chosen(
@@ -230,6 +244,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
     rule = protocol.task.adaptation
     if rule is not None:
+        check_trials(rule.trials)
         return [
             PlannedTrial(
                 id=f"main-{number:04d}",
@@ -245,6 +260,7 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
         ]
     scenes = protocol.main_scenes()
     cells = protocol.task.cells(protocol, scenes)
+    check_trials(len(cells) * protocol.design.repeats)
     if not cells:
         raise StudyError(
             "design: must have at least one trial (no scene has the stimuli that the task needs:"
@@ -278,6 +294,7 @@ def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list
     cells = chance.shuffled(protocol.task.practice_cells(protocol, protocol.practice_scenes()))
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
+    check_trials(practice.trials * practice.rounds)
     trials = []
     for number in range(practice.trials * practice.rounds):
         repeat, place = divmod(number, len(cells))
@@ -292,6 +309,7 @@ def _catch_trials(
     wanted = protocol.task.catch_trials
     if not wanted:
         return []
+    check_trials(wanted)
     cells = protocol.task.catch_cells(protocol)
     if not cells:
         raise StudyError("task.catch: must fit stimuli of at least one scene")

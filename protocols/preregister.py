@@ -160,7 +160,8 @@ def _question(protocol: StudyProtocol) -> str:
 
 def _procedure(protocol: StudyProtocol, display: Display) -> Section:
     design, timing = protocol.design, protocol.trial
-    plan = make_plan(protocol, virtual_manifest(protocol, display), "P000", 0)
+    secret = protocol.privacy.secret_sha256
+    plan = make_plan(protocol.in_any_order(), virtual_manifest(protocol, display), "P000", 0)
     minutes = session_duration_s(protocol, len(plan.trials)) / 60
     feedback = design.practice is not None and design.practice.feedback
     entries = [
@@ -175,7 +176,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         + (" Feedback in practice alone." if feedback else " No feedback."),
         _question(protocol),
         f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks} block(s), breaks"
-        f" of at least {design.break_s:g} s. Seed {design.seed}.",
+        f" of at least {design.break_s:g} s. Seed {design.seed}"
+        + (f", and a secret with SHA-256 {secret}." if secret else "."),
         f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts.",
         f"More than {timing.dropped_frames_max} missed refreshes make an attempt void.",
         _gaze(protocol.gaze),

@@ -8,12 +8,12 @@ from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from protocols.columns import COMMON_COLUMNS
 from protocols.cross_check import cross_check
 from protocols.errors import Problem, StudyError
-from protocols.hashing import sha256_json
+from protocols.hashing import sha256_bytes, sha256_json
 from protocols.recipes import RECIPES
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
@@ -61,6 +61,7 @@ class StudyProtocol(Model):
     text: TextSection
     analysis: AnyAnalysis
     privacy: Privacy
+    _secret: str | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
@@ -76,7 +77,37 @@ class StudyProtocol(Model):
             from protocols.format1 import protocol_as_written
 
             return sha256_json(protocol_as_written(self))
-        return sha256_json(self)
+        return sha256_json(without_nothing(self.model_dump(mode="json")))
+
+    @property
+    def order_seed(self) -> int:
+        """What seeds the order of trials: the design's seed, with the study's secret if it has one.
+
+        Raises
+        ------
+        StudyError
+            If the study has a secret, and it is not here.
+        """
+        if self.privacy.secret_sha256 is None:
+            return self.design.seed
+        if self._secret is None:
+            raise StudyError(
+                "privacy.secret_sha256: the study's secret must lie beside the study file, as"
+                " NAME.secret (it does not): without it, the order of trials is not known. Copy it"
+                " from the lab's folder; it cannot be made anew"
+            )
+        return int(sha256_bytes(f"{self._secret}:{self.design.seed}".encode())[:15], 16)
+
+    def with_secret(self, secret: str) -> StudyProtocol:
+        """Return the same study with its secret at hand."""
+        copy = self.model_copy()
+        copy._secret = secret
+        return copy
+
+    def in_any_order(self) -> StudyProtocol:
+        """Return the study with some order of trials: for counts and lengths, which all share."""
+        has_none = self.privacy.secret_sha256 is None or self._secret is not None
+        return self if has_none else self.with_secret("")
 
     @property
     def stimuli_sha256(self) -> str:
@@ -115,6 +146,17 @@ class StudyProtocol(Model):
             cells += self.task.practice_cells(self, self.practice_scenes())
         names = {name for cell in cells for name in cell.arrangements[0].stimuli}
         return tuple(s.name for s in self.stimuli.pool() if s.name in names)
+
+
+def without_nothing(plain: dict[str, Any]) -> dict[str, Any]:
+    """Return a study's plain form without keys that were added later and say nothing.
+
+    So the hash of a study that does not use them is what it was.
+    """
+    if plain["privacy"]["secret_sha256"] is None:
+        privacy = {key: value for key, value in plain["privacy"].items() if key != "secret_sha256"}
+        return plain | {"privacy": privacy}
+    return plain
 
 
 def problems_between(sections: Mapping[str, Any]) -> list[Problem]:

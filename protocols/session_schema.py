@@ -18,6 +18,7 @@ from protocols.units import (
     Seconds,
     SecondsOrNone,
     Seed,
+    Sha256,
     Share,
     SignedDegrees,
     Text,
@@ -301,6 +302,9 @@ class Privacy(Model):
     """After how long the data is to be deleted; left out: not stated."""
     contact: str = ""
     """Whom a participant asks, printed on the consent page."""
+    secret_sha256: Sha256 | None = None
+    """SHA-256 of the study's secret, which lies beside the study file as NAME.secret and also seeds
+    the order of trials; left out: the order follows from the code, which can be guessed from it."""
 
     @model_validator(mode="after")
     def _pattern_compiles(self) -> Privacy:

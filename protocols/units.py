@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, TypeAlias
+from typing import Annotated, TypeAlias, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
 
 class Model(BaseModel):
@@ -32,13 +32,23 @@ ParticipantCode = Annotated[
 ]
 LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$")]
 
+N = TypeVar("N", int, float)
+
+
+def storable(value: N) -> N:
+    """Refuse numbers that no table holds exactly, and no sum of which is finite."""
+    if abs(value) > 2**53:
+        raise ValueError("must be at most 2^53, about 9e15")
+    return value
+
+
 Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"})]
 SecondsOrNone = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
 """Zero means that the wait is left out."""
-Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"})]
+Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"}), AfterValidator(storable)]
 """A moment on one stated clock; its zero is arbitrary."""
 Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"})]
-Degrees = Annotated[float, Field(gt=0, json_schema_extra={"unit": "deg"})]
+Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"})]
 """Degrees of visual angle."""
 SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
 Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"})]
@@ -48,8 +58,8 @@ Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]
 Share = Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "share of 1"})]
 RimPixels = Annotated[int, Field(ge=0, le=4, json_schema_extra={"unit": "px"})]
 """Pixels of the clip, as it is rendered."""
-Count = Annotated[int, Field(ge=0)]
-Positive = Annotated[int, Field(gt=0)]
+Count = Annotated[int, Field(ge=0), AfterValidator(storable)]
+Positive = Annotated[int, Field(gt=0), AfterValidator(storable)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Vector3 = tuple[float, float, float]
 

@@ -14,10 +14,11 @@ or in ``.build``, and the same command goes on from there.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
-import shutil
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,11 +55,6 @@ def survey_name(clip: ClipName) -> str:
     return f"{clip.scene}__{clip.size}"
 
 
-def is_clip_folder(name: str) -> bool:
-    """Whether a folder is called as warped clips are."""
-    return name.count("__") == 2
-
-
 def claim(out: Path, names: Iterable[str]) -> None:
     """Note which folders a build is about to make, before it makes any.
 
@@ -69,54 +65,133 @@ def claim(out: Path, names: Iterable[str]) -> None:
     write_whole(out / BUILD_FOLDER / NAMES, json.dumps(noted).encode())
 
 
-def check_folder(out: Path, is_ours: Callable[[str], bool] = lambda _: False) -> None:
-    """Refuse a folder with things that no build made: they would be deleted.
+def check_folder(out: Path) -> None:
+    """Refuse a folder with anything in it that no build recorded as its own: it could be lost.
 
     What a killed build was writing here is removed.
-
-    Parameters
-    ----------
-    is_ours : callable
-        Says of a folder's name whether builds alone call folders so.
 
     Raises
     ------
     StudyError
-        If there is such a thing.
+        If there is such a thing, a symbolic link, or a manifest that cannot be read.
     """
-    known = {BUILD_FOLDER, MANIFEST_NAME, MANIFEST_NAME + ".part", HOLES_FOLDER,
-             PREVIEW_FOLDER, SHEET_NAME}  # fmt: skip
-    ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).exists()
-    claimed = _claimed(out)
-    for entry in sorted(out.iterdir()):
-        if ours and entry.name.startswith(".") and entry.name.endswith(PART):
-            entry.unlink()  # a build was killed while it wrote this file
-            continue
-        clip = ours and entry.is_dir() and (entry.name in claimed or is_ours(entry.name))
-        if entry.name in known or clip:
-            continue
-        raise StudyError(
-            f"{out}: must be an empty folder or one that a build made (it holds"
-            f" {entry.name}); choose another --out, or move that file away"
-        )
+    if (out / MANIFEST_NAME).exists():
+        try:
+            read_manifest(out)
+        except StudyError as error:
+            raise StudyError(
+                f"{out}: must be an empty folder or one that a build made (its {MANIFEST_NAME} is"
+                f" none that a build wrote, or was changed); choose another --out\n{error}"
+            ) from None
+    own, found = _Own(out), list(_leaves(out))
+    for path in found:
+        relative = path.relative_to(out)
+        if path.is_symlink() or not own.has(relative):
+            raise StudyError(
+                f"{out}: must be an empty folder or one that a build made (it holds"
+                f" {relative}{', a symbolic link' if path.is_symlink() else ''}, which no build"
+                " recorded as its own); choose another --out, or move that away"
+            )
+    for path in found:
+        if path.name.startswith(".") and path.name.endswith(PART) and path.parent == out:
+            path.unlink()  # a build was killed while it wrote this file
 
 
-def remove_strangers(
-    out: Path, clips: Sequence[str], is_ours: Callable[[str], bool] = lambda _: False
-) -> None:
+def remove_strangers(out: Path, clips: Sequence[str]) -> None:
     """Remove clips of an older protocol that `clips` does not have."""
-    claimed = _claimed(out)
-    for entry in out.iterdir():
-        known = entry.name in claimed or is_ours(entry.name)
-        if entry.is_dir() and known and entry.name not in clips:
-            shutil.rmtree(entry)
+    own = _Own(out)
+    for name in sorted(own.clips - set(clips)):
+        _remove_own(out, Path(name), own)
 
 
 def remove_surveys(out: Path, surveys: Sequence[str]) -> None:
     """Remove hole masks of an older protocol that `surveys` does not have."""
-    for entry in (out / HOLES_FOLDER).iterdir():
-        if entry.name not in surveys:
-            shutil.rmtree(entry)
+    own = _Own(out)
+    for name in sorted(own.surveys - set(surveys)):
+        _remove_own(out, Path(HOLES_FOLDER) / name, own)
+
+
+def remove_previews(out: Path, wanted: Iterable[str]) -> None:
+    """Remove previews that builds made, but for those with a name in `wanted`."""
+    folder, own, kept = out / PREVIEW_FOLDER, _Own(out), set(wanted)
+    if not folder.is_dir():
+        return
+    for entry in list(folder.iterdir()):
+        if entry.name not in kept and own.has(entry.relative_to(out)) and not entry.is_dir():
+            entry.unlink()
+    with suppress(OSError):  # not empty
+        folder.rmdir()
+
+
+class _Own:
+    """What builds recorded of a folder as their own: each file that they write, by its name."""
+
+    def __init__(self, out: Path) -> None:
+        self.clips = _claimed(out)
+        self.surveys = {
+            name.rpartition("__")[0] for name in self.clips if name.count("__") == _WARPED
+        }
+        self._ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).is_dir()
+
+    def has(self, path: Path) -> bool:
+        """Return whether a build writes such a file, or leaves such an empty folder.
+
+        Parameters
+        ----------
+        path : Path
+            Relative to the folder of clips.
+        """
+        if not self._ours:
+            return False
+        first, *rest = path.parts
+        if not rest:
+            return first in {
+                MANIFEST_NAME, MANIFEST_NAME + PART, SHEET_NAME, BUILD_FOLDER, HOLES_FOLDER,
+                PREVIEW_FOLDER, *self.clips,
+            } or bool(_WRITING.fullmatch(first))  # fmt: skip
+        if first == BUILD_FOLDER:
+            return bool(_UNFINISHED.fullmatch("/".join(rest)))
+        if first == HOLES_FOLDER:
+            return rest[0] in self.surveys and bool(_MASK.fullmatch("/".join(rest[1:])))
+        if first == PREVIEW_FOLDER:
+            found = _PREVIEW.fullmatch("/".join(rest))
+            return found is not None and found["name"] in self.clips
+        return first in self.clips and bool(_FRAME.fullmatch("/".join(rest)))
+
+
+_WARPED = 2
+"""Double underscores in the name of a warped clip: scene, size, method."""
+_PARTIAL = r"\.[^/]+\.[0-9]+" + re.escape(PART)
+_WRITING = re.compile(_PARTIAL)
+_FRAME = re.compile(rf"([0-9]{{6}}\.(png|exr))?|{_PARTIAL}")
+_MASK = re.compile(rf"([0-9]{{6}}\.png|survey\.json)?|{_PARTIAL}")
+_PREVIEW = re.compile(r"\.?(?P<name>[^/]+)\.[0-9a-f]{12}(\.[0-9]+\.part)?\.webm")
+_UNFINISHED = re.compile(
+    r"(surveys|clips|records)(/[0-9a-f]{64}(/.*)?)?|records/[^/]+|[0-9a-f]{64}\.npz[^/]*"
+    rf"|{re.escape(NAMES)}|{_PARTIAL}"
+)
+
+
+def _leaves(folder: Path) -> Iterator[Path]:
+    """Yield every file, link and empty folder below a folder; links are not followed."""
+    for entry in sorted(folder.iterdir()):
+        if entry.is_dir() and not entry.is_symlink():
+            below = list(_leaves(entry))
+            yield from below or [entry]
+        else:
+            yield entry
+
+
+def _remove_own(out: Path, folder: Path, own: _Own) -> None:
+    """Remove what builds wrote into a folder; it stays where there is more in it."""
+    target = out / folder
+    if not target.is_dir() or target.is_symlink():
+        return
+    for entry in list(target.iterdir()):
+        if own.has(entry.relative_to(out)) and not entry.is_dir():
+            entry.unlink()
+    with suppress(OSError):  # not empty: somebody put something there meanwhile
+        target.rmdir()
 
 
 def _claimed(out: Path) -> set[str]:
@@ -130,17 +205,32 @@ def _claimed(out: Path) -> set[str]:
 
 
 def move_over(source: Path, target: Path) -> None:
-    """Move a complete folder to its place; what was there goes first.
+    """Move a complete folder to its place; frames or masks that builds wrote there go first.
 
     So do files in `source` that a build was killed while it wrote.
+
+    Raises
+    ------
+    StudyError
+        If there is anything else at that place.
     """
     for unfinished in source.glob(f".*{PART}"):
         unfinished.unlink()
     target.parent.mkdir(parents=True, exist_ok=True)
-    if target.exists():
-        shutil.rmtree(target)
+    if target.is_dir() and not target.is_symlink():
+        for entry in list(target.iterdir()):
+            if _FRAME.fullmatch(entry.name) or _MASK.fullmatch(entry.name):
+                entry.unlink()
     sync(source)
-    source.replace(target)
+    try:
+        source.replace(target)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise
+        raise StudyError(
+            f"{target}: must hold frames alone (something else is there, which no build made);"
+            " move it away"
+        ) from None
     sync(target.parent)
 
 

@@ -23,7 +23,6 @@ from stimuli.batch_folder import (
     Report,
     check_folder,
     claim,
-    is_clip_folder,
     move_over,
     remove_strangers,
     remove_surveys,
@@ -36,7 +35,7 @@ from stimuli.executors import LocalProcesses
 from stimuli.orders import Orders
 from stimuli.preview import PREVIEW_FOLDER, preview_path
 from stimuli.records import Records
-from stimuli.worker import RendererInfo, clip_job, describe_renderer, preview_job, survey_job
+from stimuli.worker import clip_job, describe_renderer, preview_job, survey_job
 
 __all__ = ["HOLES_FOLDER", "Outcome", "Report", "build", "survey_name"]
 
@@ -89,7 +88,7 @@ class _Batch:
     def run(self) -> Outcome[ClipName]:
         orders = self.orders
         names = [str(name) for name in orders.clip_names]
-        check_folder(self.out, is_clip_folder)
+        check_folder(self.out)
         try:
             self.renderer = self.executor.submit(describe_renderer).result()
         except BrokenProcessPool:
@@ -111,7 +110,7 @@ class _Batch:
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
             sync(self.out)
         self._make(missing)
-        remove_strangers(self.out, names, is_clip_folder)
+        remove_strangers(self.out, names)
         remove_surveys(self.out, [survey_name(name) for name in orders.clip_names])
         derive(
             orders.protocol,
@@ -158,13 +157,13 @@ class _Batch:
                         raise InputError(_placed(name, str(error))) from None
                     if kind == "survey":
                         survey, renderer = result
-                        self._check_renderer(renderer)
+                        self.book.check_renderer(renderer)
                         self._place_survey(name, survey)
                         self.surveys[survey_name(name)] = survey
                         ready += [("clip", member) for member in groups[survey_name(name)]]
                     elif kind == "clip":
                         hashes, renderer = result
-                        self._check_renderer(renderer)
+                        self.book.check_renderer(renderer)
                         self._finish_clip(name, hashes)
                         ready += [("preview", name)] if self._lacks_preview(name) else []
                 self._tell(len(ready))
@@ -217,14 +216,6 @@ class _Batch:
         move_over(self.active.pop(name), self.out / str(name))
         self.book.store(record)
         self.records[name] = record
-
-    def _check_renderer(self, renderer: RendererInfo) -> None:
-        if renderer != self.renderer:
-            raise StudyError(
-                "all workers must draw with one renderer, or their clips are not comparable"
-                f" (found {self.renderer.renderer} {self.renderer.version} and"
-                f" {renderer.renderer} {renderer.version}); leave the odd machine out"
-            )
 
     def _tell(self, waiting: int) -> None:
         """Count frames on the disk: it is the same for processes here and elsewhere."""

@@ -62,12 +62,18 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
         frames = len(clip.frames_sha256)
         present |= {f"{HOLES_FOLDER}/{name}/{index:06d}.png" for index in range(frames)}
         present.add(f"{HOLES_FOLDER}/{name}/{SURVEY_NAME}")
-    found = {str(path.relative_to(out)) for path in out.rglob("*") if not path.is_dir()}
+    found = {
+        str(path.relative_to(out))
+        for path in out.rglob("*")
+        if path.is_symlink() or not path.is_dir()
+    }
     # What a build left that was killed after its manifest: the next one clears it away.
     found = {name for name in found if not name.startswith(f"{BUILD_FOLDER}/")}
     verdict.missing = sorted((hashed.keys() | present) - found)
     verdict.extra = sorted(found - hashed.keys() - present)
-    names = sorted(hashed.keys() & found)
+    links = {name for name in found - set(verdict.extra) if (out / name).is_symlink()}
+    verdict.changed = [f"{name} (a symbolic link in its place)" for name in sorted(links)]
+    names = sorted(hashed.keys() & found - links)
     with ThreadPoolExecutor(2) as pool:
         for done, (name, sha) in enumerate(
             zip(names, pool.map(lambda n: sha256_file(out / n), names), strict=True), start=1

@@ -25,6 +25,7 @@ from pipeline.methods.registry import create_method
 from protocols.hashing import sha256_bytes
 from protocols.recipes.warped_clips import ClipName
 from stimuli.exr import save_colour
+from stimuli.fills import Fills
 from stimuli.footage import Footage, Shot
 from stimuli.orders import Orders
 from stimuli.paths import make_path
@@ -172,16 +173,14 @@ def _frames(
         return
     shot = _shot(orders, clip, survey.extent_m)
     footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
-    method = None
+    method, fills = None, None
     try:
         if not orders.method(clip).is_reference:
             given = orders.method(clip).parameters
             method = create_method(orders.registry_name(clip), ctx, given)
+            fills = Fills(method, footage, orders.protocol.warped.clips.seed)
         for frame in wanted:
-            if method is None:
-                colour = footage.truth(frame)
-            else:
-                colour = method.fill(footage.warped(frame), orders.protocol.warped.clips.seed)
+            colour = footage.truth(frame) if fills is None else fills.frame(frame)
             yield frame, _rescaled(colour, orders)
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from protocols.manifest import MANIFEST_NAME, Clip
 from protocols.schema import StudyProtocol
+from stimuli.batch_folder import remove_previews
 from stimuli.contact import SHEET_NAME, write_contact_sheet
-from stimuli.preview import PREVIEW_FOLDER, preview_path
+from stimuli.preview import preview_path
 
 
 def derive(
@@ -20,14 +21,7 @@ def derive(
     previews: bool,
 ) -> None:
     """Remove previews of clips that are no more, and write the contact sheet."""
-    folder = out / PREVIEW_FOLDER
-    if folder.exists():
-        wanted = {preview_path(out, clip).name for clip in clips} if previews else set()
-        for entry in folder.iterdir():
-            if entry.name not in wanted:
-                entry.unlink()
-        if not wanted:
-            folder.rmdir()
+    remove_previews(out, {preview_path(out, clip).name for clip in clips} if previews else ())
     tell("contact sheet")
     if not (out / MANIFEST_NAME).exists() or not (out / SHEET_NAME).exists():
         write_contact_sheet(out, protocol, clips)

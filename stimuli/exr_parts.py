@@ -13,6 +13,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.limits import check_values
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,11 @@ def read_parts(path: Path) -> Parts:
     attributes: dict[str, Any] = {}
     size: tuple[int, int] | None = None
     try:
-        part = 0
+        part = values = 0
         while source.seek_subimage(part, 0):
             spec = source.spec()
+            values += spec.width * spec.height * spec.nchannels
+            check_values(path, values)
             data: Any = source.read_image(part, 0, 0, spec.nchannels, "float")
             if data is None or source.geterror():
                 raise InputError(

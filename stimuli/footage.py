@@ -104,6 +104,11 @@ class Footage:
             shot.size_px, path.poses[frame], shot.extent_m, warped, self.margin_px
         )
 
+    def source_key(self, frame: int) -> int:
+        """The frame that is seen where the source of `frame` is taken, -1 for the centre."""
+        sources = self.shot.path.source_frames
+        return -1 if sources is None else sources[frame]
+
     def release(self) -> None:
         """Free what is held on the GPU; the scenery stays."""
         for resource in self._held:
@@ -114,7 +119,9 @@ class Footage:
     def _warp(self, frame: int) -> WarpTextures:
         camera = self._take_source(frame)
         colour, depth, motion, warp, textures = self._passes
-        known = self._scenery.motion(self.shot.size_px, self.margin_px, self._key(frame), frame)
+        known = self._scenery.motion(
+            self.shot.size_px, self.margin_px, self.source_key(frame), frame
+        )
         if known is None:
             motion(depth, camera, self._target(frame, camera))
         else:
@@ -137,7 +144,7 @@ class Footage:
 
     def _take_source(self, frame: int) -> Camera:
         """Put the source of `frame` on the GPU, unless it is there."""
-        key = self._key(frame)
+        key = self.source_key(frame)
         if self._source_frame == key and self._held:
             assert self._camera is not None
             return self._camera
@@ -148,11 +155,6 @@ class Footage:
         self._upload(source)
         self._source_frame, self._camera = key, camera
         return camera
-
-    def _key(self, frame: int) -> int:
-        """The frame that is seen where the source of `frame` is taken, -1 for the centre."""
-        sources = self.shot.path.source_frames
-        return -1 if sources is None else sources[frame]
 
     def _upload(self, source: SourceFrame) -> None:
         for resource in self._held:
@@ -176,7 +178,7 @@ class Footage:
             gap = -np.inf
             taken: tuple[int, SourceFrame, Camera] | None = None
             for frame in frames:
-                key = self._key(frame)
+                key = self.source_key(frame)
                 if taken is None or taken[0] != key:
                     taken = (
                         key,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from dataclasses import replace
 from pathlib import Path
 
@@ -87,7 +88,7 @@ def scene_modules(scene: Scene) -> tuple[str, ...]:
 
 
 def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
-    """The files that a scene reads, by their name in the protocol.
+    """The files that a scene reads, by their path from the protocol, or from the mesh.
 
     Raises
     ------
@@ -96,9 +97,10 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     """
     names: list[str] = []
     if isinstance(scene, MeshScene):
-        from stimuli.scenes.mesh_file import files_of
+        from stimuli.scenes.mesh_inputs import files_of
 
-        return {path.name: path for path in files_of(folder / scene.file)}
+        mesh = folder / scene.file
+        return {path.relative_to(mesh.parent).as_posix(): path for path in files_of(mesh)}
     if isinstance(scene, StereoScene):
         from stimuli.scenes.photo import is_built_in
 
@@ -110,7 +112,10 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     elif isinstance(scene, ExrScene):
         from stimuli.exr_parts import frame_files
 
-        return {path.name: path for path in frame_files(scene.file, folder)}
+        return {
+            Path(os.path.relpath(path, folder)).as_posix(): path
+            for path in frame_files(scene.file, folder)
+        }
     found = {name: folder / name for name in names}
     for path in found.values():
         if not path.is_file():

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pipeline.methods.registry import check_method_name, method_parameters
+from pipeline.methods.registry import check_method_name, method_files, method_parameters
 from protocols.display import Display
 from protocols.feasibility import clip_size_px
 from protocols.hashing import Json, sha256_file, sha256_json
@@ -129,6 +129,9 @@ class Orders:
         }
         if entry.takes_path:
             path = Path(name.partition(":")[2])
-            files = sorted(path.iterdir()) if path.is_dir() else [path]
-            inputs["files"] = {f.name: sha256_file(f) for f in files if f.is_file()}
+            folder = path if path.is_dir() else path.parent
+            inputs["files"] = {
+                file.relative_to(folder).as_posix(): sha256_file(file)
+                for file in method_files(name)
+            }
         return inputs

@@ -73,6 +73,21 @@ class Book:
             return True
         return old != self.manifest(clips).model_copy(update=made_by)
 
+    def check_renderer(self, renderer: RendererInfo) -> None:
+        """Require that a worker draws with the batch's renderer.
+
+        Raises
+        ------
+        StudyError
+            Naming both.
+        """
+        if renderer != self._renderer:
+            raise StudyError(
+                "all workers must draw with one renderer, or their clips are not comparable"
+                f" (found {self._renderer.renderer} {self._renderer.version} and"
+                f" {renderer.renderer} {renderer.version}); leave the odd machine out"
+            )
+
     def store(self, record: Clip) -> None:
         """Keep a clip's entry until the manifest is written."""
         self._folder.mkdir(parents=True, exist_ok=True)

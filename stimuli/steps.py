@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import BANDS, analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import means_and_variances, nearest_depth_m
-from pipeline.synthesis.noise import noise_bands
-from pipeline.synthesis.reference import look_up, metameric_fill
+from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.noise.tile import look_up, noise_bands
+from pipeline.statistics.moments import means_and_variances
+from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from stimuli import pictures
 from stimuli.exr import WarpInput

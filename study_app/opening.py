@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from protocols.against_plan import contradictions
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
 from protocols.hashing import sha256_json
 from protocols.journal import (
+    Attempt,
     DisplayReport,
     GazeInfo,
     SessionEnd,
@@ -46,6 +48,8 @@ class Setting:
     simulated: bool = False
     display_report: DisplayReport | None = None
     timing_evidence: str = ""
+    simulation: str = ""
+    """What artificial observers depend on besides; recorded, and the same when they go on."""
 
 
 def begin(
@@ -98,7 +102,7 @@ def begin(
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions(),
+                versions=versions() | _simulation(setting),
                 platform=platform.platform(),
                 timing_evidence=setting.timing_evidence,
             )
@@ -139,6 +143,13 @@ def resume(
         recorder.close()
         raise
     return recorder, plan
+
+
+_SIMULATION = "simulation"
+
+
+def _simulation(setting: Setting) -> dict[str, str]:
+    return {_SIMULATION: setting.simulation} if setting.simulation else {}
 
 
 def versions() -> dict[str, str]:
@@ -221,10 +232,23 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
             )
     if start.simulated != setting.simulated:
         raise StudyError(f"{recorder.path}: simulated and real sessions must not be mixed")
+    before = start.versions.get(_SIMULATION, setting.simulation)
+    if before != setting.simulation:
+        raise StudyError(
+            f"{recorder.path}: a simulated session must go on with the observer it began with"
+            f" ({before or 'none stated'}, got {setting.simulation or 'none stated'}); give the"
+            " same --seed and options, or another folder"
+        )
     plan = make_plan(setting.protocol, setting.manifest, participant, start.slot)
     if plan.sha256 != start.plan_sha256:
         raise StudyError(
             f"{recorder.path}: the plan must come out as it did (hash {start.plan_sha256[:12]},"
             f" got {plan.sha256[:12]}); resume with revision {start.revision}"
+        )
+    attempts = [event for event in events if isinstance(event, Attempt)]
+    for attempt, reason in contradictions(setting.protocol, plan, attempts):
+        raise StudyError(
+            f"{recorder.path}: line {attempt.n + 1}: {reason}; the journal was changed after it"
+            " was written: restore it from a copy"
         )
     return plan

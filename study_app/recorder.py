@@ -13,9 +13,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypedDict
 
+from protocols.chain import first_link, sealed
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
-from protocols.journal import AnyEvent, SideFile, event_line
+from protocols.journal import AnyEvent, SideFile
 from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
 
 
@@ -53,6 +54,7 @@ class Recorder:
         self._clock, self._wall_clock = clock, wall_clock
         self._start_s = clock()
         self._length = os.fstat(descriptor).st_size
+        self._chain = events[-1].chain if events else None
 
     @classmethod
     def create(
@@ -140,7 +142,9 @@ class Recorder:
         DiskError
             If the disk refuses. The journal then ends with the event before.
         """
-        line = event_line(event)
+        if self._chain is None:
+            self._chain = first_link(self.path.read_bytes())
+        event, line = sealed(event, self._chain)
         try:
             self._write(line)
             os.fsync(self._descriptor)
@@ -152,6 +156,7 @@ class Recorder:
                 " resume'"
             ) from None
         self._length += len(line)
+        self._chain = event.chain
         self.events.append(event)
 
     def side_file(self, stem: str, suffix: str, data: bytes) -> SideFile:

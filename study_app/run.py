@@ -269,14 +269,16 @@ def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
         if len(asked) > 1:
             raise KeyboardInterrupt
         window.press(protocol.response.quit_keys[0])
-        print(
-            "asked the participant's window to quit; press again to stop at once",
-            file=sys.stderr,
-        )
+        with suppress(OSError, ValueError):  # the terminal may be gone
+            print(
+                "asked the participant's window to quit; press again to stop at once",
+                file=sys.stderr,
+            )
 
     with suppress(ValueError):  # not the main thread: signals are someone else's
         before = {
-            number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+            number: signal.signal(number, on_signal)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # HUP: a terminal closed
         }
     try:
         yield

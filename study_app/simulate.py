@@ -14,6 +14,7 @@ import numpy as np
 
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
+from protocols.hashing import Json, sha256_json
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
@@ -48,6 +49,16 @@ class Simulation:
     manifest: Manifest | None = None
     """Clips that were built; left out: clips without pixels."""
 
+    @property
+    def described(self) -> str:
+        """Seed, and a hash of all else that decides what observers do."""
+        model = self.model or default_model(self.protocol)
+        options: list[Json] = [
+            repr(model), repr(self.gaze), self.gaze_rate_hz, self.missed_per_flip,
+            self.late_per_flip, self.doubled_per_flip,
+        ]  # fmt: skip
+        return f"seed {self.seed}, observers {sha256_json(options)[:12]}"
+
     def setting(self, root: Path, clock: VirtualClock) -> Setting:
         """Return the setting of a sitting below `root`."""
         return Setting(
@@ -58,6 +69,7 @@ class Simulation:
             wall_clock=clock.wall,
             simulated=True,
             timing_evidence="virtual",
+            simulation=self.described,
         )
 
 

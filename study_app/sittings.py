@@ -6,17 +6,19 @@ Gives each new participant the next free counterbalancing slot, and refuses a co
 from __future__ import annotations
 
 import fcntl
+import glob
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from protocols.errors import StudyError
-from protocols.journal import SessionEnd
+from protocols.journal import SessionEnd, SessionStart
 from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
 from protocols.schema import StudyProtocol
 from protocols.units import ParticipantCode
@@ -75,7 +77,7 @@ def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
     """
     if not root.is_dir():
         raise StudyError(f"{root}: must be a folder of sessions (there is no such folder)")
-    pattern = f"{study or '*'}/*/{JOURNAL_NAME}"
+    pattern = f"{glob.escape(study) if study else '*'}/*/{JOURNAL_NAME}"
     return [
         Sitting(path.parent, read_journal(path, lenient=True))
         for path in sorted(root.glob(pattern))
@@ -122,16 +124,20 @@ def next_slot(root: Path, study: str) -> int:
     The slots of participants who withdrew, or did not consent, are free again. Call it inside
     `claimed`, so that two programs cannot take the same one.
 
-    Raises
-    ------
-    StudyError
-        If a journal's first line is damaged, so that its slot is not known.
+    A sitting whose first line is damaged holds a slot that is not known: most likely the first
+    that seems free, so one is passed over for each.
     """
-    taken = set()
+    taken, unknown = set(), 0
     for sitting in find_sittings(root, study):
-        if sitting.state not in {"withdrawn", "refused", "stillborn"}:
-            taken.add(sitting.journal.start.slot)
-    return next(slot for slot in range(len(taken) + 1) if slot not in taken)
+        if sitting.state in {"withdrawn", "refused", "stillborn"}:
+            continue
+        first = sitting.journal.events[0] if sitting.journal.events else None
+        if isinstance(first, SessionStart):
+            taken.add(first.slot)
+        else:
+            unknown += 1
+    free = (slot for slot in range(len(taken) + unknown + 1) if slot not in taken)
+    return next(islice(free, unknown, None))
 
 
 @contextmanager

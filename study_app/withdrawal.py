@@ -7,8 +7,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from protocols.chain import first_link, sealed
 from protocols.errors import StudyError
-from protocols.journal import SessionStart, Withdrawal, event_line
+from protocols.journal import SessionStart, Withdrawal
 from protocols.journal_file import JOURNAL_NAME
 from study_app.recorder import lock_journal
 from study_app.sittings import Sitting, claimed, find_sittings
@@ -95,7 +96,7 @@ def _put_stone(sitting: Sitting, slot: int, at: str) -> None:
     stone = Withdrawal(n=0, t_s=0.0, at=at, study=sitting.study, slot=slot)
     temporary = path.with_name("stone.part")
     with temporary.open("wb") as file:
-        file.write(event_line(stone))
+        file.write(sealed(stone, first_link(b""))[1])
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)

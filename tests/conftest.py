@@ -271,6 +271,30 @@ def short_study() -> Callable[..., str]:
 
 
 @pytest.fixture(scope="session")
+def reseal() -> Callable[[Path], None]:
+    """Give a function that computes a journal's checksums anew, after a test has changed it."""
+    from protocols.chain import due, first_link
+    from protocols.hashing import canonical_json
+
+    def resealed(path: Path) -> None:
+        before, lines = first_link(b""), []
+        for line in path.read_bytes().split(b"\n"):
+            try:
+                event = json.loads(line)
+            except ValueError:
+                lines.append(line)
+                continue
+            if "chain" in event:
+                bare = canonical_json(event | {"chain": None})
+                before = due(bare, before)
+                line = canonical_json(event | {"chain": before})
+            lines.append(line)
+        path.write_bytes(b"\n".join(lines))
+
+    return resealed
+
+
+@pytest.fixture(scope="session")
 def shared_gl_context() -> Iterator[moderngl.Context]:
     """Yield one context for all tests; most want `gl_context`, which watches what it leaves."""
     try:

@@ -10,11 +10,12 @@ from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.look_through import Choice, usual_choices
+from stimuli.foveated.look_through import Choice, _named, usual_choices
 from stimuli.foveated.looking import look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
 from stimuli.foveated.rings import draw_pools, ring_eccentricities
 from stimuli.foveated.steps import condition_steps
+from stimuli.foveated.to_files import Outputs, foveate_file
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
@@ -388,7 +389,7 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
         (["--gaze", "5deg,2"], "--gaze must be X,Y"),
         (["--gaze", "90deg,0deg"], "within 90 degrees"),
         (["--panorama"], "must be twice as wide as high (got 64 x 48 px)"),
-        (["--fov", "180"], "must lie between 0 and 180 (got 180.0)"),
+        (["--fov", "180"], "must lie between 0 and 180 degrees (got 180)"),
         (["--fov", "0"], "must lie between 0 and 180"),
         (["--fov", "nan"], "must lie between 0 and 180"),
         (["--display", "fhd72"], "fhd72"),
@@ -491,3 +492,57 @@ def test_an_interrupted_descent_goes_on_by_the_same_command(png, tmp_path, monke
     assert f"going on where {state} ends" in said
     assert not state.exists()
     assert read_pixels(out).data.shape == (HEIGHT, WIDTH, 3)
+
+
+# --- one call ----------------------------------------------------------------------------
+
+
+def test_one_python_call_does_what_the_command_does(png, tmp_path):
+    """Byte for byte, whatever is written."""
+    asked = ("--gaze", "2deg,-1deg", "--fov", 50, "--seed", 3, "-m", "blur", "-m", "metamer")
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    code, said, _ = run(
+        png, theirs / "out.png", *asked, "--compare", theirs / "sheet.png", "--steps",
+        theirs / "steps", "--flip", theirs / "flip.png", *FAST,
+    )  # fmt: skip
+    lines = []
+    seen = foveate_file(
+        png,
+        Outputs(ours / "out.png", ours / "sheet.png", ours / "steps", flip=ours / "flip.png"),
+        gaze="2deg,-1deg", fov_deg=50, choices=[Choice("blur"), Choice("metamer")], seed=3,
+        say=lines.append,
+    )  # fmt: skip
+
+    assert code == 0
+    files = sorted(p.relative_to(theirs) for p in theirs.rglob("*") if p.is_file())
+    assert len(files) > 10
+    for file in files:
+        assert (ours / file).read_bytes() == (theirs / file).read_bytes(), file
+    assert said.replace(str(theirs), str(ours)).splitlines() == lines
+    np.testing.assert_array_equal(read_pixels(ours / "out.png").data, np.rint(255 * seen[0].colour))
+
+
+def test_a_path_alone_is_the_picture_to_write(png, tmp_path, colour):
+    foveate_file(png, tmp_path / "out.png")
+
+    np.testing.assert_array_equal(
+        read_pixels(tmp_path / "out.png").data, np.rint(255 * foveate(colour, (32, 24)))
+    )
+
+
+@pytest.mark.parametrize("option", ["OUT", "--compare", "--flip"])
+def test_the_picture_itself_is_never_written_over(png, tmp_path, option):
+    before = png.read_bytes()
+    (tmp_path / "link.png").symlink_to(png)
+    given = [tmp_path / "link.png"] if option == "OUT" else [tmp_path / "o.png", option, png]
+
+    assert "is the picture itself" in refusal(png, *given, *FAST)
+    assert png.read_bytes() == before
+    assert not (tmp_path / "o.png").exists()
+
+
+def test_a_sheet_says_how_wide_each_condition_pools():
+    assert (
+        _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate, rate 0.35, fovea 1 deg"
+    )
+    assert _named(Choice("reference")) == "reference"

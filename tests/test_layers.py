@@ -118,6 +118,33 @@ def test_every_import_keeps_to_the_layers(repository):
     assert not found, "\n".join(found)
 
 
+def folders_above(repository: Path) -> dict[str, set[str]]:
+    """Which folders of the pipeline each of them imports from, its own left out."""
+    above: dict[str, set[str]] = {}
+    for path, module, is_package in our_modules(repository):
+        parts = module.split(".")
+        if parts[0] != "pipeline" or len(parts) + is_package < 3:
+            continue
+        source = path.read_text(encoding="utf-8")
+        names = [n for i in imports_of(source, module, is_package=is_package) for n in i.names]
+        folders = {n.split(".")[1] for n in names if n.startswith("pipeline.")}
+        found = {name for name in folders if (repository / "pipeline" / name).is_dir()}
+        above.setdefault(parts[1], set()).update(found - {parts[1]})
+    return above
+
+
+def test_no_folder_of_the_pipeline_imports_what_imports_it(repository):
+    """Taken away one by one, those that import none of what is left, nothing remains."""
+    left = folders_above(repository)
+    assert {"features", "inpaint", "statistics", "synthesis"} <= set(left)
+
+    while free := [name for name, above in left.items() if not above & set(left)]:
+        for name in free:
+            del left[name]
+
+    assert not left
+
+
 def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):
     found = [
         line

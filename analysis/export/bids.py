@@ -77,8 +77,10 @@ def _write_run(
     )
     attempts = content.tables.attempts
     mine = attempts[attempts["participant"] == person.code]
-    numbers = {attempt.position for attempt in run.attempts}
-    table = mine[[int(position) in numbers for position in mine["position"]]]
+    table = mine
+    if "position" in mine:
+        numbers = {attempt.position for attempt in run.attempts}
+        table = mine[[int(position) in numbers for position in mine["position"]]]
     if len(table):
         known = attempt_columns(content.protocol)
         columns = [c for c in known if c.name in table and c.name not in _NOT_IN_BEH]
@@ -142,7 +144,11 @@ def _write_people(content: Content, folder: Path) -> None:
         FileColumn("language", "Language of the sitting"),
         FileColumn("gaze_source", "Where gaze came from; 'none' where it was not watched"),
         FileColumn("runs", "Runs of the program in this sitting"),
-        *(FileColumn.of(c) for c in SESSION_COLUMNS if c.name not in _NOT_OF_PEOPLE),
+        *(
+            FileColumn.of(c)
+            for c in SESSION_COLUMNS
+            if c.name not in _NOT_OF_PEOPLE and c.name in table
+        ),
     ]
     write_tsv(folder / "participants.tsv", table.assign(**extra), columns)
     write_json(folder / "participants.json", {column.name: column.doc() for column in columns[1:]})

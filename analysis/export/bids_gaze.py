@@ -2,9 +2,11 @@
 
 import csv
 import gzip
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import StringIO, TextIOWrapper
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 from analysis.export.bids_tables import NOTHING
@@ -42,6 +44,8 @@ def write_gaze(content: Content, beh: Path, stem: str, person: Person, run: Run)
             except StudyError as error:
                 notes.append(f"{person.reading.name}: {error}; its samples are left out")
                 continue
+            shift_s = (content.shifts or {}).get(person.reading.name, {}).get(attempt.n, 0.0)
+            samples = [(t_s + shift_s, raw_t, x, y) for t_s, raw_t, x, y in samples]
             for t_s, raw_t, x_px, y_px in samples:
                 place = f"{x_px:.2f}\t{y_px:.2f}" if x_px is not None else f"{NOTHING}\t{NOTHING}"
                 own = "" if content.public else f"\t{raw_t!r}"
@@ -76,12 +80,19 @@ def read_samples(folder: Path, side: SideFile) -> list[Sample]:
         header, *rows = csv.reader(StringIO(data.decode("ascii")))
         if header != HEADER:
             raise ValueError
-        return [
+        samples: list[Sample] = [
             (float(t_s), float(raw_t), float(x) if x else None, float(y) if y else None)
             for t_s, raw_t, x, y in rows
         ]
+        if not all(math.isfinite(value) for row in samples for value in row if value is not None):
+            raise ValueError
     except ValueError:
-        raise StudyError(f"{name}: must be a table of {', '.join(HEADER)}") from None
+        raise StudyError(
+            f"{name}: must be a table of {', '.join(HEADER)}, all finite numbers"
+        ) from None
+    if any(after[0] < before[0] for before, after in pairwise(samples)):
+        raise StudyError(f"{name}: t_s must not fall from line to line")
+    return samples
 
 
 def _sidecar(content: Content, person: Person, run: Run, first_s: float) -> dict[str, Json]:

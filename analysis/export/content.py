@@ -24,6 +24,9 @@ class Content:
     tables: Tidy
     options: ExportOptions
     progress: Progress
+    shifts: dict[str, dict[int, float]] | None = None
+    """By sitting and line of an attempt: seconds added to its times, so that the order of trials
+    does not show; None: times are as recorded."""
 
     @property
     def public(self) -> bool:
@@ -72,6 +75,13 @@ class Content:
             lines.append(
                 "This is a public version. Participants were numbered anew; wall-clock times,"
                 " typed answers, notes, and the names of machines and devices were left out."
+            )
+        if self.shifts is not None:
+            lines.append(
+                "The order of trials follows from the participants' codes in this study, so it was"
+                " left out: main trials stand in an order that all participants share, times"
+                " begin anew at each, and practice, catch trials, blocks, sides of keys and"
+                " sittings that are not whole are not here."
             )
         lines += [
             f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"

@@ -46,7 +46,7 @@ def people_of(
 
     Withdrawn participants are no readings at all. Where the protocol asks for consent, a sitting
     whose journal does not hold it is left out. A public export numbers people anew, in an order
-    that says neither when they came nor what they were called.
+    that says neither when they came nor what they were called: it follows from what they did.
     """
     kept, notes = [], []
     for reading in study.readings:
@@ -55,7 +55,7 @@ def people_of(
             continue
         kept.append(reading)
     if public:
-        kept.sort(key=lambda reading: sha256_bytes(reading.start.participant.encode()))
+        kept.sort(key=_drawn)
     width = max(3, len(str(len(kept))))
     people = tuple(
         Person(
@@ -66,6 +66,11 @@ def people_of(
         for number, reading in enumerate(kept, start=1)
     )
     return people, tuple(notes)
+
+
+def _drawn(reading: Reading) -> str:
+    """Return what participants are sorted by: nobody can compute it without the journal."""
+    return sha256_bytes(b"order of participants\0" + reading.journal.path.read_bytes())
 
 
 def runs_of(reading: Reading) -> tuple[Run, ...]:

@@ -28,11 +28,19 @@ _REVISION = re.compile(
     r"(unknown|[0-9]+(\.[0-9a-z]+)*) (unknown|[0-9a-f]{7,40}(\+dirty|\+unchecked)?)"
 )
 
-_FOLDERS = "home|Users|root|mnt|media|tmp|var|opt|srv|run|data|work|scratch|Volumes"
+_FOLDERS = (
+    "home|Users|root|mnt|media|tmp|var|opt|srv|run|data|work|scratch|Volumes|export|exports|net|nfs"
+    "|nas|usr|etc|afs|gpfs|lustre|storage|share|shares|shared|project|projects|cluster|groups?"
+)
+_BYTE = r"(?:25[0-5]|2[0-4]\d|1?\d?\d)"
 _PRIVATE = re.compile(
     rf"(?<![\w.:/<])/(?:{_FOLDERS})/[^\s\"',;]*"  # a path of Linux or macOS
-    r"|(?<!\w)[A-Za-z]:\\+[^\s\"',;]*"  # of Windows
+    r"|(?<!\w)[A-Za-z]:[\\/]+[^\s\"',;]*"  # of Windows
     r"|\\\\+[\w.-]+\\[^\s\"',;]*"  # of a Windows share
+    r"|(?<![\w:/.])//[\w.-]+/[^\s\"',;]*"  # the same with slashes
+    r"|(?<!\w)(?:file|smb|nfs|afp|sftp|ssh|ftp):/+[^\s\"',;]*"  # an address of a file
+    r"|(?<![\w~/])~(?:[A-Za-z_][\w.-]*)?/[^\s\"',;]*"  # of somebody's home
+    rf"|(?<![\w.]){_BYTE}(?:\.{_BYTE}){{3}}(?!\w|\.\d)"  # an address of the internet
     r"|[\w.+-]+@[\w-]+(?:\.[\w-]+)+"  # a mail address
 )
 
@@ -141,12 +149,13 @@ def public_tables(tidy: Tidy, protocol: StudyProtocol, codes: dict[str, str]) ->
     codes : dict
         Name of a participant in the export, by participant code.
     """
-    sessions = _renamed(tidy.sessions, codes)
+    sessions = _renamed(tidy.sessions.drop(columns=["slot", "plan_sha256"]), codes)
     sessions["revision"] = [revision(text, public=True) for text in sessions["revision"]]
     sessions["timing_evidence"] = [
         timing_evidence(text, public=True) for text in sessions["timing_evidence"]
     ]
     asked = zip(tidy.answers["question"], tidy.answers["text"], strict=True)
+    said = tidy.answers.assign(text=[scrub(text, public=True) for text in tidy.answers["text"]])
     offered = pd.Series(
         [text in choices(protocol, question) for question, text in asked],
         index=tidy.answers.index,
@@ -157,9 +166,7 @@ def public_tables(tidy: Tidy, protocol: StudyProtocol, codes: dict[str, str]) ->
         sessions=sessions,
         attempts=_renamed(tidy.attempts.drop(columns="at"), codes),
         decisions=_renamed(tidy.decisions, codes),
-        answers=_renamed(
-            tidy.answers[pd.Series(offered, index=tidy.answers.index, dtype=bool)], codes
-        ),
+        answers=_renamed(said[offered], codes),
     )
 
 
@@ -179,7 +186,7 @@ def refuse_private(folder: Path, shown_as: Path) -> None:
         if found := _PRIVATE.search(text):
             raise StudyError(
                 f"{shown_as / path.relative_to(folder)}: a public export must name no folder and"
-                f" no mail address (found {found.group()!r}); change --author or --licence"
+                f" no address (found {found.group()!r}); change --author or --licence"
             )
 
 

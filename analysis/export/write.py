@@ -7,6 +7,12 @@ from pathlib import Path
 from analysis.export.bids import write_bids
 from analysis.export.choices import ExportOptions, Format
 from analysis.export.content import Content
+from analysis.export.order import (
+    refuse_adaptive,
+    tells_codes,
+    unordered_tables,
+    without_order,
+)
 from analysis.export.people import people_of
 from analysis.export.psychds import write_psych_ds
 from analysis.export.public import public_readings, public_tables, refuse_private
@@ -55,8 +61,8 @@ def export_study(
     ------
     StudyError
         If the sittings are not those of one study and this protocol, nobody may be exported,
-        `out` is not empty or lies among the sessions, a BIDS export lacks a display, or pwcmp
-        cannot take answers of the study's task.
+        `out` is not empty or lies among the sessions, a BIDS export lacks a display, pwcmp
+        cannot take answers of the study's task, or a public export would tell codes.
     """
     options = options or ExportOptions()
     if form == "pwcmp" and protocol.analysis.kind != "preference":
@@ -67,20 +73,29 @@ def export_study(
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     study = read_study(sessions, protocol, progress=progress)
+    unordered = None
     if options.public:
         study = public_readings(study, protocol)
+        if tells_codes(protocol):
+            refuse_adaptive(protocol)
+            unordered = without_order(study)
+    recorded = {reading.name: reading for reading in study.readings}
+    study = unordered.study if unordered else study
     people, left_out = people_of(study, protocol, public=options.public)
     notes = (*study.notes, *left_out)
     if not people:
         raise StudyError(
             f"{sessions}: must hold a sitting that may be exported: " + "; ".join(notes)
         )
-    kept = StudyReadings(tuple(person.reading for person in people), notes)
+    kept = StudyReadings(tuple(recorded[person.reading.name] for person in people), notes)
     tables = tidy_tables(kept, protocol)
+    if unordered:
+        tables = unordered_tables(tables, unordered)
     if options.public:
         codes = {person.reading.start.participant: person.code for person in people}
         tables = public_tables(tables, protocol, codes)
-    content = Content(protocol, people, tables, options, progress)
+    shifts = unordered.shifts if unordered else None
+    content = Content(protocol, people, tables, options, progress, shifts)
     with whole_folder(out, _NEVER_REPLACED) as work:
         found = _WRITERS[form](content, work)
         if options.public:

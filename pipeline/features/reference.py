@@ -8,7 +8,7 @@ section 3.2; Kuffner dos Anjos et al. 2022, section 3.2, who keep only the fines
 band: docs/decisions/0015). Level k has ceil(size / 2^k) pixels; its pixel i covers pixels
 2i and 2i + 1 of level k - 1, as in push-pull. Borders repeat.
 
-Twin: bands.glsl and lowpass.comp.glsl. Change both or neither.
+Twin: bands.glsl, and lowpass.comp.glsl in statistics/. Change both or neither.
 """
 
 import json

@@ -7,17 +7,16 @@ same for all: `law`, the law's constant (`scaling`, `alpha` or `rate`), `fovea_d
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.pooling import Pooling, make_pooling
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.settings import Chroma, MetamerSettings, Residual
 from pipeline.image_file import from_integers, read_pixels, three_channels
 
 if TYPE_CHECKING:
@@ -79,13 +78,13 @@ class Metamer(_Plain):
         alpha: float | None = None,
         rate: float | None = None,
         fovea_deg: float = 1.0,
-        chroma: str = "follow",
-        residual: str = "kept",
+        chroma: Chroma = "follow",
+        residual: Residual = "kept",
         noise: float = 1.0,
         levels: int = 5,
     ) -> None:
         pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)  # type: ignore[arg-type]
+        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
         from pipeline.foveation.gpu import MetamerPass
@@ -104,8 +103,10 @@ class Metamer(_Plain):
         )
 
 
-class NoiseEnhanced(_Plain):
-    """A blur, and noise where the eye detects detail that it cannot resolve."""
+class _Enhanced(_Plain):
+    """A blur to which something is given back, by `strength`."""
+
+    most_strength: ClassVar[float]
 
     def __init__(
         self,
@@ -117,8 +118,20 @@ class NoiseEnhanced(_Plain):
         fovea_deg: float = 1.0,
         strength: float = 1.0,
     ) -> None:
-        self.pooling = _blur_to_enhance(law, scaling, alpha, rate, fovea_deg)
-        self.strength = _checked("strength", strength, 0, 16)
+        if law is None and scaling is None and alpha is None and rate is None:
+            rate = ENHANCED_RATE
+        self.pooling = make_pooling(
+            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
+        )
+        if not 0 <= strength <= self.most_strength:
+            raise InputError(f"strength must lie in 0..{self.most_strength:g} (got {strength})")
+        self.strength = strength
+
+
+class NoiseEnhanced(_Enhanced):
+    """A blur, and noise where the eye detects detail that it cannot resolve."""
+
+    most_strength = 16
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return enhancement.noise_enhanced(
@@ -126,21 +139,10 @@ class NoiseEnhanced(_Plain):
         )
 
 
-class ContrastEnhanced(_Plain):
+class ContrastEnhanced(_Enhanced):
     """A blur whose local contrast is restored."""
 
-    def __init__(
-        self,
-        *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
-        strength: float = 1.0,
-    ) -> None:
-        self.pooling = _blur_to_enhance(law, scaling, alpha, rate, fovea_deg)
-        self.strength = _checked("strength", strength, 0, 2)
+    most_strength = 2
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return enhancement.contrast_enhanced(
@@ -270,21 +272,3 @@ class FilesOnDisk(_Plain):
                 f" (is {found.shape[1]} x {found.shape[0]})"
             )
         return found
-
-
-def _blur_to_enhance(
-    law: str | None,
-    scaling: float | None,
-    alpha: float | None,
-    rate: float | None,
-    fovea_deg: float,
-) -> Pooling:
-    if law is None and scaling is None and alpha is None and rate is None:
-        rate = ENHANCED_RATE
-    return make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-
-
-def _checked(name: str, value: float, least: float, most: float) -> float:
-    if not (least <= value <= most and math.isfinite(value)):
-        raise InputError(f"{name} must lie in {least}..{most} (got {value})")
-    return value

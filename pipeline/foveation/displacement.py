@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
+from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
@@ -28,7 +29,7 @@ from pipeline.foveation.reference import finished, twice
 Floats = NDArray[np.float64]
 
 LEAST_SMOOTHNESS_PX = 0.5  # deviation of the field's own pools at least
-REACH = 3.0  # deviations of a displacement from the frame's border within which it fades out
+REACH = 3.0  # deviations from a border, within which what crosses it fades out
 LEAST_MATCH, MOST_MATCH = 0.5, 2.0
 CUBIC = -0.5
 """Keys' parameter: Catmull and Rom's spline."""
@@ -131,14 +132,33 @@ def displacement_px(
     shift_px: NDArray[np.floating] | None = None,
 ) -> Floats:
     """D: unit noise, as smooth as asked, times `reach` times the pools' deviation: (H, W, 2)."""
-    sigma_px = pools.sigma_px()
-    far = settings.reach * sigma_px * _border_fade(pools, settings.reach * sigma_px)
     field = unit_field(pools, settings.smoothness, seed)
     if shift_px is not None:
         x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in field.shape[1::-1]))
         x, y = x - shift_px[..., 0], y - shift_px[..., 1]
         field = look_up(field, x, y, wraps=pools.geometry.wraps)
-    return far[..., None] * field
+    return _within_frame(pools.geometry, settings.reach * pools.sigma_px(), field)
+
+
+def _within_frame(geometry: Geometry, deviation_px: Floats, field: Floats) -> Floats:
+    """`field` times a deviation, (H, W, 2), so that all of it leads into the frame.
+
+    Outside nothing is known. So x fades towards the left and the right border, y towards the upper
+    and the lower one, and smoothly: lines beside a border stay where they are, and as wide. Along a
+    border D is free. What would still lead far towards one is held back: d of `room` pixels becomes
+    ``d / (1 + d / room)``.
+    """
+    found = deviation_px[..., None] * field
+    lengths = geometry.width_px, geometry.height_px
+    for axis, places in enumerate(pixel_centres(geometry)):
+        if axis == 0 and geometry.wraps:
+            continue
+        left = np.broadcast_to(places, deviation_px.shape)
+        right = lengths[axis] - left
+        share = np.clip(np.minimum(left, right) / np.maximum(REACH * deviation_px, 1e-9), 0, 1)
+        away = share * share * (3 - 2 * share) * found[..., axis]
+        found[..., axis] = away / (1 + np.abs(away) / np.where(away > 0, right, left))
+    return found
 
 
 def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
@@ -182,7 +202,7 @@ def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
     up2 = np.outer(up, up)
     white = np.zeros((_LAGS, _LAGS))
     white[_LAGS // 2, _LAGS // 2] = 1.0
-    levels = []
+    levels: list[tuple[float, float, float]] = []
     own = white
     for level in range(count):
         halved = _thinned(_correlated(_correlated(own, low), low[::-1, ::-1]))
@@ -193,9 +213,10 @@ def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
         triple = [own, cross, doubled]
         for _ in range(level):
             triple = [_spread(part, _autocorrelation(up2)) / 4 for part in triple]
-        levels.append(tuple(float(part[_LAGS // 2, _LAGS // 2]) for part in triple))
+        first, both, second = (float(part[_LAGS // 2, _LAGS // 2]) for part in triple)
+        levels.append((first, both, second))
         own = halved
-    return tuple(levels)  # type: ignore[arg-type]
+    return tuple(levels)
 
 
 _LAGS = 33  # kept around 0, along each axis
@@ -242,16 +263,6 @@ def _spread(covariance: Floats, kernel: Floats) -> Floats:
         middle - 2 * reach : middle + 2 * reach + 1 : 2,
     ] = covariance[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1]
     return _correlated(wide, kernel)
-
-
-def _border_fade(pools: Pools, deviation_px: Floats) -> Floats:
-    """0 at the frame's border, 1 from `REACH` deviations inside: what lies outside is not known."""
-    geometry = pools.geometry
-    x, y = np.meshgrid(np.arange(geometry.width_px) + 0.5, np.arange(geometry.height_px) + 0.5)
-    inside = np.minimum(y, geometry.height_px - y)
-    if not geometry.wraps:
-        inside = np.minimum(inside, np.minimum(x, geometry.width_px - x))
-    return np.asarray(np.clip(inside / np.maximum(REACH * deviation_px, 1e-9), 0, 1))
 
 
 def look_up(image: Floats, x: Floats, y: Floats, *, wraps: bool) -> Floats:

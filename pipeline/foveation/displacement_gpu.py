@@ -86,14 +86,15 @@ class DisplacementPass(FoveationPass):
         ]
         self._sizes = sizes
         self._noise = [self._texture(size, "rg32f") for size in sizes]
-        self._chosen = [self._texture(size, "rg32f") for size in sizes[:-1]]
+        # By resolution less 1: the finest is the look-up's.
+        self._chosen = [self._texture(size, "rg32f") for size in sizes[1:-1]]
         self._warped = self._texture(self.size)
         self._seed: int | None = None
         self._match: _Match | None = _Match(self, self._pooled, self._levels) if match else None
 
     @property
     def dispatches(self) -> int:
-        return self._count + 2 + (self._match.dispatches if self._match else 0)
+        return self._count + 1 + (self._match.dispatches if self._match else 0)
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
@@ -123,14 +124,15 @@ class DisplacementPass(FoveationPass):
         self.set_seed(seed)
         self._pooled.look(gaze_px)
         self._field_pooled.look(field_gaze_px or gaze_px)
-        for r in reversed(range(self._count)):
+        for r in reversed(range(1, self._count)):
             self._noise[r].use(0)
-            (self._chosen[r + 1] if r + 1 < self._count else self._noise[r + 1]).use(1)
-            self._chosen[r].bind_to_image(0, read=False, write=True)
+            (self._chosen[r] if r + 1 < self._count else self._noise[r + 1]).use(1)
+            self._chosen[r - 1].bind_to_image(0, read=False, write=True)
             self._field["halvings"] = r
             self._run(self._field, self._sizes[r])
         source.use(0)
-        self._chosen[0].use(1)
+        self._noise[0].use(1)
+        self._chosen[0].use(2)
         self._warped.bind_to_image(0, read=False, write=True)
         self._run(self._displace, self.size)
         if self._match:
@@ -147,7 +149,9 @@ class _Match:
 
     def __init__(self, owner: DisplacementPass, pooled: Pooled, levels: int) -> None:
         self._owner = owner
-        self._true, self._own = (ChainPass(owner, pooled, levels, 0) for _ in range(2))
+        self._true, self._own = (
+            ChainPass(owner, pooled, levels, 0, chroma=False) for _ in range(2)
+        )
         self._count, self._levels = self._true.count, levels
         # By resolution less 1: the finest is the join's.
         self._difference = [owner._texture(size) for size in self._true.sizes[1:]]

@@ -149,7 +149,52 @@ def bisected(
 
     Outside the ramp each side is its picture bit for bit.
     """
-    share = cut_shares(geometry, gaze_px, angle_deg, ramp_deg)[..., None]
+    return _blended(cut_shares(geometry, gaze_px, angle_deg, ramp_deg)[..., None], first, second)
+
+
+def disc_shares(geometry: Geometry, centre: Floats, radius_deg: float, ramp_deg: float) -> Floats:
+    """Share of what is shown around a direction: 1 up to `radius_deg`, 0 from `ramp_deg` beyond.
+
+    Parameters
+    ----------
+    centre : ndarray of shape (3,)
+        A unit vector, see `direction_at`.
+    """
+    if not (radius_deg >= 0 and ramp_deg >= 0 and radius_deg + ramp_deg < 180):
+        raise InputError(
+            "radius_deg and ramp_deg must be at least 0, and less than 180 together"
+            f" (got {radius_deg}, {ramp_deg})"
+        )
+    rays = geometry.directions(*pixel_centres(geometry))
+    sine = np.linalg.norm(np.cross(rays, centre), axis=-1)
+    beyond = np.degrees(np.arctan2(sine, rays @ centre)) - radius_deg
+    if ramp_deg == 0:
+        return np.asarray((beyond <= 0).astype(np.float64))
+    return np.asarray(np.clip(1 - beyond / ramp_deg, 0, 1))
+
+
+def before_background(
+    shown: NDArray[np.floating],
+    background: NDArray[np.floating],
+    geometry: Geometry,
+    centre: Floats,
+    *,
+    radius_deg: float,
+    ramp_deg: float,
+) -> NDArray[np.float32]:
+    """Show `shown` in a disc around a direction, `background` beyond it: (H, W, 3).
+
+    Beyond the ramp the background is itself bit for bit, and so is `shown` inside.
+    """
+    return _blended(
+        disc_shares(geometry, centre, radius_deg, ramp_deg)[..., None], shown, background
+    )
+
+
+def _blended(
+    share: Floats, first: NDArray[np.floating], second: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """Mix by the share of `first`; where one is alone, it stays as it is."""
     mixed = (share * first + (1 - share) * second).astype(np.float32)
     sides = np.where(share >= 1, first, np.where(share <= 0, second, mixed))
     return np.ascontiguousarray(sides, np.float32)

@@ -25,9 +25,9 @@ layout(binding = 1) uniform sampler2D coarse;  // chosen, linear
 #constant LEVELS
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 layout(binding = 2) uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
-// A layer a level. On the screen three texels in a row hold 2x2 pixels each: high, along x, along y.
-// Carried: a texel is a place, rgb the bands.
-layout(binding = 3) uniform sampler2DArray noise;
+// Signed bytes, four a word; bands level by level, high, along x, along y. On the screen a word is a
+// band of 2x2 pixels, four bands a layer. Carried, a texel is a place, sixteen bands a layer.
+layout(binding = 3) uniform usampler2DArray noise;
 uniform float noise_scale;
 #if CARRIED
 #constant TEXELS_PER_PX
@@ -35,16 +35,15 @@ layout(binding = 4) uniform sampler2D shift_px;
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #endif
 
-#constant NOISE_ROWS     // of places, a power of two
-#constant NOISE_COLUMNS  // a power of two, or so many that no pixel lies beyond
+#constant NOISE_ROWS     // of texels: a power of two, or so many that no pixel lies beyond
+#constant NOISE_COLUMNS
+#constant NOISE_SCALE    // what the largest byte stands for
 
 // Within the noise, which goes on at its borders.
 ivec2 wrapped(ivec2 texel) {
-    int mask = (NOISE_COLUMNS & (NOISE_COLUMNS - 1)) == 0 ? NOISE_COLUMNS - 1 : -1;
-    return texel & ivec2(mask, NOISE_ROWS - 1);
+    return texel & ivec2((NOISE_COLUMNS & (NOISE_COLUMNS - 1)) == 0 ? NOISE_COLUMNS - 1 : -1,
+                         (NOISE_ROWS & (NOISE_ROWS - 1)) == 0 ? NOISE_ROWS - 1 : -1);
 }
-
-vec4 noise_at(ivec2 texel, int level) { return texelFetch(noise, ivec3(wrapped(texel), level), 0); }
 
 #if CARRIED
 // Where a pixel's noise lies, and how much each of four texels there counts.
@@ -58,17 +57,34 @@ Spot spot_of(ivec2 pixel) {
     return Spot(ivec2(floor(at)), w, lag);
 }
 
-// Interpolated noise has less variance, which is given back. See look_up() in synthesis/.
-vec3 noise_of(Spot spot, int level) {
-    vec4 w = spot.share;
-    vec3 bands = (w.x * noise_at(spot.corner, level) + w.y * noise_at(spot.corner + ivec2(1, 0), level)
-                  + w.z * noise_at(spot.corner + ivec2(0, 1), level)
-                  + w.w * noise_at(spot.corner + 1, level)).rgb;
-    vec3 variance = dot(w, w) + vec3(dot(spot.lag, lag_correlation[3 * level]),
-                                     dot(spot.lag, lag_correlation[3 * level + 1]),
-                                     dot(spot.lag, lag_correlation[3 * level + 2]));
-    return bands * inversesqrt(variance);
+const int PLACE_LAYERS = (3 * LEVELS + 15) / 16, PLACE_WORDS = 4 * PLACE_LAYERS;
+
+// The bands of a pixel, four a vector, not yet of unit variance.
+struct Carried { vec4 of[PLACE_WORDS]; };
+
+Carried carried_at(Spot spot) {
+    Carried bands;
+    ivec2 a = wrapped(spot.corner), d = wrapped(spot.corner + 1);
+    for (int layer = 0; layer < PLACE_LAYERS; ++layer) {
+        uvec4 at_a = texelFetch(noise, ivec3(a, layer), 0);
+        uvec4 at_b = texelFetch(noise, ivec3(d.x, a.y, layer), 0);
+        uvec4 at_c = texelFetch(noise, ivec3(a.x, d.y, layer), 0);
+        uvec4 at_d = texelFetch(noise, ivec3(d, layer), 0);
+        for (int word = 0; word < 4; ++word)
+            bands.of[4 * layer + word] =
+                spot.share.x * unpackSnorm4x8(at_a[word]) + spot.share.y * unpackSnorm4x8(at_b[word])
+              + spot.share.z * unpackSnorm4x8(at_c[word]) + spot.share.w * unpackSnorm4x8(at_d[word]);
+    }
+    return bands;
 }
+
+// Interpolated noise has less variance, which is given back. See look_up() in synthesis/.
+#define CARRIED_BAND(bands, spot, band)                                  \
+    (bands.of[(band) / 4][(band) % 4]                                    \
+     * inversesqrt(dot(spot.share, spot.share) + dot(spot.lag, lag_correlation[band])))
+#define CARRIED_NOISE(bands, spot, level)                                \
+    vec3(CARRIED_BAND(bands, spot, 3 * level), CARRIED_BAND(bands, spot, 3 * level + 1), \
+         CARRIED_BAND(bands, spot, 3 * level + 2))
 #endif
 #endif
 
@@ -102,18 +118,18 @@ void main() {
 #if CARRIED
     Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
     Spot at_c = spot_of(first + ivec2(0, 1)), at_d = spot_of(first + 1);
-#else
-    ivec2 own_noise = ivec2(3, 1) * wrapped(cell);
-#endif
-#if CARRIED
+    Carried in_a = carried_at(at_a), in_b = carried_at(at_b);
+    Carried in_c = carried_at(at_c), in_d = carried_at(at_d);
 #define SHAPED(level)                                                                  \
-    vec4(dot(w.xyz, noise_of(at_a, level)), dot(w.xyz, noise_of(at_b, level)),         \
-         dot(w.xyz, noise_of(at_c, level)), dot(w.xyz, noise_of(at_d, level)))
+    vec4(dot(w.xyz, CARRIED_NOISE(in_a, at_a, level)), dot(w.xyz, CARRIED_NOISE(in_b, at_b, level)), \
+         dot(w.xyz, CARRIED_NOISE(in_c, at_c, level)), dot(w.xyz, CARRIED_NOISE(in_d, at_d, level)))
 #else
-#define SHAPED(level)                                                                  \
-    (w.x * texelFetch(noise, ivec3(own_noise, level), 0)                               \
-     + w.y * texelFetch(noise, ivec3(own_noise + ivec2(1, 0), level), 0)               \
-     + w.z * texelFetch(noise, ivec3(own_noise + ivec2(2, 0), level), 0))
+    ivec2 place = wrapped(cell);
+    uvec4 words[(3 * LEVELS + 3) / 4];
+    for (int layer = 0; layer < words.length(); ++layer)
+        words[layer] = texelFetch(noise, ivec3(place, layer), 0);
+#define BAND(band) unpackSnorm4x8(words[(band) / 4][(band) % 4])
+#define SHAPED(level) (w.x * BAND(3 * level) + w.y * BAND(3 * level + 1) + w.z * BAND(3 * level + 2))
 #endif
 #define ADD_LEVEL(level, slope)                                      \
     {                                                                \
@@ -139,7 +155,7 @@ void main() {
 #if LEVELS > 5
     ADD_LEVEL(5, more_red.y)
 #endif
-    mat3 colour = noise_scale * RGB_FROM_YCBCR;
+    mat3 colour = noise_scale * NOISE_SCALE * RGB_FROM_YCBCR;
     store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));
     store(first + ivec2(1, 0), size, colour * vec3(luma.y, blue_chroma.y, red_chroma.y));
     store(first + ivec2(0, 1), size, colour * vec3(luma.z, blue_chroma.z, red_chroma.z));

@@ -5,6 +5,7 @@
 
 #constant TILE               // work-group edge, 2x2 blocks
 #constant SMALLEST_VARIANCE  // added to what is divided by
+#constant PARTNER_SHARE      // of the small pool beside, along each axis
 #constant CHROMA             // 1: Cb and Cr go with luma; 0: none
 
 #include "pools.glsl"
@@ -45,6 +46,10 @@ vec2 slopes_of(vec4 first, vec4 second) {
 
 // Put by what a level's noise is to be multiplied, but for its gain.
 void put(int level, vec3 variance, float blue, float pool) {
+#if EQUIRECTANGULAR
+    float parallel = parallel_at(4.0 * (float(block.y) + 0.5));
+    variance.y *= parallel * parallel;
+#endif
     float kept = 1.0 - beyond_lod(pool * exp2(float(-2 * level)), 0);
     variance *= 1.0 - kept * kept;
     asked[level] += 0.25 * variance;
@@ -65,11 +70,14 @@ void put(int level, vec3 variance, float blue, float pool) {
 
 // Of the finest level, where pools are smaller than a block.
 vec3 with_small_pools(vec3 wide, float pool) {
-    ivec2 near = 2 * block, far = min(2 * block + 1, textureSize(small_moments, 0).xy - 1);
+    vec2 size = vec2(textureSize(small_moments, 0).xy);
+    // Towards the block's middle, where linear sampling mixes in what lies beside; see _widened().
+    vec2 near = 2.0 * vec2(block) + 0.5, far = min(near + 1.0, size - 0.5);
+    vec2 in_near = near + PARTNER_SHARE * (far - near), in_far = far + PARTNER_SHARE * (near - far);
     vec3 fine = vec3(0.0);
-#define SMALL(x, y) fine += 0.25 * variance_of(texelFetch(small_moments, ivec3(x, y, 0), 0), \
-                                               texelFetch(small_moments, ivec3(x, y, 1), 0));
-    SMALL(near.x, near.y) SMALL(far.x, near.y) SMALL(near.x, far.y) SMALL(far.x, far.y)
+#define SMALL(x, y) fine += 0.25 * variance_of(textureLod(small_moments, vec3(vec2(x, y) / size, 0.0), 0.0), \
+                                               textureLod(small_moments, vec3(vec2(x, y) / size, 1.0), 0.0));
+    SMALL(in_near.x, in_near.y) SMALL(in_far.x, in_near.y) SMALL(in_near.x, in_far.y) SMALL(in_far.x, in_far.y)
     float share = beyond_lod(pool, 1);
     return mix(fine, wide, share) + share * (1.0 - share) * max(wide - fine, 0.0);
 }

@@ -34,6 +34,10 @@ class Geometry(Protocol):
         """Whether the right border goes on at the left one."""
         ...
 
+    def parallel(self, y: Floats) -> Floats:
+        """Of a panorama, the length of the parallels there over the equator's; else 1."""
+        ...
+
     def directions(self, x: Floats, y: Floats) -> Floats:
         """Unit vectors from the eye to positions of one shape (...): (..., 3)."""
         ...
@@ -129,6 +133,9 @@ class FlatGeometry:
     def wraps(self) -> bool:
         return False
 
+    def parallel(self, y: Floats) -> Floats:
+        return np.ones_like(y)
+
     def directions(self, x: Floats, y: Floats) -> Floats:
         across, down = x - self.centre_px[0], y - self.centre_px[1]
         rays = np.stack(np.broadcast_arrays(across, down, self.distance_px), axis=-1)
@@ -160,8 +167,11 @@ class EquirectangularGeometry:
 
     def px_per_deg(self, x: Floats, y: Floats) -> Floats:
         """W / 360 along a meridian, W / 360 / cos(latitude) along a parallel."""
-        level = np.maximum(np.cos(self._latitude(y)), self.least_cosine)
-        return np.asarray(np.broadcast_arrays(self.width_px / 360 / np.sqrt(level), x)[0])
+        density = self.width_px / 360 / np.sqrt(self.parallel(y))
+        return np.asarray(np.broadcast_arrays(density, x)[0])
+
+    def parallel(self, y: Floats) -> Floats:
+        return np.maximum(np.cos(self._latitude(y)), self.least_cosine)
 
     @property
     def least_cosine(self) -> float:

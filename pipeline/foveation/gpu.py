@@ -19,8 +19,16 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import SMALLEST_VARIANCE
-from pipeline.foveation.noise_plane import check_seed, noise_tile, tile_edge
+from pipeline.foveation.moments import LEAST_PARALLEL, PARTNER_SHARE, SMALLEST_VARIANCE
+from pipeline.foveation.noise_plane import (
+    GRAIN,
+    MOST_STEPS,
+    carried_noise,
+    check_seed,
+    noise_tile,
+    panorama_noise,
+    tile_edge,
+)
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
@@ -34,20 +42,12 @@ from pipeline.gl.texture import (
     texture_from,
     upload,
 )
-from pipeline.synthesis.gains import overlap_by_levels
-from pipeline.synthesis.mixing import (
-    LAGS,
-    LEAST_GAIN,
-    MOST_GAIN,
-    UNEVEN,
-    UNSEEN_VARIANCE,
-    fitted_mixing,
-)
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
+from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.mixing import LAGS, fitted_mixing
+from pipeline.noise.tile import TEXELS_PER_PX
 
 TILE = 8  # work-group edge
-# Half floats: memory is what the last pass waits for, and noise tells no more.
-NOISE_FORMAT, NOISE_DTYPE = "rgba16f", np.float16
+TEXEL_BYTES = 16  # of noise
 
 Size = tuple[int, int]
 
@@ -114,6 +114,7 @@ class FoveationPass:
         self._held: list[moderngl.Texture | moderngl.TextureArray] = []
         self._others: list[moderngl.ComputeShader | moderngl.Buffer] = []
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
+        self.chains: list[ChainPass] = []  # what analyses pictures
 
     @property
     def dispatches(self) -> int:
@@ -211,10 +212,21 @@ class ChainPass:
         Pyramid levels whose moments are made; 0 for a blur.
     deepest : int
         The last resolution of the base.
+    chroma : bool
+        Whether moments of Cb and Cr with luma are made.
     """
 
-    def __init__(self, owner: FoveationPass, pooled: Pooled, levels: int, deepest: int) -> None:
+    def __init__(
+        self,
+        owner: FoveationPass,
+        pooled: Pooled,
+        levels: int,
+        deepest: int,
+        *,
+        chroma: bool = True,
+    ) -> None:
         self._owner = owner
+        owner.chains.append(self)
         width, height = owner.size
         self.count = chain_length(width, height)
         self.sizes = [
@@ -244,6 +256,8 @@ class ChainPass:
                         WRAPS=owner.geometry.wraps,
                         OWN=key[0],
                         OLDER=key[1],
+                        CHROMA=chroma,
+                        LEAST_PARALLEL=LEAST_PARALLEL,
                         **taps,
                     )
                 )
@@ -259,6 +273,12 @@ class ChainPass:
             self._pushes.append((r, pushes[key]) if any(key) else None)
 
     @property
+    def held_bytes(self) -> int:
+        """Memory of the chain and its moments, of the owner's."""
+        moments = sum(texture_bytes(array) for array in self.moments if array is not None)
+        return moments + sum(texture_bytes(texture) for texture in self.lows)
+
+    @property
     def dispatches(self) -> int:
         return len(self._pulls) + sum(push is not None for push in self._pushes)
 
@@ -271,6 +291,8 @@ class ChainPass:
                 older.use(1)
             if (moments := self.moments[r]) is not None:
                 moments.bind_to_image(1, read=False, write=True)
+            if "row_share" in shader:
+                shader["row_share"] = (1 << r) / self._owner.geometry.height_px
             self._owner._run(shader, self.sizes[r + 1])
 
     def push(self, last: int, first: int | None = None) -> None:
@@ -301,6 +323,7 @@ def finish_constants(**changes: int | float | bool) -> dict[str, int | float | b
         "TEXELS_PER_PX": TEXELS_PER_PX,
         "NOISE_ROWS": 1,
         "NOISE_COLUMNS": 1,
+        "NOISE_SCALE": 1.0,
     }
     return constants | changes
 
@@ -359,7 +382,11 @@ class MetamerPass(FoveationPass):
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
         self._chain = ChainPass(
-            self, self._pooled, levels, levels if settings.residual == "kept" else count
+            self,
+            self._pooled,
+            levels,
+            levels if settings.residual == "kept" else count,
+            chroma=settings.chroma != "luma",
         )
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
         self._overlap = ctx.buffer(overlap.tobytes())
@@ -376,6 +403,7 @@ class MetamerPass(FoveationPass):
                 UNSEEN_VARIANCE=UNSEEN_VARIANCE,
                 UNEVEN=UNEVEN,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                PARTNER_SHARE=PARTNER_SHARE,
                 CHROMA=settings.chroma != "luma",
             )
         )
@@ -430,15 +458,15 @@ class MetamerPass(FoveationPass):
             self._carried = self._compile_finish(carried=True)
         if self._seeds.get(carried) == seed:
             return
-        tile = _dense_tile(seed, self.levels) if carried else self._plain_tile(seed)
+        tile = self._carried_tile(seed) if carried else self._plain_tile(seed)
         layers, height, width, _ = tile.shape
         if carried not in self._tiles:
-            self._tiles[carried] = self._array((width, height), layers, NOISE_FORMAT)
+            self._tiles[carried] = self._array((width, height), layers, "rgba32ui")
             self._tiles[carried].filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._tiles[carried].write(np.ascontiguousarray(tile, NOISE_DTYPE).tobytes())
+        self._tiles[carried].write(tile.tobytes())
         self._seeds[carried] = seed
         if carried and self._carried is not None:
-            lags = noise_bands(seed, self.levels, 1).lag_correlation
+            lags = fitted_mixing(self.levels).lag_correlation
             set_array(self._carried, "lag_correlation", lags.reshape(-1, len(LAGS)))
 
     def _find_gains(self) -> None:
@@ -451,34 +479,50 @@ class MetamerPass(FoveationPass):
         self._run(self._gains, halved(self._chain.sizes[2]))
 
     def _compile_finish(self, *, carried: bool) -> moderngl.ComputeShader:
-        edge = TILE_TEXELS if carried else tile_edge(*self.size) // 2
-        wide = self.geometry.width_px // 2 if self.geometry.wraps and not carried else edge
+        width, height = self.size
+        edge = tile_edge(height, width)
+        rows = columns = edge * TEXELS_PER_PX if carried else edge // 2
+        if self.geometry.wraps and not carried:
+            rows, columns = halved((height, width))
         constants = finish_constants(
             NOISE=True,
             LEVELS=self.levels,
             CARRIED=carried,
-            NOISE_ROWS=edge,
-            NOISE_COLUMNS=wide if wide % edge else edge,
+            NOISE_ROWS=rows,
+            NOISE_COLUMNS=columns,
+            NOISE_SCALE=MOST_STEPS * GRAIN,
         )
         shader = self._pooled.compile(self.ctx, "foveation/finish.comp.glsl", **constants)
         shader["noise_scale"] = self.settings.noise
         return self._keep(shader)
 
-    def _plain_tile(self, seed: int) -> NDArray[np.float32]:
-        """2x2 pixels a texel, bands side by side: (levels, edge / 2, width / 2 * 3, 4)."""
-        wrapped = self.geometry.width_px if self.geometry.wraps else None
-        tile = noise_tile(seed, self.levels, 1, tile_edge(*self.size), wrapped)[:, :, 0]
-        height, width, bands = tile.shape
-        cells = tile.reshape(height // 2, 2, width // 2, 2, bands // 3, 3)
-        cells = cells.transpose(4, 0, 2, 5, 1, 3)
-        return cells.reshape(bands // 3, height // 2, width // 2 * 3, 4)
+    def _plain_tile(self, seed: int) -> NDArray[np.int8]:
+        """A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16)."""
+        width, height = self.size
+        if self.geometry.wraps:
+            tile = panorama_noise(seed, self.levels, 1, height)[:, :, 0]
+            tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
+        else:
+            tile = noise_tile(seed, self.levels, 1, tile_edge(height, width))[:, :, 0]
+        rows, columns, bands = tile.shape
+        cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
+        return _layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
+
+    def _carried_tile(self, seed: int) -> NDArray[np.int8]:
+        """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
+        tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
+        levels, edge = tiles.shape[:2]
+        return _layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))
 
 
-def _dense_tile(seed: int, levels: int) -> NDArray[np.float32]:
-    """(levels, TILE_TEXELS, TILE_TEXELS, 4)."""
-    tiles = noise_bands(seed, levels, 1).tiles[:, 0]
-    assert tiles.shape[1] == TILE_TEXELS
-    return np.pad(tiles, ((0, 0),) * 3 + ((0, 1),))
+def _layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:
+    """Noise (rows, columns, values) in steps of `GRAIN`: (layers, rows, columns, 16)."""
+    rows, columns, count = noise.shape
+    layers = -(-count // TEXEL_BYTES)
+    steps = np.zeros((rows, columns, layers * TEXEL_BYTES), np.int8)
+    steps[..., :count] = np.rint(noise / GRAIN)
+    texels = steps.reshape(rows, columns, layers, TEXEL_BYTES)
+    return np.ascontiguousarray(texels.transpose(2, 0, 1, 3))
 
 
 def halved(size: Size) -> Size:

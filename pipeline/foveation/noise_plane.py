@@ -1,8 +1,11 @@
 """The fills' noise, laid over a whole picture.
 
 A picture gets a tile as large as itself, up to `LARGEST_TILE`: on any even texture one would see
-the tile of fills, 256 px, repeat itself. Noise that surfaces carry is read between texels, from
-the tile of fills; there it does.
+the tile of fills, 256 px, repeat itself. A panorama gets noise for all of it, of the same angular
+size everywhere: towards the poles, where pixels crowd, it is stretched along the parallels.
+
+Noise is kept in steps of `GRAIN`, so that a byte holds it: what is added to a picture last waits
+for memory, and noise as coarse as that tells no more.
 """
 
 from __future__ import annotations
@@ -13,12 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.synthesis.noise import TILE, mixed_bands, noise_bands
-from pipeline.synthesis.reference import look_up
+from pipeline.foveation.geometry import EquirectangularGeometry
+from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.tile import (
+    TILE,
+    NoiseBands,
+    between,
+    look_up,
+    mixed,
+    mixed_bands,
+    split,
+    white_noise,
+)
+
+Floats = NDArray[np.float64]
+Halves = NDArray[np.float16]
+"""Steps of `GRAIN` are exact in it."""
 
 LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little would be gained
-SEAM_PX = 128  # over so many columns a panorama's noise becomes what goes on at its other side
 LARGEST_SEED = 2**63 - 1
+GRAIN = 2.0**-4  # step of the noise, deviations
+MOST_STEPS = 127  # to either side: 8 deviations
+LEAST_COLUMNS = 8  # around a panorama's pole
+OFFSET = 0.382  # of the height: so far apart are the rows that different stretches take
 
 
 def check_seed(seed: int) -> int:
@@ -37,29 +57,78 @@ def tile_edge(height: int, width: int) -> int:
     return edge
 
 
-@lru_cache(maxsize=4)
-def noise_tile(
-    seed: int, levels: int, channels: int, edge: int = TILE, wrapped_width: int | None = None
-) -> NDArray[np.float32]:
-    """The mixed noise of one seed, a value per pixel: (edge, width, channels, levels * 3).
-
-    It goes on at its borders. The width is `edge`, or `wrapped_width`, so that it fits once around
-    a panorama: there the last columns fade into what comes before the first, at constant power.
-    """
-    tiles = mixed_bands(seed, levels, channels, edge)  # (level, band, channel, row, column)
-    tile = tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels)
-    if wrapped_width is not None and wrapped_width % edge:
-        column = np.arange(wrapped_width)
-        seam = min(SEAM_PX, wrapped_width)
-        share = np.clip((column - (wrapped_width - seam) + 0.5) / seam, 0, 1)[:, None, None]
-        ahead = tile[:, (column - wrapped_width) % edge]  # ends where column 0 begins
-        lag = wrapped_width % edge
-        alike = (tile * np.roll(tile, lag, axis=1)).mean(axis=(0, 1)) / (tile**2).mean(axis=(0, 1))
-        mixed = np.sqrt(1 - share) * tile[:, column % edge] + np.sqrt(share) * ahead
-        tile = mixed / np.sqrt(1 + 2 * np.sqrt(share * (1 - share)) * alike)
-    found = np.ascontiguousarray(tile, np.float32)
+def grained(noise: Floats) -> Halves:
+    """Round to `GRAIN`, within `MOST_STEPS`; read-only."""
+    steps = np.clip(np.rint(noise / GRAIN), -MOST_STEPS, MOST_STEPS)
+    found = np.ascontiguousarray(GRAIN * steps, np.float16)
     found.flags.writeable = False
     return found
+
+
+@lru_cache(maxsize=4)
+def noise_tile(seed: int, levels: int, channels: int, edge: int = TILE) -> Halves:
+    """The mixed noise of one seed, a value per pixel: (edge, edge, channels, levels * 3).
+
+    It goes on at its borders.
+    """
+    tiles = mixed_bands(seed, levels, channels, edge)  # (level, band, channel, row, column)
+    return grained(tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels))
+
+
+@lru_cache(maxsize=2)
+def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Halves:
+    """Noise for a whole panorama: (height, 2 * height, channels, levels * 3), of unit variance.
+
+    At a latitude, pixels lie 1 / cosine times as densely along the parallel as along the meridian.
+    So the white noise that is split into bands is stretched by as much: it is white to the eye.
+    """
+    size = height_px, 2 * height_px
+    geometry = EquirectangularGeometry(size[1], size[0])
+    octave = -np.log2(geometry.parallel(np.arange(height_px, dtype=np.float64) + 0.5))
+    bands = split(_stretched(white_noise(seed, size, channels), octave), levels)
+    for level in range(levels):
+        square = (bands[level] ** 2).mean(axis=(0, 2))  # (rows, bands): unit variance in each row
+        square = _averaged((square + square[::-1]) / 2, 1 << level)
+        bands[level] /= np.sqrt(square)[:, None]
+    return grained(mixed(bands).transpose(3, 4, 2, 0, 1).reshape(*size, channels, 3 * levels))
+
+
+def _stretched(white: Floats, octave: Floats) -> Floats:
+    """Stretch the rows of noise (H, W, channels) by 2^octave along x; it goes on at its sides.
+
+    A row is mixed, at constant power, of noise stretched by the two nearest powers of two.
+    """
+    height, width, _ = white.shape
+    found = np.zeros_like(white)
+    for power in range(int(octave.max()) + 2):
+        share = np.sqrt(np.maximum(0, 1 - np.abs(octave - power)))[:, None, None]
+        columns = min(width, max(LEAST_COLUMNS, round(width / 2**power)))
+        taken = np.roll(white, -round(OFFSET * power * height), axis=0)[:, :columns]
+        waves = np.fft.rfft(taken, axis=1) * (width / columns)
+        found += share * np.fft.irfft(waves, width, axis=1)
+    return found
+
+
+def _averaged(rows: Floats, reach: int) -> Floats:
+    """Mean of each row (H, ...) and up to `reach` to either side."""
+    sums = np.cumsum(np.concatenate([np.zeros_like(rows[:1]), rows]), axis=0)
+    last = len(rows)
+    index = np.arange(last)
+    low, high = np.maximum(index - reach, 0), np.minimum(index + reach + 1, last)
+    return np.asarray((sums[high] - sums[low]) / (high - low)[:, None])
+
+
+@lru_cache(maxsize=1)
+def carried_noise(seed: int, levels: int, channels: int, edge: int) -> NoiseBands:
+    """The noise of `noise_tile` with two texels per pixel, to be read between them; read-only."""
+    tiles = mixed_bands(seed, levels, channels, edge)
+    dense = [
+        grained(np.moveaxis(between(between(tile, -2), -1), 0, -1))  # a level at a time: memory
+        for tile in tiles
+    ]
+    stacked = np.stack(dense)
+    stacked.flags.writeable = False
+    return NoiseBands(stacked, fitted_mixing(levels).lag_correlation)
 
 
 def noise_plane(
@@ -70,7 +139,7 @@ def noise_plane(
     *,
     wraps: bool,
     shift_px: NDArray[np.floating] | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Each pixel's noise: (H, W, channels, levels * 3), of unit variance.
 
     Parameters
@@ -78,15 +147,17 @@ def noise_plane(
     size : (height, width)
     shift_px : ndarray, shape (H, W, 2), optional
         The pixel at (x, y) has the noise of (x, y) - shift: what a surface carries along with it.
-        Places between pixels keep their variance. Whole panoramas cannot be shifted.
+        Places between pixels keep their variance. Noise that a panorama carries is not stretched.
     """
     height, width = size
+    edge = tile_edge(height, width)
+    if shift_px is None and wraps:
+        return panorama_noise(seed, levels, channels, height).astype(np.float64)
     if shift_px is None:
-        edge = tile_edge(height, width)
-        tile = noise_tile(seed, levels, channels, edge, width if wraps else None)
-        rows, columns = np.arange(height) % tile.shape[0], np.arange(width) % tile.shape[1]
-        return np.asarray(tile[rows[:, None], columns], np.float64)
-    noise = noise_bands(seed, levels, channels)
+        tile = noise_tile(seed, levels, channels, edge)
+        rows, columns = np.arange(height) % edge, np.arange(width) % edge
+        return tile[rows[:, None], columns].astype(np.float64)
+    noise = carried_noise(seed, levels, channels, edge)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     place = np.stack([x, y], axis=-1) - shift_px
     found = [np.moveaxis(look_up(noise, level, place), 3, 2) for level in range(levels)]

@@ -23,7 +23,7 @@ ELLIPSE_SHARE = 0.443
 
 Law = Literal["linear", "quadratic", "rate"]
 # law: its constant's name, default, what it is
-LAWS: dict[str, tuple[str, float, str]] = {
+LAWS: dict[Law, tuple[str, float, str]] = {
     "linear": ("scaling", 0.25, "full width at half maximum over eccentricity"),
     "quadratic": ("alpha", 0.2, "widths grow with the eccentricity squared"),
     "rate": ("rate", 0.35, "arcmin of deviation per degree of eccentricity"),
@@ -127,7 +127,7 @@ def make_pooling(
     if len(given) > 1:
         raise InputError(f"at most one of scaling, alpha, rate is given (got {', '.join(given)})")
     if law is None:
-        owner = {LAWS[name][0]: name for name in LAWS}
+        owner: dict[str, str] = {LAWS[name][0]: name for name in LAWS}
         law = owner[next(iter(given))] if given else DEFAULT_PRESET
     if law in PRESETS:
         if given:
@@ -136,9 +136,10 @@ def make_pooling(
                 f" use law {PRESETS[law][0]!r}"
             )
         return Pooling(*PRESETS[law], fovea_deg=fovea_deg)
-    if law not in LAWS:
+    known = next((name for name in LAWS if name == law), None)
+    if known is None:
         raise InputError(f"law must be one of {', '.join([*PRESETS, *LAWS])} (got {law!r})")
-    own, default, _ = LAWS[law]
+    own, default, _ = LAWS[known]
     if given and own not in given:
         raise InputError(f"law {law!r} takes {own} (got {next(iter(given))})")
-    return Pooling(law, given.get(own, default), fovea_deg)  # type: ignore[arg-type]
+    return Pooling(known, given.get(own, default), fovea_deg)

@@ -6,6 +6,7 @@
 #constant WRAPS   // 1: the picture goes on at its other side
 #constant OWN     // 1: this resolution is a pyramid level: make its bands' moments
 #constant OLDER   // pyramid levels whose moments there are already
+#constant CHROMA  // 1: Cb and Cr's products with luma too; 0: none
 
 #include "lowpass.glsl"
 #if OWN
@@ -23,6 +24,12 @@ layout(binding = 1) uniform sampler2DArray fine_moments;
 #endif
 #if OLDER || OWN
 layout(rgba32f, binding = 1) uniform writeonly image2DArray coarse_moments;
+#endif
+
+#if OWN && WRAPS
+#constant LEAST_PARALLEL
+uniform float row_share;  // height of a texel of `fine` over the panorama's
+const float PI = 3.14159265358979;
 #endif
 
 struct Row { vec4 a, b, c, d; };
@@ -45,6 +52,48 @@ vec4 moments_row(ivec4 x, int y, int layer, bool is_outer) {
 }
 #endif
 
+#if OWN
+const vec3 LUMA = vec3(YCBCR_FROM_RGB[0].x, YCBCR_FROM_RGB[1].x, YCBCR_FROM_RGB[2].x);
+
+// Over the equator's length. Coefficients along x are pooled as they would be there.
+float parallel_at(int row) {
+#if WRAPS
+    return max(cos((0.5 - min((float(row) + 0.5) * row_share, 1.0)) * PI), LEAST_PARALLEL);
+#else
+    return 1.0;
+#endif
+}
+
+#define BANDS(of, above, here, below, left, centre, right)                                        \
+    linear_bands(of(above.left), of(above.centre), of(above.right), of(here.left), of(here.centre), \
+                 of(here.right), of(below.left), of(below.centre), of(below.right))
+
+// Add a coefficient's moments. Chroma's bands are sums of those of red, green and blue, and so are
+// its products with luma's.
+#if CHROMA
+#define RGB(texel) texel.rgb
+#define ADD(weight, above, here, below, left, centre, right)                                      \
+    {                                                                                             \
+        Bands rgb = BANDS(RGB, above, here, below, left, centre, right);                          \
+        rgb.along_x /= level;                                                                     \
+        vec3 luma = vec3(dot(LUMA, rgb.high), dot(LUMA, rgb.along_x), dot(LUMA, rgb.along_y));    \
+        vec3 weighed = (weight) * luma;                                                           \
+        square += weighed * luma;                                                                 \
+        mean += weighed;                                                                          \
+        product += weighed.x * rgb.high + weighed.y * rgb.along_x + weighed.z * rgb.along_y;      \
+    }
+#else
+#define GREY(texel) vec3(dot(LUMA, texel.rgb))
+#define ADD(weight, above, here, below, left, centre, right)                                      \
+    {                                                                                             \
+        Bands grey = BANDS(GREY, above, here, below, left, centre, right);                        \
+        vec3 luma = vec3(grey.high.x, grey.along_x.x / level, grey.along_y.x);                    \
+        square += (weight) * luma * luma;                                                         \
+        mean += (weight) * luma;                                                                  \
+    }
+#endif
+#endif
+
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(texel, imageSize(coarse)))) return;
@@ -54,20 +103,18 @@ void main() {
     Row r0 = row_at(x, y.x), r1 = row_at(x, y.y), r2 = row_at(x, y.z), r3 = row_at(x, y.w);
     imageStore(coarse, texel, outer(r0) + inner(r1) + inner(r2) + outer(r3));
 #if OWN
-    Window w = Window(Four(r0.a, r0.b, r0.c, r0.d), Four(r1.a, r1.b, r1.c, r1.d),
-                      Four(r2.a, r2.b, r2.c, r2.d), Four(r3.a, r3.b, r3.c, r3.d));
-    ChildBands b = child_bands(w, lessThan(2 * texel + 1, size));
-    vec3 square = vec3(0.0), mean = vec3(0.0);
-    vec2 cross_sum = vec2(0.0);
-#define ADD(child) {                                                                        \
-        vec3 luma = vec3(b.child.high.x, b.child.along_x.x, b.child.along_y.x);             \
-        square += luma * luma;                                                              \
-        mean += luma;                                                                       \
-        cross_sum += luma.x * b.child.high.yz + luma.y * b.child.along_x.yz + luma.z * b.child.along_y.yz; \
-    }
-    ADD(a) ADD(b) ADD(c) ADD(d)
-    imageStore(coarse_moments, ivec3(texel, 2 * OLDER), 0.25 * vec4(square, cross_sum.x));
-    imageStore(coarse_moments, ivec3(texel, 2 * OLDER + 1), 0.25 * vec4(mean, cross_sum.y));
+    vec3 square = vec3(0.0), mean = vec3(0.0), product = vec3(0.0);
+    // The first coefficient stands for one that an odd border has not.
+    vec2 whole = vec2(lessThan(2 * texel + 1, size)), first = 0.5 * (2.0 - whole), next = 0.5 * whole;
+    float level = parallel_at(2 * texel.y);
+    ADD(first.x * first.y, r0, r1, r2, a, b, c)
+    ADD(next.x * first.y, r0, r1, r2, b, c, d)
+    level = parallel_at(2 * texel.y + 1);
+    ADD(first.x * next.y, r1, r2, r3, a, b, c)
+    ADD(next.x * next.y, r1, r2, r3, b, c, d)
+    vec3 cross_sum = YCBCR_FROM_RGB * product;
+    imageStore(coarse_moments, ivec3(texel, 2 * OLDER), vec4(square, cross_sum.y));
+    imageStore(coarse_moments, ivec3(texel, 2 * OLDER + 1), vec4(mean, cross_sum.z));
 #endif
 #if OLDER
     for (int layer = 0; layer < 2 * OLDER; ++layer) {

@@ -22,7 +22,8 @@ from pipeline.foveation.moments import Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.synthesis.mixing import fitted_mixing, spectral_gains
+from pipeline.noise.gains import spectral_gains
+from pipeline.noise.mixing import fitted_mixing
 
 Floats = NDArray[np.float64]
 

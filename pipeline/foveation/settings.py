@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
 from pipeline.foveation.pooling import Pooling
 
-CHROMAS = ("follow", "full", "luma")
-RESIDUALS = ("kept", "pooled")
+Chroma = Literal["follow", "full", "luma"]
+Residual = Literal["kept", "pooled"]
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,19 @@ class MetamerSettings:
 
     pooling: Pooling = field(default_factory=Pooling)
     levels: int = 5
-    chroma: Literal["follow", "full", "luma"] = "follow"
-    residual: Literal["kept", "pooled"] = "kept"
+    chroma: Chroma = "follow"
+    residual: Residual = "kept"
     noise: float = 1.0
 
     def __post_init__(self) -> None:
         check_levels(self.levels)
-        if self.chroma not in CHROMAS:
-            raise InputError(f"chroma must be one of {', '.join(CHROMAS)} (got {self.chroma!r})")
-        if self.residual not in RESIDUALS:
-            raise InputError(
-                f"residual must be one of {', '.join(RESIDUALS)} (got {self.residual!r})"
-            )
+        for name, value, kind in (
+            ("chroma", self.chroma, Chroma),
+            ("residual", self.residual, Residual),
+        ):
+            if value not in get_args(kind):
+                raise InputError(
+                    f"{name} must be one of {', '.join(get_args(kind))} (got {value!r})"
+                )
         if not (0 <= self.noise <= 4 and math.isfinite(self.noise)):
             raise InputError(f"noise must lie in 0..4 (got {self.noise})")

@@ -25,7 +25,6 @@ layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
 uniform float z_near_m;
 uniform uvec2 first_and_columns[RESOLUTIONS];
 uniform uvec2 holes_list;  // index and first entry: 2x2 blocks with a hole pixel
-uniform uvec2 quarter_holes_list;  // the same of 4x4 blocks
 uniform uvec2 half_list;   // the same for what push has to complete
 uniform uvec2 quarter_list;
 
@@ -94,9 +93,5 @@ void main() {
     float least = nearest(vec4(a.nearest, b.nearest, c.nearest, d.nearest));
     imageStore(extents, pixel, vec4(least, deepest, 0.0, 0.0));
     if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
-    int holes = int(bits(a.hole, b.hole, c.hole, d.hole));
-    if (holes > 0) {
-        append(quarter_holes_list.x, quarter_holes_list.y, pixel, holes);
-        mark_hole(4 * pixel);
-    }
+    if (a.hole || b.hole || c.hole || d.hole) mark_hole(4 * pixel);
 }

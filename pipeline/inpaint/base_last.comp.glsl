@@ -2,8 +2,6 @@
 // Last push of the base: the colour of every hole pixel, in place.
 // Twin: guided_base() and push() in reference.py. Change both or neither.
 
-#constant ANY_DEPTH_BEHIND
-
 #include "pixels.glsl"
 #include "guided.glsl"
 #include "taps.glsl"
@@ -20,7 +18,7 @@ void complete(ivec2 pixel, ivec2 near, ivec2 far) {
     if (imageLoad(image, pixel).a >= 0.5) return;
     float guide = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r);
     Taps taps = taps_of(near, far);
-    vec4 share = push_shares(guide, GUIDES_AT(coarse_guide, taps), ANY_DEPTH_BEHIND).share;
+    vec4 share = push_shares(guide, GUIDES_AT(coarse_guide, taps)).share;
     vec3 colour = MIXED_AT(coarse, taps, share, 0).rgb;
     // A convex combination, but for rounding.
     imageStore(image, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));

@@ -13,11 +13,7 @@ from pipeline.errors import InputError
 from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
-from pipeline.inpaint.reference import (
-    ANY_DEPTH_BEHIND,
-    NEARBY_RESOLUTIONS,
-    RELAXED_RESOLUTIONS,
-)
+from pipeline.inpaint.reference import RELAXED_RESOLUTIONS
 from pipeline.inpaint.region import CELL, MOST_EDGE_PX
 from pipeline.inpaint.regions import FIRST_STORED, LIST_GROUP, WorkLists
 
@@ -126,9 +122,6 @@ class ChainPass:
         self._lists = lists
         self._guide = guide
         self._is_base = is_base
-        self._depth_threshold = depth_threshold
-        self._nearby = NEARBY_RESOLUTIONS if is_base else 0
-        assert self._nearby <= resolutions.top  # the tail takes from its own depth alone
         self._relaxed = RELAXED_RESOLUTIONS if is_base else 0
         self._pull = compile_compute(
             ctx,
@@ -232,7 +225,6 @@ class ChainPass:
         shader = self._push
         self._bind(r, r + 1)
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
-        shader["behind"] = ANY_DEPTH_BEHIND if r < self._nearby else self._depth_threshold
         self._lists.run(shader, self._incomplete(r))
 
     def _relax_steps(self, r: int) -> None:
@@ -316,12 +308,9 @@ class GuidedBasePass:
         )
         set_array(self._first, "first_and_columns", self.lists.cell_grids)
         self._first["holes_list"] = self.lists.appendable(("holes", 1))
-        self._first["quarter_holes_list"] = self.lists.appendable(("holes", 2))
         self._first["half_list"] = self.lists.appendable(("base", 1))
         self._first["quarter_list"] = self.lists.appendable(("base", 2))
-        self._last = compile_compute(
-            ctx, "inpaint/base_last.comp.glsl", ANY_DEPTH_BEHIND=ANY_DEPTH_BEHIND
-        )
+        self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl")
         self._relax = compile_compute(
             ctx, "inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma)
         )

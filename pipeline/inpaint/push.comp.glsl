@@ -14,12 +14,11 @@ layout(rgba32f, binding = 1) uniform readonly image2D coarse;  // complete
 layout(r32f, binding = 2) uniform readonly image2D fine_guide;
 layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
 
-uniform float behind;  // see guided_shares
 uniform ivec2 coarse_size;
 
 void work(ivec2 pixel, int chain) {
     Taps taps = parents_of(pixel, coarse_size);
-    Shares below = push_shares(imageLoad(fine_guide, pixel).r, GUIDES_AT(coarse_guide, taps), behind);
+    Shares below = push_shares(imageLoad(fine_guide, pixel).r, GUIDES_AT(coarse_guide, taps));
     taps = texels_at(taps, chain, coarse_size.y);
     ivec2 to = texel_at(pixel, chain, work_size.y);
     vec4 own = imageLoad(fine, to);

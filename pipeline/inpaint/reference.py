@@ -1,4 +1,4 @@
-"""Depth-guided pull and push, and the band statistics they carry into holes.
+"""Depth-guided pull and push.
 
 Kuffner dos Anjos et al. 2022, section 3.3 and Alg. 1, with the mends of docs/method.md:
 colour is normalised by its weights, `mix` takes its operands in order, "farthest" is the
@@ -19,20 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import grow, parents, range_below, spoiled_levels
+from pipeline.features.reference import grow, parents
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
-# Colour pushed into these finest resolutions takes whatever is not nearer: the block that it
-# comes from spans 2 << resolution pixels at most, so what lies behind is the hole's neighbour.
-NEARBY_RESOLUTIONS = 2
 # Colour is relaxed in these finest resolutions, pixel by pixel and 2x2 by 2x2 up to 32x32: what is
 # pushed alone is blocky, and meets the hole's border in a step.
 RELAXED_RESOLUTIONS = 6
-ANY_DEPTH_BEHIND = 1.0  # guides lie in 0..1
-# Validity of a level's outermost coefficients. They see the frame's border repeated: in white noise
-# bands along it have up to 1.7 times their energy, and at 1 / f those across have half of it.
-BORDER_TRUST = 1 / 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +66,14 @@ def pull(fine: Level, threshold: float) -> Level:
     return Level(mean, confidence, deepest)
 
 
-def push(
-    fine: Level, coarse: Level, gamma: float, threshold: float, behind: float | None = None
-) -> Level:
+def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
     """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
 
     Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
     all (classic push-pull), 1 blends by confidence. Push is guided by depth as pull is:
-    a pixel that finds nothing of its own depth below keeps what it has. `behind` is as for
-    `guided_mean`.
+    a pixel that finds nothing of its own depth below keeps what it has.
     """
-    below, similar = interpolate(coarse, fine.guide, threshold, behind)
+    below, similar = interpolate(coarse, fine.guide, threshold)
     known = fine.validity > 0
     confidence = np.where(known, np.where(similar, np.abs(fine.validity) ** gamma, 1.0), 0.0)
     values = confidence[..., None] * fine.values + (1 - confidence[..., None]) * below
@@ -91,14 +81,14 @@ def push(
 
 
 def interpolate(
-    coarse: Level, guide: NDArray[np.float64], threshold: float, behind: float | None = None
+    coarse: Level, guide: NDArray[np.float64], threshold: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
     rows, columns = (
         parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
     )
     shares = np.full((*guide.shape, 2, 2), [[9.0, 3.0], [3.0, 1.0]])
-    return guided_mean(coarse, rows, columns, shares, guide, threshold, behind)
+    return guided_mean(coarse, rows, columns, shares, guide, threshold)
 
 
 def guided_mean(
@@ -108,7 +98,6 @@ def guided_mean(
     shares: NDArray[np.float64],
     guide: NDArray[np.float64],
     threshold: float,
-    behind: float | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Average four neighbours of a coarse level, those of the pixel's own depth only.
 
@@ -122,9 +111,7 @@ def guided_mean(
     shares : (H, W, 2, 2)
         Bilinear weights, by row and column; any scale.
     threshold : float
-        How much nearer than the pixel a neighbour of its own depth may be.
-    behind : float, optional
-        How much farther; the threshold by default.
+        How much nearer or farther than the pixel a neighbour of its own depth may be.
 
     Returns
     -------
@@ -135,8 +122,7 @@ def guided_mean(
     places = [(i, j) for i in range(2) for j in range(2)]
     step = np.stack([guide - coarse.guide[rows[i]][:, columns[j]] for i, j in places], axis=-1)
     share = np.stack([shares[..., i, j] for i, j in places], axis=-1)
-    reach = threshold if behind is None else behind
-    same = share * ((step <= threshold) & (-step <= reach))
+    same = share * (np.abs(step) <= threshold)
     similar = same.sum(axis=-1) > 0
     weight = np.where(similar[..., None], same, share * (step <= threshold))
     total = weight.sum(axis=-1, keepdims=True)
@@ -184,20 +170,16 @@ def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     ]
 
 
-def pull_push(
-    level: Level, gamma: float, threshold: float, nearby: int = 0, relaxed: int = 0
-) -> list[Level]:
+def pull_push(level: Level, gamma: float, threshold: float, relaxed: int = 0) -> list[Level]:
     """Pull to 1x1, at least once, and push back; the completed levels, finest first.
 
-    The `nearby` finest levels take from whatever is not nearer; see `NEARBY_RESOLUTIONS`. The
-    `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
+    The `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
     """
     levels = [level, pull(level, threshold)]
     while levels[-1].validity.shape != (1, 1):
         levels.append(pull(levels[-1], threshold))
     for index in reversed(range(len(levels) - 1)):
-        behind = ANY_DEPTH_BEHIND if index < nearby else threshold
-        levels[index] = push(levels[index], levels[index + 1], gamma, threshold, behind)
+        levels[index] = push(levels[index], levels[index + 1], gamma, threshold)
         if index < relaxed:
             levels[index] = relax(levels[index], gamma, threshold)
     return levels
@@ -206,10 +188,10 @@ def pull_push(
 def near_a_hole(
     hole: NDArray[np.bool_], cell_resolution: int, rings: int, tile_resolution: int
 ) -> NDArray[np.bool_]:
-    """Tell which pixels lie in a work tile near a hole.
+    """Tell which pixels are near a hole, in cells of the pyramid (region.py).
 
-    A tile takes part if it overlaps a cell within `rings` cells of one that holds a hole
-    pixel. Cells and tiles of resolution r are squares of ``CELL << r`` pixels.
+    Those are whole cells of `tile_resolution` that overlap a cell of `cell_resolution` within
+    `rings` cells of one that holds a hole pixel.
     """
     edge = CELL << cell_resolution
     near = grow(_blocks(hole, edge), rings).repeat(edge, axis=0).repeat(edge, axis=1)
@@ -247,96 +229,7 @@ def guided_base(
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
     level = Level(values, known, np.where(near, guide, 0.0))
-    return pull_push(level, gamma, threshold, NEARBY_RESOLUTIONS, RELAXED_RESOLUTIONS)
-
-
-def band_statistics(
-    bands: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    guide: NDArray[np.float64],
-    *,
-    cross: bool,
-    gamma: float,
-    threshold: float,
-) -> Level:
-    """Carry one level's band moments into its holes; the result has half its size.
-
-    Inside a hole moments vary slowly, so nothing finer than the first pull is kept.
-
-    Parameters
-    ----------
-    bands : (H, W, bands, channels)
-        Coefficients of Y', Cb, Cr.
-    valid : (H, W) of bool
-        Which of them take part: near a hole, not reaching it (`spoiled_levels`), and not
-        across the outline of something nearer (`outlined_levels`).
-    guide : (H, W)
-    cross : bool
-        As in `moments`.
-    """
-    level = Level(moments(bands, cross=cross), valid * border_trust(*valid.shape), guide)
-    return pull_push(level, gamma, threshold)[1]
-
-
-def border_trust(height: int, width: int) -> NDArray[np.float64]:
-    """Validity of a level's coefficients by their place: `BORDER_TRUST` for the outermost.
-
-    Not 0: near a hole there may be no others.
-    """
-    trust = np.full((height, width), BORDER_TRUST)
-    trust[1:-1, 1:-1] = 1.0
-    return trust
-
-
-def outlined_levels(
-    guides: Sequence[NDArray[np.float64]], levels: int, threshold: float
-) -> list[NDArray[np.bool_]]:
-    """Tell, level by level, which coefficients lie across a jump of depth.
-
-    They measure an outline, not the background's texture.
-
-    Parameters
-    ----------
-    guides : sequence of (H_k, W_k)
-        Finest first, to 1x1 or at least `levels` of them.
-    """
-    # A low band across a jump mixes both sides, and its own guide no longer tells.
-    mixed = range_below(guides[0]) > threshold
-    found = spoiled_levels(np.zeros(guides[0].shape, np.bool_), levels, mixed)
-    for level in range(levels):
-        guide = guides[min(level, len(guides) - 1)]  # past 1x1 nothing changes
-        found[level] = found[level] | straddles(guide, threshold)
-    return found
-
-
-def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
-    """Tell where a 3x3 neighbourhood holds a jump of depth from its centre."""
-    padded = np.pad(guide, 1, mode="edge")
-    height, width = guide.shape
-    shifts = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
-    return np.asarray(np.abs(np.stack(shifts) - guide).max(axis=0) > threshold)
-
-
-def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
-    """Stack (H, W, bands, 3) and its second moments into (H, W, bands * 6).
-
-    Second moments are squares, E[X_c^2]; with `cross`, products with the first channel,
-    E[X_0 X_c], so that colour can follow luma.
-    """
-    second = bands * bands[..., :1] if cross else bands**2
-    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
-
-
-def means_and_variances(
-    values: NDArray[np.float64], *, cross: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Undo `moments`: means and (co)variances, each (H, W, bands, 3).
-
-    ``Var[X] = E[X^2] - E[X]^2``: the paper (3.3.1) prints the sign reversed.
-    """
-    pairs = values.reshape(*values.shape[:2], -1, 6)
-    mean, second = pairs[..., :3], pairs[..., 3:]
-    return mean, second - (mean * mean[..., :1] if cross else mean**2)
+    return pull_push(level, gamma, threshold, RELAXED_RESOLUTIONS)
 
 
 def children(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,11 +1,13 @@
 """Which part of a frame takes part in a fill: shared by both twins.
 
-Work follows the holes. The frame is cut into square cells; a cell of resolution r covers
-``CELL << r`` pixels. What is far from every hole counts as unknown and is never read.
+Work follows the holes. What is far from every hole counts as unknown and is never read. How far is
+said in cells of the pyramid: one of resolution r is 8x8 of its texels, and so one texel of
+resolution r + 3. Nothing else of a fill's definition knows of them. On the GPU they are also the
+tiles by which texels are visited, which no result depends on.
 """
 
-CELL = 8  # edge of a work tile, in pixels of the resolution it works on
-STATISTICS_RINGS = 1  # cells of pyramid level k around a hole whose coefficients count
+CELL = 8  # edge of a cell, in texels of its resolution; a power of two
+STATISTICS_RINGS = 1  # cells of level k around one with a hole pixel whose coefficients count
 # Cells around a hole whose pixels are read at all, and the resolution of those cells, at least: 3
 # of 128 px. Pushes and relaxations lead 381 px away from a hole pixel at resolution 8, the coarsest
 # that is not the tail's in the largest frame (texels start there that it depends on).

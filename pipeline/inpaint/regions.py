@@ -24,9 +24,6 @@ Lists by pixel, appended by the passes that find them:
 
 ``("holes", 1)``
     Pixels of resolution 1 with a hole pixel among their children.
-``("holes", 2)``
-    Their parents. In place of a chain, which of its children those are: 1 for the first, 2 for the
-    next in x, 4 for the one below, 8 for the last; an odd border's last child repeats.
 ``("base", r)``, ``("moments", r)``
     Pixels of resolution r that push has to complete: of the base, of the chains of moments.
 ``("halves", k)``
@@ -304,8 +301,7 @@ class WorkLists:
             tiles = self.sizes[3][0] * self.sizes[3][1]
             plan(("jumps", 2), 2, tiles)
             plan(("plain", 2), 2, tiles)
-        for r in (1, 2):
-            plan(("holes", r), r, self.sizes[r][0] * self.sizes[r][1])
+        plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
 
     def _pack_regions(self) -> NDArray[np.uint32]:
         """The regions as the shader's `struct Region`."""

@@ -86,8 +86,7 @@ void push_level(int fine_first, ivec2 fine_size, int coarse_first, ivec2 coarse_
         int d = scratch_at(coarse_first, coarse_size, far);
         Shares below_by =
             push_shares(scratch_guide[place], vec4(scratch_guide[a], scratch_guide[b],
-                                                   scratch_guide[c], scratch_guide[d]),
-                        depth_threshold);
+                                                   scratch_guide[c], scratch_guide[d]));
         float keep = kept(validity, GAMMA, below_by.similar);
         for (int p = 0; p < PLANES; ++p) {
             vec4 below = mixed(below_by.share, scratch[a * PLANES + p], scratch[b * PLANES + p],

@@ -94,7 +94,6 @@ class Metameric(_Guided[MetamericPass]):
         *,
         levels: int = MetamericSettings.levels,
         gamma: float = MetamericSettings.gamma,
-        base_gamma: float = MetamericSettings.base_gamma,
         depth_threshold: float = MetamericSettings.depth_threshold,
         noise: float = MetamericSettings.noise,
         channels: Channels = MetamericSettings.channels,
@@ -112,7 +111,6 @@ class Metameric(_Guided[MetamericPass]):
         self._settings = MetamericSettings(
             levels=levels,
             gamma=gamma,
-            base_gamma=base_gamma,
             depth_threshold=depth_threshold,
             noise=noise,
             channels=channels,
@@ -138,7 +136,7 @@ class PushPullDepth(_Guided[GuidedBasePass]):
         self,
         ctx: moderngl.Context,
         *,
-        gamma: float = MetamericSettings.base_gamma,
+        gamma: float = MetamericSettings.gamma,
         depth_threshold: float = MetamericSettings.depth_threshold,
         z_near_m: float = 0.0,
     ) -> None:

@@ -1,6 +1,6 @@
 """The one signature of all fill methods, and what each of them must keep."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,27 @@ class Method(Protocol):
 
     def release(self) -> None:
         """Free what the method holds on the GPU; nothing for methods that hold nothing."""
+        ...
+
+
+class Plate(Protocol):
+    """What a method keeps of one source frame from view to view of a path."""
+
+    def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return `filled` with what earlier views got in its holes, and keep what is new."""
+        ...
+
+
+@runtime_checkable
+class PlateMethod(Method, Protocol):
+    """A method whose fills of one source frame's views are settled on a plate.
+
+    Views come in the order of their path, so a frame is a pure function of source, path and
+    seed. `fill` alone gives what the first view of a path gets.
+    """
+
+    def new_plate(self) -> Plate:
+        """Return an empty plate, for the views of one source frame."""
         ...
 
 

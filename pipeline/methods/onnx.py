@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
+from pipeline.methods.onnx_files import network_files
 
 _RANGES = {"0..1": (0.0, 1.0), "-1..1": (-1.0, 1.0)}
 _CURE = "export it as described in the documentation of the method onnx:FILE"
@@ -53,6 +54,11 @@ class OnnxNetwork:
         self.multiple_px = multiple_px
         self._session = _open(path)
         self._inputs = _understand(path, self._session)
+
+    @staticmethod
+    def files(path: Path) -> list[Path]:
+        """Return the network's file and the files of weights that it names."""
+        return network_files(path)
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
         """Fill the holes with what the network shows there."""

@@ -74,6 +74,11 @@ SHIPPED = tuple(
             "pipeline.methods.metameric:MetamericPaper",
         ),
         (
+            "shift-map",
+            "the background's own detail, shifted in tile by tile (after Pritch et al. 2009)",
+            "pipeline.methods.shift_map:ShiftMap",
+        ),
+        (
             "push-pull-depth",
             "push-pull that keeps to the background",
             "pipeline.methods.metameric:PushPullDepth",
@@ -141,6 +146,29 @@ def method_parameters(name: str) -> dict[str, Any]:
         for parameter in signature.parameters.values()
         if parameter.kind is inspect.Parameter.KEYWORD_ONLY
     }
+
+
+def method_files(name: str) -> list[Path]:
+    """Return every file that decides what a method with a path does; none for the others.
+
+    A class that opens more than its file, or than the files of its folder, says so by a static
+    method ``files``, from the path to a list of paths.
+
+    Raises
+    ------
+    InputError, FileNotFoundError
+        If there is no such method, or a file is missing or cannot be read.
+    """
+    entry = check_method_name(name)
+    if not entry.takes_path:
+        return []
+    path = Path(name.removeprefix(entry.name))
+    files = getattr(entry.load(), "files", None)
+    if files is not None:
+        return cast(list[Path], files(path))
+    if path.is_dir():
+        return sorted(file for file in path.rglob("*") if file.is_file())
+    return [path]
 
 
 def create_method(

@@ -45,7 +45,7 @@ void main() {
     vec4 se = at(pixel + ivec2(1, 1), last);
     float valid = min(min(min(nw.a, n.a), min(ne.a, w.a)),
                       min(min(c.a, e.a), min(min(sw.a, s.a), se.a)));
-    Bands bands = bands_of_ycbcr(nw.rgb, n.rgb, ne.rgb, w.rgb, c.rgb, e.rgb,
+    Bands bands = linear_bands(nw.rgb, n.rgb, ne.rgb, w.rgb, c.rgb, e.rgb,
                                  sw.rgb, s.rgb, se.rgb);
     put(pixel, size, 0, bands.high);
     put(pixel, size, 1, bands.along_x);

@@ -23,17 +23,11 @@ from pipeline.features.reference import (
     synthesise,
 )
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.inpaint.reference import (
-    Level,
-    children,
-    guide_from_depth,
-    means_and_variances,
-    moments,
-    pull,
-)
+from pipeline.inpaint.reference import Level, children, guide_from_depth, pull
 from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.settings import PrintedSettings
 from pipeline.pushpull.reference import upsample
+from pipeline.statistics.moments import means_and_variances, moments
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
 
 PARTLY = -1.0  # state of what is known in part

@@ -14,17 +14,18 @@ struct Bands {
     vec3 along_y;
 };
 
-// Differences, so that a constant answers exactly 0. Rows from the top, left to right, in Y'CbCr.
-Bands bands_of_ycbcr(vec3 nw, vec3 n, vec3 ne, vec3 w, vec3 c, vec3 e, vec3 sw, vec3 s, vec3 se) {
+// Of three channels. Differences, so that a constant answers exactly 0. Rows from the top, left to
+// right.
+Bands linear_bands(vec3 nw, vec3 n, vec3 ne, vec3 w, vec3 c, vec3 e, vec3 sw, vec3 s, vec3 se) {
     return Bands(HIGH_EDGE * ((n - c) + (w - c) + (e - c) + (s - c))
                      + HIGH_CORNER * ((nw - c) + (ne - c) + (sw - c) + (se - c)),
                  ORIENTED_EDGE * (e - w) + ORIENTED_CORNER * ((ne - nw) + (se - sw)),
                  ORIENTED_EDGE * (s - n) + ORIENTED_CORNER * ((sw - nw) + (se - ne)));
 }
 
-// The same of R'G'B'.
+// In Y'CbCr, of R'G'B'.
 Bands bands_of(vec3 nw, vec3 n, vec3 ne, vec3 w, vec3 c, vec3 e, vec3 sw, vec3 s, vec3 se) {
-    Bands rgb = bands_of_ycbcr(nw, n, ne, w, c, e, sw, s, se);
+    Bands rgb = linear_bands(nw, n, ne, w, c, e, sw, s, se);
     return Bands(YCBCR_FROM_RGB * rgb.high, YCBCR_FROM_RGB * rgb.along_x,
                  YCBCR_FROM_RGB * rgb.along_y);
 }

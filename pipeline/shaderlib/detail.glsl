@@ -1,11 +1,11 @@
 // The background's own detail, in place of noise. Include it where LEVELS, `image` and
 // bilinear() are.
-// Twin: details() in synthesis/background.py, shaped_detail() in synthesis/reference.py.
+// Twin: details() in background_texture/reference.py, shaped_detail() in synthesis/reference.py.
 
 #constant DETAIL_LIMIT  // deviations: more of the background's detail is another object's edge
 
 layout(rg32f, binding = 5) uniform readonly image2D origin;  // x, y; negative: none
-uniform sampler2D coarser[LEVELS - 1];  // levels 1 and on of the filled frame
+uniform sampler2D coarser[LEVELS];  // levels 1 and on of the filled frame
 
 // All four taps are known pixels, which nobody writes.
 vec3 frame_at(vec2 point) {
@@ -17,9 +17,6 @@ vec3 frame_at(vec2 point) {
          + share.z * imageLoad(image, ivec2(low.x, high.y)).rgb
          + share.w * imageLoad(image, high).rgb;
 }
-
-// The last level is left to the base.
-bool has_detail(int level) { return level < LEVELS - 1; }
 
 // The next coarser level at a point of full size, borders repeated.
 vec3 coarser_at(int level, vec2 point) {

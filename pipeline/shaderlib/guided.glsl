@@ -5,8 +5,7 @@
 // share it.
 //
 // What Mesa's software renderer taught: no local arrays here or in the passes (one that is
-// not unrolled lives in memory, 10x slower), no loops (2x; gains.comp.glsl is the one exception to
-// both: it visits few blocks, and would compile for too long), no texture layers (they lie a
+// not unrolled lives in memory, 10x slower), no loops (2x), no texture layers (they lie a
 // power of two apart and push each other out of the cache, 3x), images rather than buffers
 // for what is read more often than written (a buffer is read lane by lane).
 
@@ -34,18 +33,17 @@ Pull pull_shares(vec4 validity, vec4 guide, float deepest) {
     return Pull(total > 0.0 ? weight / total : vec4(0.0), confidence);
 }
 
-// Which of four neighbours a pixel takes, and how much: those of its own depth, at most
-// `behind` farther; where none is, those not nearer. Twin: guided_mean() in
-// inpaint/reference.py.
+// Which of four neighbours a pixel takes, and how much: those of its own depth; where none is, those
+// not nearer. Twin: guided_mean() in inpaint/reference.py.
 struct Shares {
     vec4 share;    // sums to 1, or 0 if all are nearer
     bool similar;  // whether one of the pixel's own depth was found
 };
 
-Shares guided_shares(vec4 bilinear, float guide, vec4 guides, float behind) {
+Shares guided_shares(vec4 bilinear, float guide, vec4 guides) {
     vec4 difference = guide - guides;
     vec4 not_nearer = bilinear * vec4(lessThanEqual(difference, vec4(depth_threshold)));
-    vec4 share = not_nearer * vec4(lessThanEqual(-difference, vec4(behind)));
+    vec4 share = not_nearer * vec4(lessThanEqual(-difference, vec4(depth_threshold)));
     float total = dot(share, vec4(1.0));
     bool similar = total > 0.0;
     if (!similar) {
@@ -56,8 +54,8 @@ Shares guided_shares(vec4 bilinear, float guide, vec4 guides, float behind) {
 }
 
 // Of a pixel's own parent and the next ones in x, in y and in both.
-Shares push_shares(float guide, vec4 guides, float behind) {
-    return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides, behind);
+Shares push_shares(float guide, vec4 guides) {
+    return guided_shares(vec4(9.0, 3.0, 3.0, 1.0), guide, guides);
 }
 
 // Of the next pixels to the left, right, above and below, for a relaxation: those of its own depth

@@ -1,10 +1,9 @@
 // Band moments of one texel: coefficients of 2x2 children are made, checked and averaged.
 // Include guided.glsl before.
-// Twin: band_statistics() and outlined_levels() in inpaint/reference.py. Change both or neither.
+// Twin: band_statistics() and outlined_levels() in statistics/reference.py. Change both or neither.
 
 #constant CROSS             // 1: second moments are products with luma, else squares
 #constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing
-#constant BORDER_TRUST      // validity of the outermost coefficients
 
 #include "bands.glsl"
 
@@ -45,14 +44,6 @@ vec4 across_a_jump(WindowGuide g) {
                 jumps(left_1, left_2, left_3, g.r2.y), jumps(right_1, right_2, right_3, g.r2.z));
 }
 
-// Of 2x2 children: the outermost coefficients see the frame's border repeated.
-vec4 trust(ivec2 first, ivec2 last) {
-    bvec2 near = bvec2(first.x == 0 || first.x == last.x, first.y == 0 || first.y == last.y);
-    bvec2 far = equal(first + 1, last);
-    bvec4 outermost = bvec4(near.x || near.y, far.x || near.y, near.x || far.y, far.x || far.y);
-    return mix(vec4(1.0), vec4(BORDER_TRUST), outermost);
-}
-
 vec3 second_moment(vec3 band) { return band * (CROSS == 1 ? band.xxx : band); }
 
 // `window`: rgb filled; a 1 clean, 0 reached by a hole, below that mixed from two depths.
@@ -72,7 +63,6 @@ Measured measure(Window w, WindowGuide g, ivec2 first, ivec2 size, float deepest
     vec4 both = min(left, right);
     m.outlined = across != vec4(0.0) || min(least(both.xyz), both.w) < -0.5;
 #endif
-    valid *= trust(first, size - 1);
     // The first child stands for one that is not there.
     bvec2 whole = lessThan(first + 1, size);
     if (!whole.x) valid.yw = valid.xz;

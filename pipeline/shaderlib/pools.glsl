@@ -23,10 +23,17 @@ struct Place {
     float eccentricity_deg, square_deg_px;
 };
 
+#if EQUIRECTANGULAR
+float latitude_at(float y) { return (0.5 - clamp(y / picture_px.y, 0.0, 1.0)) * PI; }
+
+// Length of a parallel over the equator's.
+float parallel_at(float y) { return max(cos(latitude_at(y)), least_cosine); }
+#endif
+
 Place seen_at(vec2 at) {
 #if EQUIRECTANGULAR
     float longitude = (at.x / picture_px.x - 0.5) * (2.0 * PI);
-    float latitude = (0.5 - clamp(at.y / picture_px.y, 0.0, 1.0)) * PI;
+    float latitude = latitude_at(at.y);
     float level = cos(latitude);
     vec3 ray = vec3(sin(longitude) * level, -sin(latitude), cos(longitude) * level);
     float per_deg = picture_px.x / 360.0;

@@ -1,5 +1,5 @@
 // By what to multiply deviations, so that mixed bands measure what they are asked for.
-// Twin: spectral_gains() in synthesis/mixing.py. Change both or neither.
+// Twin: spectral_gains() in noise/gains.py. Change both or neither.
 
 #constant LEVELS
 #constant LEAST_GAIN       // no band is weakened to less,

@@ -1,8 +1,8 @@
 #version 430
 // Composite: weigh every band's noise, look it up where the background comes from, and add
 // it to the base, in hole pixels only, in place.
-// Twin: shaped_noise(), fade(), deviations(), look_up() and sample() in reference.py. Change both or
-// neither.
+// Twin: shaped_noise(), deviations() and sample() in reference.py, look_up() in noise/tile.py. Change both
+// or neither.
 // With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
@@ -12,7 +12,6 @@
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
-#constant FADE        // of the noise beside known background, where waves are soft
 #constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
@@ -27,18 +26,13 @@ layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus so
 #endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
-// w of the second: gain of the background's detail, with BACKGROUND; of level 0's third: how far
-// to heed the known background beside it.
+// w of the second: gain of the background's detail, with BACKGROUND.
 layout(rgba32f, binding = 4) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f, binding = 3) uniform readonly image2D noise;
-// Of 4x4 pixels, see gains.comp.glsl: levels side by side, channels below each other; rgb: bands,
-// a: turn in which they were written.
-layout(rgba32f, binding = 6) uniform readonly image2D gains;
 
 uniform float z_near_m;
 uniform float noise_scale;
-uniform float turn;  // the gains' own
 uniform ivec4 level_size[LEVELS];          // columns, rows, where its first texel lies
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #if ANCHOR == 2
@@ -81,7 +75,6 @@ struct Pixel {
     ivec2 noise_corner;
     vec4 noise_share;
     vec3 noise;  // the sum so far: Y', Cb, Cr
-    float fade;
 #if BACKGROUND
     vec2 origin;  // of the texture; negative: none
     vec3 finer;   // what the frame shows there, at the level at hand
@@ -127,16 +120,15 @@ vec3 noise_bands(Pixel p, int level, int channel) {
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
-    float gain;    // of the background's detail
-    float heeded;  // of the known background beside
+    float gain;  // of the background's detail
 };
 
 Texel variances_at(ivec2 place, ivec4 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     ivec2 at = ivec2(3 * place.x, place.y) + size.zw;
     vec4 high = imageLoad(variances, at), along_x = imageLoad(variances, at + ivec2(1, 0));
-    vec4 along_y = imageLoad(variances, at + ivec2(2, 0));
-    return Texel(high.w, high.rgb, along_x.rgb, along_y.rgb, along_x.w, along_y.w);
+    vec3 along_y = imageLoad(variances, at + ivec2(2, 0)).rgb;
+    return Texel(high.w, high.rgb, along_x.rgb, along_y, along_x.w);
 }
 
 // Variances are interpolated before their root is taken. See deviations().
@@ -150,54 +142,13 @@ vec3 deviation(vec3 variance) {
 
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
 
-// What to multiply deviations by; with CHANNELS 1 all channels have luma's.
-struct Gains {
-    vec3 high, along_x, along_y;
-};
-
-// The four blocks around 2x2 pixels, its own first, and the shares of those that hold a hole pixel:
-// of others this turn has found no gains. Twin: between_blocks() in reference.py.
-struct Blocks {
-    Taps taps;  // first texel of each
-    vec4 share;
-};
-
-Blocks blocks_around(ivec2 parent) {
-    ivec2 edges = ivec2(LEVELS, CHANNELS);
-    Taps taps = parents_of(parent, imageSize(gains) / edges);
-    taps = Taps(taps.a * edges, taps.b * edges, taps.c * edges, taps.d * edges);
-    vec4 turns = vec4(imageLoad(gains, taps.a).a, imageLoad(gains, taps.b).a,
-                      imageLoad(gains, taps.c).a, imageLoad(gains, taps.d).a);
-    bvec4 found = equal(turns, vec4(turn));
-    vec4 share = vec4(9.0, 3.0, 3.0, 1.0) * vec4(found);
-    // What is not there may be no number, and its share of nothing none either.
-    taps = Taps(taps.a, found.y ? taps.b : taps.a, found.z ? taps.c : taps.a, found.w ? taps.d : taps.a);
-    return Blocks(taps, share / dot(share, vec4(1.0)));
-}
-
-vec3 gains_of(Blocks blocks, ivec2 texel) {
-    return MIXED_AT(gains, blocks.taps, blocks.share, texel).rgb;
-}
-
-Gains gains_at(Blocks blocks, int level) {
-    vec3 luma = gains_of(blocks, ivec2(level, 0));
-#if CHANNELS == 1
-    return Gains(luma.xxx, luma.yyy, luma.zzz);
-#else
-    vec3 blue = gains_of(blocks, ivec2(level, 1)), red = gains_of(blocks, ivec2(level, 2));
-    return Gains(vec3(luma.x, blue.x, red.x), vec3(luma.y, blue.y, red.y), vec3(luma.z, blue.z, red.z));
-#endif
-}
-
-void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
+void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, Texel d) {
     vec4 guides = vec4(a.guide, b.guide, c.guide, d.guide);
-    share = guided_shares(share, p.guide, guides, depth_threshold).share;
-    if (level == 0) p.fade = max(0.0, 1.0 - FADE * MIXED(heeded));
+    share = guided_shares(share, p.guide, guides).share;
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
 #if BACKGROUND
     if (p.origin.x >= 0.0) {
-        if (!has_detail(level)) return;
         vec3 next = coarser_at(level, p.origin);
         p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), high,
                                  along_x, along_y);
@@ -205,9 +156,6 @@ void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, 
         return;
     }
 #endif
-    high *= g.high;
-    along_x *= g.along_x;
-    along_y *= g.along_y;
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
     p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
@@ -221,7 +169,7 @@ void add_level(inout Pixel p, Gains g, int level, vec4 share, Texel a, Texel b, 
 
 void finish(Pixel p) {
     if (!p.hole) return;
-    vec3 colour = p.colour + p.fade * noise_scale * (RGB_FROM_YCBCR * p.noise);
+    vec3 colour = p.colour + noise_scale * (RGB_FROM_YCBCR * p.noise);
     imageStore(image, p.place, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 
@@ -230,37 +178,33 @@ void work(ivec2 parent, int chain) {
     Pixel p00 = pixel_at(2 * parent), p01 = pixel_at(2 * parent + ivec2(1, 0));
     Pixel p10 = pixel_at(2 * parent + ivec2(0, 1)), p11 = pixel_at(2 * parent + 1);
 
-    Blocks blocks = blocks_around(parent);
-
     // Level 0: 3x3 texels around the parent, each child between the four on its side.
     {
         ivec4 size = level_size[0];
-        Gains g = gains_at(blocks, 0);
         Texel t00 = variances_at(parent - 1, size), t02 = variances_at(parent + ivec2(1, -1), size);
         Texel t01 = variances_at(parent + ivec2(0, -1), size);
         Texel t10 = variances_at(parent + ivec2(-1, 0), size);
         Texel t11 = variances_at(parent, size), t12 = variances_at(parent + ivec2(1, 0), size);
         Texel t20 = variances_at(parent + ivec2(-1, 1), size);
         Texel t21 = variances_at(parent + ivec2(0, 1), size), t22 = variances_at(parent + 1, size);
-        add_level(p00, g, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
-        add_level(p01, g, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
-        add_level(p10, g, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
-        add_level(p11, g, 0, bilinear(vec2(0.25, 0.25)), t11, t12, t21, t22);
+        add_level(p00, 0, bilinear(vec2(0.75, 0.75)), t00, t01, t10, t11);
+        add_level(p01, 0, bilinear(vec2(0.25, 0.75)), t01, t02, t11, t12);
+        add_level(p10, 0, bilinear(vec2(0.75, 0.25)), t10, t11, t20, t21);
+        add_level(p11, 0, bilinear(vec2(0.25, 0.25)), t11, t12, t21, t22);
     }
     // Coarser levels: all four children lie between the same four texels.
     float scale = 0.25;
     for (int level = 1; level < LEVELS; ++level, scale *= 0.5) {
         ivec4 size = level_size[level];
-        Gains g = gains_at(blocks, level);
         vec2 first = (vec2(2 * parent) + 0.5) * scale - 0.5;
         ivec2 corner = ivec2(floor(first));
         vec2 near = first - floor(first), far = near + scale;
         Texel a = variances_at(corner, size), b = variances_at(corner + ivec2(1, 0), size);
         Texel c = variances_at(corner + ivec2(0, 1), size), d = variances_at(corner + 1, size);
-        add_level(p00, g, level, bilinear(near), a, b, c, d);
-        add_level(p01, g, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
-        add_level(p10, g, level, bilinear(vec2(near.x, far.y)), a, b, c, d);
-        add_level(p11, g, level, bilinear(far), a, b, c, d);
+        add_level(p00, level, bilinear(near), a, b, c, d);
+        add_level(p01, level, bilinear(vec2(far.x, near.y)), a, b, c, d);
+        add_level(p10, level, bilinear(vec2(near.x, far.y)), a, b, c, d);
+        add_level(p11, level, bilinear(far), a, b, c, d);
     }
     finish(p00);
     finish(p01);

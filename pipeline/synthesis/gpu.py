@@ -1,30 +1,29 @@
 """Metameric inpainting on the GPU. Twin: reference.py.
 
 Warp, then fill in place: lists of tiles near holes, the base colour, the pyramid's low
-bands, moments of every level pulled and pushed together, what is lacking, gains, composite.
+bands, moments of every level pulled and pushed together, what is lacking, composite.
 """
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import LowBandPass
+from pipeline.background_texture.gpu import SeekPass
+from pipeline.errors import InputError
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.synthesis.gains import GainPass
-from pipeline.synthesis.limits import check_limits
-from pipeline.synthesis.mixing import LAGS
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.synthesis.reference import DETAIL_LIMIT, FADE, SMALLEST_LACKING
-from pipeline.synthesis.seek import SeekPass
+from pipeline.noise.mixing import LAGS
+from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
+from pipeline.statistics.gpu import BANDS, VariancePass
+from pipeline.statistics.low_bands import LowBandPass
+from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
     check_seed,
     check_source_from_target,
 )
-from pipeline.synthesis.variances import VariancePass
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
@@ -43,34 +42,42 @@ class MetamericPass:
     Raises
     ------
     InputError
-        If the driver cannot hold a frame of this size, or so many levels.
+        If the driver cannot hold a frame of this size.
     """
 
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
-        check_limits(ctx, size, settings.levels)
+        check_limits(ctx, size)
         self.size = size
         self.settings = settings
         levels = settings.levels
+        from_background = settings.texture == "background"
         self.base = GuidedBasePass(
             ctx,
             size,
             levels=levels,
-            gamma=settings.base_gamma,
+            gamma=settings.gamma,
             depth_threshold=settings.depth_threshold,
         )
         self.low_bands = LowBandPass(
             ctx,
             self.base,
-            levels,
+            levels + from_background,  # detail is a level less the next coarser one
             skip_depth_edges=settings.skip_depth_edges,
             depth_threshold=settings.depth_threshold,
         )
         self._channels = 1 if settings.channels == "correlated" else 3
-        from_background = settings.texture == "background"
-        self.variances = VariancePass(ctx, self.base, settings, with_gain=from_background)
-        self._gains = GainPass(ctx, self.base, self.variances, settings)
+        self.variances = VariancePass(
+            ctx,
+            self.base,
+            levels=levels,
+            cross=settings.channels == "correlated",
+            gamma=settings.gamma,
+            depth_threshold=settings.depth_threshold,
+            skip_depth_edges=settings.skip_depth_edges,
+            with_gain=from_background,
+        )
         self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
         self._composite = compile_compute(
             ctx,
@@ -82,12 +89,11 @@ class MetamericPass:
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
-            FADE=FADE,
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
         if from_background:
-            set_array(self._composite, "coarser", np.arange(levels - 1, dtype=np.int32))
+            set_array(self._composite, "coarser", np.arange(levels, dtype=np.int32))
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         set_array(self._composite, "level_size", self.variances.places)
@@ -103,7 +109,6 @@ class MetamericPass:
             self.base.dispatches
             + self.low_bands.dispatches
             + self.variances.dispatches
-            + self._gains.dispatches
             + (1 if self._seek else 0)
             + 1  # composite
         )
@@ -111,7 +116,7 @@ class MetamericPass:
     @property
     def held_bytes(self) -> int:
         """Memory beyond the caller's textures, bytes."""
-        passes = (self.base, self.low_bands, self.variances, self._gains)
+        passes = (self.base, self.low_bands, self.variances)
         own = texture_bytes(self._noise)
         if self._seek:
             own += self._seek.held_bytes
@@ -178,8 +183,7 @@ class MetamericPass:
         self.set_seed(seed)
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
-        self.variances(levels, depth_m, z_near_m)
-        self._gains()
+        self.variances(levels[: self.settings.levels], depth_m, z_near_m)
         if self._seek:
             origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
             origin.bind_to_image(5, read=True, write=False)
@@ -199,8 +203,6 @@ class MetamericPass:
         flow_px.bind_to_image(2, read=True, write=False)
         self._noise.bind_to_image(3, read=True, write=False)
         self.variances.texels.bind_to_image(4)
-        self._gains.texels.bind_to_image(6, read=True, write=False)
-        self._composite["turn"] = float(self._gains.turn)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(self._composite, ("holes", 1))
 
@@ -209,8 +211,26 @@ class MetamericPass:
         self.base.release()
         self.low_bands.release()
         self.variances.release()
-        self._gains.release()
         self._noise.release()
         self._composite.release()
         if self._seek:
             self._seek.release()
+
+
+def check_limits(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """Require a driver for frames of `size`, (width, height).
+
+    Variances of 2x2 pixels lie `BANDS` side by side in one image.
+
+    Raises
+    ------
+    InputError
+        If the frame is too wide.
+    """
+    edge = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    widest = edge // BANDS * 2
+    if size[0] > widest:
+        raise InputError(
+            f"frames to fill with metamers must be at most {widest} px wide on this driver"
+            f" (got {size[0]}x{size[1]})"
+        )

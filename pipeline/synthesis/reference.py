@@ -3,8 +3,7 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with composite.comp.glsl and detail.glsl; lacking.py has its own. Change both
-or neither.
+Twin: gpu.py with composite.comp.glsl and detail.glsl. Change both or neither.
 """
 
 from dataclasses import dataclass, replace
@@ -12,24 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import analyse, parents, spoiled_levels
+from pipeline.background_texture.reference import details, texture_origins
+from pipeline.colour import rgb_from_ycbcr
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.inpaint.reference import (
-    Level,
-    band_statistics,
-    children,
-    guide_from_depth,
-    guided_base,
-    guided_mean,
-    near_a_hole,
-    outlined_levels,
-)
-from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.synthesis.background import details, texture_origins
-from pipeline.synthesis.lacking import detail_gain, known_background, noise_variances, wideness
-from pipeline.synthesis.mixing import LAGS, fitted_mixing, spectral_gains
-from pipeline.synthesis.noise import TEXELS_PER_PX, TILE_TEXELS, NoiseBands, noise_bands
+from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, guided_mean
+from pipeline.noise.tile import NoiseBands, look_up, noise_bands
+from pipeline.statistics.lacking import detail_gain
+from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -38,8 +26,6 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
-# Noise of a soft texture loses this times the share of known background beside it.
-FADE = 1.5
 DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
@@ -51,7 +37,7 @@ class Fill:
     base: NDArray[np.float64]  # (H, W, 3), before the noise
     anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
     statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
-    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 10), see `noise_variances`
+    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 9), see `noise_variances`
 
 
 def metameric_fill(
@@ -88,16 +74,24 @@ def metameric_fill(
         warped.hole,
         guide,
         levels=settings.levels,
-        gamma=settings.base_gamma,
+        gamma=settings.gamma,
         threshold=settings.depth_threshold,
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
-    statistics, lacking = inpainted_statistics(base, warped.hole, base_levels, settings)
+    statistics, lacking = inpainted_statistics(
+        base,
+        warped.hole,
+        base_levels,
+        levels=settings.levels,
+        cross=settings.channels == "correlated",
+        gamma=settings.gamma,
+        threshold=settings.depth_threshold,
+        skip_depth_edges=settings.skip_depth_edges,
+    )
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
-        warped.hole,
         guide,
         anchor_px,
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
@@ -114,51 +108,9 @@ def metameric_fill(
             cross=settings.channels == "correlated",
         )
         noise = np.where(found[..., None], detail, noise)
-    noise = noise * fade(lacking[0], guide, settings.depth_threshold)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
-
-
-def inpainted_statistics(
-    base: NDArray[np.float64],
-    hole: NDArray[np.bool_],
-    base_levels: list[Level],
-    settings: MetamericSettings,
-) -> tuple[list[Level], list[Level]]:
-    """Measure the bands around the holes and say how much noise each hole pixel lacks."""
-    cross = settings.channels == "correlated"
-    levels, threshold = settings.levels, settings.depth_threshold
-    last = len(base_levels) - 1  # past 1x1 nothing changes
-    guides = [base_levels[min(level, last)].guide for level in range(levels)]
-    bands = analyse(ycbcr_from_rgb(base), levels).bands
-    spoiled = spoiled_levels(hole, levels)
-    outlined = [np.zeros_like(mask) for mask in spoiled]
-    if settings.skip_depth_edges:
-        outlined = outlined_levels(guides, levels, threshold)
-    statistics, lacking = [], []
-    for level in range(levels):
-        near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
-        inpainted = band_statistics(
-            bands[level],
-            near & ~spoiled[level] & ~outlined[level],
-            guides[level],
-            cross=cross,
-            gamma=settings.gamma,
-            threshold=threshold,
-        )
-        variances = noise_variances(
-            inpainted.values,
-            bands[level],
-            outlined[level],
-            known_background(base_levels[min(level + 1, last)], threshold),
-            wideness(hole, level),
-            level,
-            cross=cross,
-        )
-        statistics.append(inpainted)
-        lacking.append(Level(variances, inpainted.validity, inpainted.guide))
-    return statistics, lacking
 
 
 def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
@@ -174,7 +126,6 @@ def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float
 
 def shaped_noise(
     lacking: list[Level],
-    hole: NDArray[np.bool_],
     guide: NDArray[np.float64],
     anchor_px: NDArray[np.float64],
     noise: NoiseBands,
@@ -182,83 +133,16 @@ def shaped_noise(
 ) -> NDArray[np.float64]:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
-    By deviations, and by spectral gains for what 4x4 pixels with `hole` ones among them lack, which
-    are interpolated; chroma that follows luma has luma's.
+    Chroma that follows luma has luma's noise.
     """
     total = np.zeros((*guide.shape, 3))
-    height, width = guide.shape
     channels = noise.tiles.shape[1]
-    asked, heeded = variances_of_blocks(lacking, hole, channels, threshold)
-    gains = spectral_gains(asked, fitted_mixing(len(lacking)).overlap, heeded[:, :, None])
-    gains = between_blocks(gains, hole).repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
     for level, coarse in enumerate(lacking):
-        variance = sample(coarse, guide, level + 1, threshold)[..., :9]
+        variance = sample(coarse, guide, level + 1, threshold)
         variance = variance.reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
-        texel = texel * np.moveaxis(gains[..., 3 * level : 3 * level + 3], 2, 3)
         total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
     return total
-
-
-def variances_of_blocks(
-    lacking: list[Level], hole: NDArray[np.bool_], channels: int, threshold: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What 4x4 pixels that hold a hole pixel lack; of others, zero at the finest level.
-
-    At the finest level their mean over the 2x2 pixels that hold one, of the farthest one's
-    depth; the next level's texel is theirs; of others what is lacking at their centre.
-
-    Returns
-    -------
-    variances : (H / 4, W / 4, channels, 3 * levels)
-    heeded : (H / 4, W / 4, levels)
-        See `lacking.beside_known`.
-    """
-    finest = lacking[0]
-    holds_any = children(hole[..., None].astype(np.float64)).max(axis=2)
-    guides = np.where(children(holds_any) > 0, children(finest.guide[..., None]), -1.0)
-    guide = guides.max(axis=2, keepdims=True)
-    share = (guides >= 0) & (guide - guides <= threshold)
-    mean = (share * children(finest.values)).sum(axis=2) / np.maximum(1, share.sum(axis=2))
-    found = [mean, *(coarse.values for coarse in lacking[1:2])]
-    for level, coarse in enumerate(lacking[2:], start=2):
-        found.append(sample(coarse, guide[:, :, 0, 0], level - 1, threshold))
-    values = np.stack(found, axis=2)  # (H / 4, W / 4, levels, 10)
-    bands = values[..., :9].reshape(*mean.shape[:2], -1, 3)[..., :channels]
-    return np.moveaxis(bands, 3, 2), values[..., 9]
-
-
-def between_blocks(gains: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Interpolate gains of 4x4 pixels at 2x2, from the blocks that hold a hole pixel.
-
-    (H / 4, W / 4, ...) to (H / 2, W / 2, ...); zero where none of four does.
-    """
-    halves = children(hole[..., None].astype(np.float64)).max(axis=2)
-    holds = children(halves).max(axis=2)[..., 0]
-    (near_y, far_y), (near_x, far_x) = map(parents, halves.shape, holds.shape)
-    taps = (
-        (near_y, near_x, 9.0),
-        (near_y, far_x, 3.0),
-        (far_y, near_x, 3.0),
-        (far_y, far_x, 1.0),
-    )
-    shares = np.stack([share * holds[rows][:, columns] for rows, columns, share in taps])
-    shares /= np.maximum(shares.sum(axis=0), 1.0)
-    return np.asarray(
-        sum(
-            share[:, :, None, None] * gains[rows][:, columns]
-            for share, (rows, columns, _) in zip(shares, taps, strict=True)
-        )
-    )
-
-
-def fade(finest: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Share of the noise that each pixel shows: (H, W, 1).
-
-    Where waves are soft, noise that started at once beside known background would show a seam.
-    """
-    heeded = sample(finest, guide, 1, threshold)[..., 9:]
-    return np.asarray(np.maximum(0.0, 1.0 - FADE * heeded))
 
 
 def shaped_detail(
@@ -279,43 +163,12 @@ def shaped_detail(
     for level, found in enumerate(detail):
         coarse = lacking[level]
         gain = detail_gain(statistics[level].values, coarse.values)
-        both = replace(coarse, values=np.concatenate([coarse.values[..., :9], gain], axis=2))
+        both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
         shape = sample(both, guide, level + 1, threshold)
         bands = deviations(shape[..., :9].reshape(*guide.shape, 3, 3), cross=cross)
         limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
         total += np.clip(shape[..., 9:] * found, -limit, limit)
     return total
-
-
-def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Read one level's noise between texels without losing variance: (H, W, 3, channels).
-
-    Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its
-    root keeps the texture from pulsing as it glides (3.4.1).
-    """
-    place = TEXELS_PER_PX * (anchor_px - 0.5)
-    corner = np.floor(place)
-    fraction = place - corner
-    column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
-    x, y = fraction[..., 0], fraction[..., 1]
-    tiles = noise.tiles[level].astype(np.float64)
-    taps = [
-        ((0, 0), (1 - x) * (1 - y)),
-        ((0, 1), x * (1 - y)),
-        ((1, 0), (1 - x) * y),
-        ((1, 1), x * y),
-    ]
-    mixed = sum(
-        weight[..., None] * tiles[:, (row + down) % TILE_TEXELS, (column + right) % TILE_TEXELS]
-        for (down, right), weight in taps
-    )
-    (_, a), (_, b), (_, c), (_, d) = taps
-    pairs = {(0, 1): a * b + c * d, (1, 0): a * c + b * d, (1, 1): a * d, (1, -1): b * c}
-    variance = (a * a + b * b + c * c + d * d)[..., None] + 2 * sum(
-        pairs[lag][..., None] * noise.lag_correlation[level, :, index].astype(np.float64)
-        for index, lag in enumerate(LAGS)
-    )
-    return np.moveaxis(np.asarray(mixed) / np.sqrt(variance), 0, -1)
 
 
 def sample(

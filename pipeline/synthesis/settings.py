@@ -63,9 +63,7 @@ class MetamericSettings:
     levels : int
         Pyramid levels, 1 to 6.
     gamma : float
-        Exponent on validity when moments are pushed: 0 most local, 1 smoothest.
-    base_gamma : float
-        The same for the colour that the noise is added to.
+        Exponent on validity when colour and moments are pushed: 0 most local, 1 smoothest.
     depth_threshold : float
         Steps of ``1 - z_near / z`` beyond this are depth edges.
     noise : float
@@ -82,8 +80,7 @@ class MetamericSettings:
         measure of what the base already holds.
     texture : {"noise", "background"}
         What is shaped by the statistics: filtered white noise, or the detail of the known
-        background along the parallax, and noise where that is out of reach. The latter needs
-        at least 2 levels.
+        background along the parallax, and noise where that is out of reach.
 
     Raises
     ------
@@ -91,9 +88,8 @@ class MetamericSettings:
         If a value is out of range.
     """
 
-    levels: int = 4
+    levels: int = 2
     gamma: float = 0.25
-    base_gamma: float = 0.6
     depth_threshold: float = 0.04
     noise: float = 1.0
     channels: Channels = "correlated"
@@ -103,16 +99,12 @@ class MetamericSettings:
 
     def __post_init__(self) -> None:
         check_levels(self.levels)
-        for name, highest in (("gamma", 8.0), ("base_gamma", 8.0), ("noise", 8.0)):
+        for name, highest in (("gamma", 8.0), ("noise", 8.0)):
             value = getattr(self, name)
             if not 0 <= value <= highest:
                 raise InputError(f"{name} must lie in 0..{highest:g} (got {value})")
         if not 0 < self.depth_threshold <= 1:
             raise InputError(f"depth_threshold must lie in (0, 1] (got {self.depth_threshold})")
-        if self.texture == "background" and self.levels < 2:
-            raise InputError(
-                f'levels must be at least 2 for texture "background" (got {self.levels})'
-            )
         for name, choices in (
             ("channels", get_args(Channels)),
             ("anchor", get_args(Anchor)),

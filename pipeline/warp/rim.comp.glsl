@@ -27,7 +27,7 @@ bool hole_at(ivec2 pixel) {
 }
 
 // Whether at most RIM_PX steps `along` lead into three hole pixels in line, the first of which
-// moves as `motion`. No loop: see decision 0035.
+// moves as `motion`. No loop: see guided.glsl.
 bool rim_along(ivec2 pixel, ivec2 along, vec2 motion) {
     ivec2 first = pixel + along;
     bool found = hole_at(first);

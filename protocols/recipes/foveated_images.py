@@ -40,6 +40,15 @@ _TURN = 360
 _FINER = 1000  # of a degree: angles are whole thousandths, the same on every platform
 
 
+class View(Model):
+    """Where a panorama is looked at: the flat view that the display shows of it."""
+
+    right_deg: SignedDegrees = 0.0
+    """Longitude of the view's middle, right of the panorama's."""
+    down_deg: SignedDegrees = 0.0
+    """Latitude of the view's middle, below the panorama's; from -90 to 90."""
+
+
 class Picture(Model):
     """One picture: the scene."""
 
@@ -47,6 +56,9 @@ class Picture(Model):
     """Its name in this study."""
     file: Text
     """Relative to the protocol file."""
+    view: View | None = None
+    """The file is a whole equirectangular panorama, 2:1: show this view of it, at the angles that
+    the display has; left out: a flat picture."""
 
 
 class Shown(Model):
@@ -55,7 +67,9 @@ class Shown(Model):
     name: Name
     """Its name in this study; the condition of that name, unless `method` says another."""
     method: Text | None = None
-    """A condition of `metamerlab foveate --list`; left out: the name."""
+    """A condition of `metamerlab foveate --list`; left out: the name. `files:FOLDER`, beside the
+    protocol file: made elsewhere, `000000.png` for the first picture and gaze, the next gaze of it,
+    and so on."""
     parameters: Parameters = Field(default_factory=dict)
     """Of the condition; the rest keep their defaults."""
     label: Text | None = None
@@ -94,6 +108,22 @@ class Rings(Model):
     """Whether there are closed rings too."""
     grey: Share = 0.0
     """Encoded grey of the ring."""
+    background: Literal["foveated", "undistorted"] = "foveated"
+    """The scene around the ring: as the method shows it, or the picture itself. The method works on
+    the whole picture with the ring in it in either case."""
+    rim_deg: Degrees = 0.625
+    """Before an undistorted background: so far around the ring the method is shown, and over as
+    much again it fades into the picture."""
+
+    @property
+    def around(self) -> str:
+        """What a reader is told of the background; nothing where it is the method's."""
+        if self.background == "foveated":
+            return ""
+        return (
+            f" Beyond {self.rim_deg:g} degrees around the ring the scene is undistorted (blended"
+            " over as much again)."
+        )
 
 
 class Cuts(Model):
@@ -179,6 +209,9 @@ class FoveatedImages(Recipe):
             raise ValueError("draws is for whole pictures: rings have places, cuts have draws")
         if self.cuts is not None and all(one.condition == REFERENCE for one in self.methods):
             raise ValueError("cuts need a method beside 'reference'")
+        for picture in self.pictures:
+            if picture.view is not None and abs(picture.view.down_deg) > 90:
+                raise ValueError(f"view of {picture.name!r} must have down_deg from -90 to 90")
         for gaze in self.gazes:
             if max(abs(gaze.x_deg), abs(gaze.y_deg)) >= 90:
                 raise ValueError(f"gaze {gaze.name!r} must lie within 90 degrees of the middle")
@@ -307,6 +340,7 @@ class FoveatedImages(Recipe):
                 f"Landolt rings {self.rings.height_deg:g} degrees high at {at} degrees from the"
                 f" gaze, {self.rings.places} of each kind"
                 + (", open and closed." if self.rings.closed else ".")
+                + self.rings.around
             )
         if self.cuts is not None:
             drawn.append(

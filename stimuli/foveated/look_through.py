@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.condition import Look, check_picture
-from pipeline.foveation.conditions import CONDITIONS, Foveator, create_condition
+from pipeline.foveation.conditions import (
+    CONDITIONS,
+    Foveator,
+    condition_parameters,
+    create_condition,
+)
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.pooling import Pooling
@@ -133,13 +138,20 @@ def sheet_of(
     rings = ", ".join(f"{value:.3g}" for value in eccentricities)
     tiles = [(f"picture; pools at {rings} degrees ({law})", pooled)]
     first_the_picture = sorted(seen, key=lambda one: one.choice.name != "reference")
-    tiles += [(one.choice.label, pictures.of_colour(one.colour)) for one in first_the_picture]
+    tiles += [(_named(one.choice), pictures.of_colour(one.colour)) for one in first_the_picture]
     longest = max(colour.shape[:2])
     if longest > TILE_PX:
         share = TILE_PX / longest
         size = tuple(max(1, round(share * edge)) for edge in colour.shape[:2])
         tiles = [(label, pictures.fitted(tile, (size[0], size[1]))) for label, tile in tiles]
     return pictures.sheet(tiles)
+
+
+def _named(choice: Choice) -> str:
+    """A choice and its pools: blurs of one name may be many times as wide."""
+    if "fovea_deg" not in condition_parameters(choice.name):
+        return choice.label
+    return f"{choice.label}\n{pooling_of(choice)}"
 
 
 def pooling_of(choice: Choice) -> Pooling:

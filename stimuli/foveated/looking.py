@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import (
+    WIDEST_FLAT_DEG,
     Equirectangular,
     Flat,
     FlatGeometry,
@@ -78,6 +79,11 @@ def look_at(
                 f" ({screen.width_px} x {screen.height_px} px): its border cannot be seen"
             )
     elif fov_deg is not None:
+        if not 0 < fov_deg < WIDEST_FLAT_DEG:
+            raise InputError(
+                f"--fov must lie between 0 and 180 degrees (got {fov_deg:g}); a picture that goes"
+                " all around takes --panorama"
+            )
         flat, where = Flat(width_deg=fov_deg), "as asked"
     else:
         flat = Flat(width_deg=ASSUMED_DEG)

@@ -18,11 +18,11 @@ _RING = np.array([255, 214, 0], np.float64)  # told from photographs, and from i
 
 
 def ring_eccentricities(geometry: Geometry, gaze_px: tuple[float, float]) -> tuple[float, ...]:
-    """Those of `ECCENTRICITIES_DEG` that fit on the picture; else half the farthest corner's."""
+    """The widest four of `ECCENTRICITIES_DEG` on the picture; else half the farthest corner's."""
     away = _angles_deg(_rays(geometry), gaze_ray(geometry, gaze_px))
     nearest, farthest = float(away.min()), float(away.max())
     inside = tuple(e for e in ECCENTRICITIES_DEG if nearest < e <= 0.8 * farthest)
-    return inside[:4] or ((nearest + farthest) / 2,)
+    return inside[-4:] or ((nearest + farthest) / 2,)
 
 
 def draw_pools(

@@ -1,7 +1,7 @@
 """Shows pictures to a gaze, with rings or a cut drawn in: the recipe `foveated-images`.
 
-On the GPU where there is one, in one process: a condition's passes are built once. The symbol is
-drawn into the picture first; the condition is worked out for the very picture that holds it.
+By itself it works in one process, where a GPU, or the threads of a software renderer, do the most;
+with several workers in processes of its own, or on a cluster. `foveated_work` is what is done.
 """
 
 from __future__ import annotations
@@ -9,53 +9,49 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeVar
 
-import cv2
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import GLUnavailableError, InputError
-from pipeline.foveation.condition import Look
-from pipeline.foveation.conditions import Foveator, create_condition
-from pipeline.foveation.drawn import bisected, draw_ring, ring_pixels
-from pipeline.foveation.energy import EnergyMetamer
-from pipeline.foveation.geometry import Flat, FlatGeometry
-from pipeline.gl.context import create_context, describe, release_context
+from pipeline.errors import InputError
+from pipeline.foveation.conditions import check_condition_name, create_condition
+from pipeline.foveation.drawn import ring_pixels
+from pipeline.foveation.geometry import FlatGeometry
 from pipeline.image_file import stated_size_px
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
+from protocols.hashing import Json
 from protocols.manifest import Clip, cache_key
-from protocols.recipes.foveated_images import (
-    REFERENCE,
-    FoveatedImages,
-    FoveatedStimulus,
-    Rings,
-    Shown,
-)
+from protocols.recipes.foveated_images import FoveatedImages, FoveatedStimulus, Rings, Shown
 from protocols.schema import StudyProtocol
-from stimuli.batch_folder import BUILD_FOLDER, Outcome, Report
-from stimuli.foveated.any_picture import read_any
-from stimuli.foveated.looking import read_gaze
-from stimuli.png import encode_frame
+from stimuli.executors import dask_cluster, local_processes
 from stimuli.read_file import file_sha256
 from stimuli.recipes.base import Estimate, Where
-from stimuli.recipes.taken import RESERVED, TakingBuilder
+from stimuli.recipes.foveated_work import (
+    Order,
+    close_bench,
+    colour_job,
+    describe_job,
+    still_job,
+    wrong_size,
+)
+from stimuli.recipes.taken import RESERVED, Made, TakingBuilder
 from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
 
-NUMPY = RendererInfo("", "none: numpy", "")
-_SOURCES = ("stimuli.recipes.foveated_images", "pipeline.foveation.catalogue")
+_SOURCES = ("stimuli.recipes.foveated_work", "pipeline.foveation.catalogue")
+_SLOW = ("energy-metamer",)  # not tried for an estimate
 
 T = TypeVar("T")
 
 
 class _Here(Executor):
-    """Works at once, in this thread: a context of OpenGL belongs to one."""
+    """Works at once, in this process."""
 
     def submit(self, work: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
         future: Future[T] = Future()
@@ -67,44 +63,37 @@ class _Here(Executor):
 
 
 class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
-    """Makes the stills of `foveated-images` one after the other."""
+    """Makes the stills of `foveated-images`."""
 
     def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
         super().__init__(protocol, display, folder)
         assert isinstance(protocol.stimuli, FoveatedImages)
         self.recipe = protocol.stimuli
-        self._ctx: moderngl.Context | None = None
-        self._foveators: dict[str, Foveator] = {}
-        self._pictures: dict[str, NDArray[np.float32]] = {}
-        self._out = Path()
-        self._report: Report | None = None
-        self._made = 0
+        self.order = Order(self.recipe, display.distance_mm / display.pitch_x_mm, folder)
 
-    @cached_property
+    @property
     def geometry(self) -> FlatGeometry:
         """The picture in the middle of the display, pixel for pixel."""
-        distance_px = self.display.distance_mm / self.display.pitch_x_mm
-        return Flat(distance_px=distance_px).of(self.recipe.width_px, self.recipe.height_px)
-
-    @cached_property
-    def renderer(self) -> RendererInfo:  # type: ignore[override]
-        """The GPU, or numpy where there is no OpenGL."""
-        if self._ctx is None:
-            try:
-                self._ctx = create_context()
-            except GLUnavailableError:
-                return NUMPY
-        found = describe(self._ctx)
-        return RendererInfo(found.vendor, found.name, found.version)
+        return self.order.geometry
 
     def problems(self) -> list[Problem]:
         """Return conditions and parameters that are unknown, and rings that lie off the picture."""
         found = []
         for index, shown in enumerate(self.recipe.methods):
+            where = f"stimuli.methods[{index}]"
             try:
-                create_condition(shown.condition, self._parameters(shown))
+                create_condition(self.order.condition(shown), shown.parameters)
             except (InputError, OSError) as error:
-                found.append(Problem(f"stimuli.methods[{index}]", str(error)))
+                found.append(Problem(where, str(error)))
+                continue
+            if self._takes_path(shown) and (self.recipe.rings or self.recipe.draws > 1):
+                found.append(
+                    Problem(
+                        where,
+                        "must not be made elsewhere where rings are drawn in or draws differ (a"
+                        " file holds neither); leave them out, or choose another method",
+                    )
+                )
         for index, picture in enumerate(self.recipe.pictures):
             if picture.name in RESERVED:
                 found.append(
@@ -120,12 +109,14 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         """Yield a problem for every picture whose header says another size."""
         wanted = self.recipe.width_px, self.recipe.height_px
         for index, picture in enumerate(self.recipe.pictures):
+            if picture.view is not None:
+                continue  # a view is drawn in the study's size
             path = self.folder / picture.file
             got = stated_size_px(path)
             # Sides the other way around: it may be stored turned, which reading it settles.
             if got is not None and got not in (wanted, wanted[::-1]):
                 yield Problem(
-                    f"stimuli.pictures[{index}].file", f"{path}: {_wrong_size(wanted, got)}"
+                    f"stimuli.pictures[{index}].file", f"{path}: {wrong_size(wanted, got)}"
                 )
 
     def _rings_off(self, rings: Rings) -> list[Problem]:
@@ -134,7 +125,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 continue
             try:
                 ring_pixels(
-                    self.geometry, self._gaze_px(one), one.eccentricity_deg, one.polar_deg,
+                    self.geometry, self.order.gaze_px(one), one.eccentricity_deg, one.polar_deg,
                     rings.height_deg,
                 )  # fmt: skip
             except InputError as error:
@@ -148,20 +139,22 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         return tuple(one for one in self.recipe.stimuli() if one.name in shown)
 
     def estimate(self, out: Path, workers: int) -> Estimate:  # noqa: ARG002
-        """Make the first stimulus of every method, time them, and multiply."""
+        """Make the first stimulus of every method twice, time the second, and multiply."""
         self.check_inputs()
         try:
-            renderer = self.renderer.renderer
+            renderer = describe_job(self.order).renderer
             sizes: dict[str, float] = {}
             times: dict[str, float] = {}
             for one in self.wanted:
-                if one.shown.name not in times:
-                    # The second one: the first also builds passes.
-                    data = list(self.encoded(one)) if self._is_quick(one.shown) else []
-                    started = perf_counter()
-                    data = list(self.encoded(one)) if data else [b""]
-                    times[one.shown.name] = perf_counter() - started
-                    sizes[one.shown.name] = len(data[0])
+                if one.shown.name in times:
+                    continue
+                data: list[bytes | str] = [b""]
+                started = perf_counter()
+                for _ in range(0 if one.shown.condition in _SLOW else 2):
+                    started = perf_counter()  # the first also builds passes
+                    data, _ = still_job(self.order, one, None)
+                times[one.shown.name] = perf_counter() - started
+                sizes[one.shown.name] = len(data[0])
         finally:
             self.close()
         there = next(place for place in (out, *out.absolute().parents) if place.exists())
@@ -175,79 +168,87 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             renderer=renderer,
         )
 
-    def build(self, out: Path, where: Where, report: Report) -> Outcome[str]:
-        """Make what is missing or changed; see `TakingBuilder.build`."""
-        self._out, self._report, self._made = out, report, 0
-        return super().build(out, where, report)
-
     def check_inputs(self) -> None:
         """Refuse unknown conditions, files that are missing, rings that lie off the picture."""
         wrong = [*self.recipe.problems(self.folder), *self.problems()]
         if wrong:
             raise StudyError("\n".join(map(str, wrong)))
 
-    def executor(self, _workers: int) -> Executor:
-        """This thread."""
-        return _Here()
+    @contextmanager
+    def executor(self, where: Where) -> Iterator[tuple[Executor, int]]:
+        """This process, several, or a cluster; and how many jobs it takes at once."""
+        if where.scheduler is not None:
+            with dask_cluster(where.scheduler) as (cluster, workers):
+                yield cluster, workers + 1
+        elif where.workers is not None and where.workers > 1 and len(self.wanted) > 1:
+            workers = min(where.workers, len(self.wanted))
+            with local_processes(workers) as processes:
+                yield processes, workers + 1
+        else:
+            yield _Here(), 1
+
+    def drawn_by(self, executor: Executor) -> RendererInfo:
+        """Ask a worker what it draws with."""
+        return executor.submit(describe_job, self.order).result()
+
+    def submit(self, executor: Executor, entry: FoveatedStimulus, work: Path) -> Future[Made]:
+        """Have a still made; what takes minutes keeps its state beside the folder `work`."""
+        return executor.submit(still_job, self.order, entry, work.with_suffix(".npz"))
 
     def close(self) -> None:
         """Free the GPU."""
-        for foveator in self._foveators.values():
-            foveator.release()
-        self._foveators.clear()
-        if self._ctx is not None:
-            release_context(self._ctx)
-            self._ctx = None
-            self.__dict__.pop("renderer", None)
+        close_bench()
 
     def key(self, entry: FoveatedStimulus) -> str:
         """Return the hash of all that decides a stimulus's pixels."""
         recipe, shown = self.recipe, entry.shown
         rings, cuts = recipe.rings, recipe.cuts
+        view = entry.picture.view
         return cache_key(
             {
                 "file": _file_hash(self.folder / entry.picture.file),
+                "view": None if view is None else [view.right_deg, view.down_deg],
                 "size_px": [recipe.width_px, recipe.height_px],
                 "fit": recipe.fit,
                 "distance_px": self.geometry.distance_px,
                 "gaze_deg": [entry.gaze.x_deg, entry.gaze.y_deg],
                 "condition": shown.condition,
+                "made_elsewhere": self._files(shown),
                 "parameters": shown.model_dump(mode="json")["parameters"],
                 "seed": entry.seed,
                 "ring": None
                 if rings is None
                 else [
                     entry.eccentricity_deg, entry.polar_deg, entry.gap_deg, rings.height_deg,
-                    rings.grey,
+                    rings.grey, rings.background, rings.rim_deg,
                 ],
                 "cut": None if cuts is None else [entry.cut_deg, cuts.ramp_deg],
                 "sources": source_sha256(*_SOURCES),
             }
         )  # fmt: skip
 
-    def encoded(self, entry: FoveatedStimulus) -> Iterator[bytes]:
-        """Make a still."""
-        yield encode_frame(self.colour(entry), 8)
-        self._made += 1
-        if self._report is not None:
-            self._report(self._made, len(self.wanted), entry.name)
-
     def colour(self, entry: FoveatedStimulus) -> NDArray[np.float32]:
         """Return the still: encoded R'G'B', shape (H, W, 3)."""
-        plain = self._with_ring(self._picture(entry.picture.file), entry)
-        if entry.shown.condition == REFERENCE:
-            return plain
-        shown = self._foveated(plain, entry)
-        if entry.cut_deg is None or self.recipe.cuts is None:
-            return shown
-        return bisected(
-            shown, plain, self.geometry, self._gaze_px(entry),
-            angle_deg=entry.cut_deg, ramp_deg=self.recipe.cuts.ramp_deg,
-        )  # fmt: skip
+        return colour_job(self.order, entry)
+
+    @staticmethod
+    def _takes_path(shown: Shown) -> bool:
+        return check_condition_name(shown.condition).takes_path
+
+    def _files(self, shown: Shown) -> dict[str, Json] | None:
+        """Hashes of pictures that were made elsewhere; None where none are."""
+        if not self._takes_path(shown):
+            return None
+        folder = Path(self.order.condition(shown).partition(":")[2])
+        return {file.name: _file_hash(file) for file in sorted(folder.iterdir()) if file.is_file()}
 
     def record(self, entry: FoveatedStimulus, key: str, hashes: tuple[str, ...]) -> Clip:
         """Return what the manifest says of it."""
-        x_px, y_px = self._gaze_px(entry)
+        x_px, y_px = self.order.gaze_px(entry)
+        view = entry.picture.view
+        looked = {} if view is None else {"right_deg": view.right_deg, "down_deg": view.down_deg}
+        rings = self.recipe.rings
+        around = {} if rings is None else {"background": rings.background}
         return Clip(
             name=entry.name,
             condition=dict(entry.condition),
@@ -258,6 +259,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             seed=entry.seed,
             parameters={
                 "file": entry.picture.file,
+                **looked,
+                **around,
                 "method": entry.shown.condition,
                 "gaze_x_px": round(x_px, 3),
                 "gaze_y_px": round(y_px, 3),
@@ -269,74 +272,6 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             frames_sha256=hashes,
         )
 
-    def _gaze_px(self, entry: FoveatedStimulus) -> tuple[float, float]:
-        return read_gaze(f"{entry.gaze.x_deg}deg,{entry.gaze.y_deg}deg", self.geometry)
-
-    def _parameters(self, shown: Shown) -> dict[str, Any]:
-        return dict(shown.parameters)
-
-    def _is_quick(self, shown: Shown) -> bool:
-        return shown.condition != "energy-metamer"
-
-    def _with_ring(
-        self, picture: NDArray[np.float32], entry: FoveatedStimulus
-    ) -> NDArray[np.float32]:
-        rings = self.recipe.rings
-        if rings is None or entry.eccentricity_deg is None or entry.polar_deg is None:
-            return picture
-        return draw_ring(
-            picture, self.geometry, self._gaze_px(entry),
-            eccentricity_deg=entry.eccentricity_deg, polar_deg=entry.polar_deg,
-            height_deg=rings.height_deg, gap_deg=entry.gap_deg, grey=rings.grey,
-        )  # fmt: skip
-
-    def _foveated(
-        self, picture: NDArray[np.float32], entry: FoveatedStimulus
-    ) -> NDArray[np.float32]:
-        shown = entry.shown
-        foveator = self._foveators.get(shown.name)
-        if foveator is None:
-            _ = self.renderer
-            foveator = Foveator(
-                (self.recipe.height_px, self.recipe.width_px),
-                viewing=Flat(distance_px=self.geometry.distance_px),
-                method=shown.condition,
-                ctx=self._ctx,
-                **self._parameters(shown),
-            )
-            self._foveators[shown.name] = foveator
-        condition = foveator.condition
-        if isinstance(condition, EnergyMetamer):
-            state = self._out / BUILD_FOLDER / f"{self.key(entry)}.npz"
-            state.parent.mkdir(parents=True, exist_ok=True)
-            look = Look(self.geometry, self._gaze_px(entry), entry.seed)
-            made = condition.descend(picture, look, state=state)
-            state.unlink(missing_ok=True)
-            return made
-        return foveator(picture, self._gaze_px(entry), seed=entry.seed)
-
-    def _picture(self, file: str) -> NDArray[np.float32]:
-        if file not in self._pictures:
-            self._pictures.clear()  # scene by scene
-            self._pictures[file] = self._fitted(self.folder / file)
-        return self._pictures[file]
-
-    def _fitted(self, path: Path) -> NDArray[np.float32]:
-        colour = read_any(path).colour
-        height, width = self.recipe.height_px, self.recipe.width_px
-        if colour.shape[:2] == (height, width):
-            return colour
-        if self.recipe.fit == "exact":
-            got = colour.shape[1], colour.shape[0]
-            raise InputError(f"{path}: {_wrong_size((width, height), got)}")
-        share = max(height / colour.shape[0], width / colour.shape[1])
-        across, down = (round(share * edge) for edge in colour.shape[1::-1])
-        size = max(width, across), max(height, down)
-        how = cv2.INTER_AREA if share < 1 else cv2.INTER_CUBIC
-        scaled = np.clip(np.asarray(cv2.resize(colour, size, interpolation=how)), 0, 1)
-        top, left = (size[1] - height) // 2, (size[0] - width) // 2
-        return np.ascontiguousarray(scaled[top : top + height, left : left + width], np.float32)
-
 
 @lru_cache(maxsize=256)
 def _hashed(path: Path, _changed_ns: int, _size: int) -> str:
@@ -347,10 +282,3 @@ def _file_hash(path: Path) -> str:
     """A file's hash, read once while it does not change."""
     found = path.stat()
     return _hashed(path, found.st_mtime_ns, found.st_size)
-
-
-def _wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
-    return (
-        f"must be {wanted[0]} x {wanted[1]} px, as the study says (is {got[0]} x {got[1]}); cut it,"
-        ' or write fit = "cover"'
-    )

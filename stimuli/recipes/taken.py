@@ -1,16 +1,21 @@
-"""Stills and videos that one process makes or takes in, into hashed clips: what builders share.
+"""Stills and videos that are made or taken in one by one, into hashed clips: what builders share.
 
 A stimulus's frames are written as PNG below ``.build``, moved to their folder when all are there,
-and noted; the manifest comes last. What matches by the hash of all that decides it is kept.
+and noted; the manifest comes last. What matches by the hash of all that decides it is kept. Jobs
+run in threads, processes or on a cluster, a few ahead of the workers; moving and noting is done
+here.
 """
 
 from __future__ import annotations
 
 import shutil
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
@@ -29,7 +34,7 @@ from stimuli.batch_folder import (
     sync,
 )
 from stimuli.derived import derive
-from stimuli.executors import cores
+from stimuli.executors import LocalProcesses, cores
 from stimuli.preview import PREVIEW_FOLDER, preview_path, write_preview
 from stimuli.recipes.base import Builder, Outcome, Report, Where
 from stimuli.records import Book, is_whole
@@ -51,18 +56,16 @@ class Entry(Protocol):
 
 
 E = TypeVar("E", bound=Entry)
+Made: TypeAlias = "tuple[list[bytes | str], RendererInfo]"
+"""What a job returns: of each frame the PNG file itself, or the hash of the one that it wrote; and
+what drew them."""
 
 
 class TakingBuilder(Builder, Generic[E]):
-    """Makes stimuli one by one, in this process; what they are made of is for each builder to say.
+    """Makes stimuli one by one; what they are made of is for each builder to say."""
 
-    Attributes
-    ----------
-    renderer : RendererInfo
-        What draws; bytes repeat on one only.
-    """
-
-    renderer: RendererInfo
+    renderer = RendererInfo("", "none: files made elsewhere", "")
+    """What draws in this process; bytes repeat on one only."""
 
     @property
     def recipe_of_all(self) -> Recipe:
@@ -89,9 +92,31 @@ class TakingBuilder(Builder, Generic[E]):
         """Return what the manifest says of it."""
         raise NotImplementedError
 
-    def executor(self, workers: int) -> Executor:
-        """Where the work is done."""
-        return ThreadPoolExecutor(workers)
+    def executor(self, where: Where) -> AbstractContextManager[tuple[Executor, int]]:
+        """Where the work is done, and how many jobs it is given at once.
+
+        Raises
+        ------
+        StudyError
+            If a cluster is asked for: threads of this process do it, unless a builder says more.
+        """
+        if where.scheduler is not None:
+            raise StudyError(
+                "--scheduler is for stimuli that are computed; those of this kind are taken in on"
+                " this machine: leave the option out"
+            )
+        return _threads(where.workers or cores())
+
+    def drawn_by(self, executor: Executor) -> RendererInfo:  # noqa: ARG002
+        """What the workers draw with."""
+        return self.renderer
+
+    def submit(self, executor: Executor, entry: E, work: Path) -> Future[Made]:
+        """Have a stimulus's frames made: by `encoded`, into the folder `work`.
+
+        `work` is the same for the same pixels; an earlier build may have left things beside it.
+        """
+        return executor.submit(self._write_frames, entry, work)
 
     def close(self) -> None:
         """Free what the work held."""
@@ -102,23 +127,24 @@ class TakingBuilder(Builder, Generic[E]):
         Raises
         ------
         StudyError
-            If another build or a sitting uses the folder, it holds other things, or a cluster is
-            asked for.
+            If another build or a sitting uses the folder, it holds other things, there is no such
+            cluster, a worker died, or workers draw with different renderers.
         InputError
             With a line for every file that is not what the study says.
         """
-        if where.scheduler is not None:
-            raise StudyError(
-                "--scheduler is for clips that are rendered; stimuli of this kind are made on this"
-                " machine: leave the option out"
-            )
         self.check_inputs()
-        out.mkdir(parents=True, exist_ok=True)
-        with only_build(out):
-            try:
-                return self._build(out, where.workers or cores(), report)
-            finally:
-                self.close()
+        with self.executor(where) as (executor, places):
+            out.mkdir(parents=True, exist_ok=True)
+            with only_build(out):
+                try:
+                    return self._build(out, executor, places, report)
+                except BrokenProcessPool:
+                    raise StudyError(
+                        "a worker process was killed (out of memory?); nothing that it finished is"
+                        " lost: run the same command again, with fewer --workers if memory is short"
+                    ) from None
+                finally:
+                    self.close()
 
     def summary(self, outcome: Outcome[str]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return how many stimuli each value of each column has."""
@@ -131,56 +157,46 @@ class TakingBuilder(Builder, Generic[E]):
             rows.append((column, ", ".join(said[:_LISTED]) + more))
         return ("column", "values (stimuli)"), rows
 
-    def _build(self, out: Path, workers: int, report: Report) -> Outcome[str]:
+    def _build(self, out: Path, executor: Executor, places: int, report: Report) -> Outcome[str]:
         check_folder(out)
-        book = Book(self.protocol, self.display, out, self.renderer)
-        total = len(self.wanted) * self.recipe_of_all.frames
+        book = Book(self.protocol, self.display, out, self.drawn_by(executor))
+        frames = self.recipe_of_all.frames
+        total = len(self.wanted) * frames
         report(0, total, "hashing inputs")
-        with self.executor(workers) as pool:
-            keys = dict(
-                zip(
-                    [entry.name for entry in self.wanted],
-                    pool.map(self.key, self.wanted),
-                    strict=True,
-                )
-            )
-            old = book.old()
-            records: dict[str, Clip] = {}
-            for entry in self.wanted:
-                known = old.get(entry.name)
-                if (
-                    known is not None
-                    and known.cache_key == keys[entry.name]
-                    and is_whole(out / entry.name, known)
-                ):
-                    # What is told of a file may change without its pixels.
-                    records[entry.name] = self.record(entry, known.cache_key, known.frames_sha256)
-            kept = list(records)
-            missing = [entry for entry in self.wanted if entry.name not in records]
-            manifest_path = out / MANIFEST_NAME
-            if missing or book.is_stale(self._in_order(records)):
-                claim(out, [entry.name for entry in self.wanted])
-                for record in records.values():
-                    book.store(record)
-                manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
-                sync(out)
-            jobs: dict[Future[Clip], E] = {
-                pool.submit(self._take_in, entry, keys[entry.name], out, book): entry
-                for entry in missing
-            }
-            wrong: dict[str, str] = {}
-            try:
-                for job in as_completed(jobs):
-                    entry = jobs[job]
-                    try:
-                        records[entry.name] = job.result()
-                    except InputError as error:
-                        wrong[entry.name] = str(error)
-                        continue
-                    report(len(records) * self.recipe_of_all.frames, total, entry.name)
-            finally:
-                for job in jobs:
-                    job.cancel()
+        with ThreadPoolExecutor(cores()) as readers:
+            hashed = readers.map(self.key, self.wanted)
+            keys = {entry.name: key for entry, key in zip(self.wanted, hashed, strict=True)}
+        old = book.old()
+        records: dict[str, Clip] = {}
+        for entry in self.wanted:
+            known = old.get(entry.name)
+            if (
+                known is not None
+                and known.cache_key == keys[entry.name]
+                and is_whole(out / entry.name, known)
+            ):
+                # What is told of a file may change without its pixels.
+                records[entry.name] = self.record(entry, known.cache_key, known.frames_sha256)
+        kept = list(records)
+        missing = [entry for entry in self.wanted if entry.name not in records]
+        manifest_path = out / MANIFEST_NAME
+        if missing or book.is_stale(self._in_order(records)):
+            claim(out, [entry.name for entry in self.wanted])
+            for record in records.values():
+                book.store(record)
+            manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
+            sync(out)
+        wrong: dict[str, str] = {}
+        for entry, made in self._made(missing, keys, out, executor, places):
+            if isinstance(made, InputError):
+                wrong[entry.name] = str(made)
+                continue
+            hashes, renderer = made
+            book.check_renderer(renderer)
+            move_over(_work(out, keys[entry.name], entry), out / entry.name)
+            records[entry.name] = self.record(entry, keys[entry.name], hashes)
+            book.store(records[entry.name])
+            report(len(records) * frames, total, entry.name)
         if wrong:
             raise InputError(
                 "\n".join(wrong[entry.name] for entry in missing if entry.name in wrong)
@@ -221,16 +237,67 @@ class TakingBuilder(Builder, Generic[E]):
     def _in_order(self, records: dict[str, Clip]) -> list[Clip]:
         return [records[entry.name] for entry in self.wanted if entry.name in records]
 
-    def _take_in(self, entry: E, key: str, out: Path, book: Book) -> Clip:
-        """Write the frames of a stimulus, move them to their folder, and note it."""
-        work = out / BUILD_FOLDER / "clips" / key / entry.name
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
-        hashes = []
+    def _made(
+        self,
+        missing: Sequence[E],
+        keys: Mapping[str, str],
+        out: Path,
+        executor: Executor,
+        places: int,
+    ) -> Iterator[tuple[E, tuple[tuple[str, ...], RendererInfo] | InputError]]:
+        """Have stimuli made, `places` at a time; yield each with its hashes, or what is wrong."""
+        waiting = deque(missing)
+        running: dict[Future[Made], E] = {}
+        try:
+            while waiting or running:
+                while waiting and len(running) < places:
+                    entry = waiting.popleft()
+                    work = _work(out, keys[entry.name], entry)
+                    shutil.rmtree(work, ignore_errors=True)
+                    work.mkdir(parents=True)
+                    running[self.submit(executor, entry, work)] = entry
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for job in done:
+                    entry = running.pop(job)
+                    try:
+                        frames, renderer = job.result()
+                    except InputError as error:
+                        yield entry, error
+                        continue
+                    yield entry, (_stored(_work(out, keys[entry.name], entry), frames), renderer)
+        finally:
+            for job in running:
+                job.cancel()
+            if running and isinstance(executor, LocalProcesses):
+                executor.stop()
+            # No worker may write into the folder once it is let go.
+            wait([job for job in running if not job.cancelled()])
+
+    def _write_frames(self, entry: E, work: Path) -> Made:
+        """Write the frames of a stimulus; return their hashes."""
+        hashes: list[bytes | str] = []
         for index, data in enumerate(self.encoded(entry)):
             write_whole(work / f"{index:06d}.png", data)
             hashes.append(sha256_bytes(data))
-        move_over(work, out / entry.name)
-        record = self.record(entry, key, tuple(hashes))
-        book.store(record)
-        return record
+        return hashes, self.renderer
+
+
+@contextmanager
+def _threads(workers: int) -> Iterator[tuple[Executor, int]]:
+    with ThreadPoolExecutor(workers) as pool:
+        yield pool, workers + 1
+
+
+def _work(out: Path, key: str, entry: Entry) -> Path:
+    """Where a stimulus lies while it is not whole."""
+    return out / BUILD_FOLDER / "clips" / key / entry.name
+
+
+def _stored(work: Path, frames: Sequence[bytes | str]) -> tuple[str, ...]:
+    """Write frames that came as bytes; return the hashes of all."""
+    hashes = []
+    for index, frame in enumerate(frames):
+        if isinstance(frame, bytes):
+            write_whole(work / f"{index:06d}.png", frame)
+        hashes.append(sha256_bytes(frame) if isinstance(frame, bytes) else frame)
+    return tuple(hashes)

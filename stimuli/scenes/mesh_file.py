@@ -8,8 +8,6 @@ animations are left out.
 
 from __future__ import annotations
 
-import json
-import struct
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,13 +19,12 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import InputError
+from pipeline.limits import reading
+from stimuli.scenes.mesh_inputs import OnlyThese, check_textures, document, words_after
 from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
 
-ENDINGS = (".glb", ".gltf", ".obj")
 MOST_TRIANGLES = 20_000_000
 LARGEST_TEXTURE_PX = 8192
-KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
-                    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
 SUN = Light(
     sun_direction=(-0.65, 0.7, 0.35),
     sun=(1.45, 1.36, 1.2),
@@ -68,9 +65,9 @@ def load_world(
     InputError
         If it is damaged, empty, too large, or needs an extension that is not supported.
     """
-    files_of(path)
+    files = OnlyThese(path)
     try:
-        scene = trimesh.load_scene(path, process=False)
+        scene = trimesh.load_scene(path, process=False, resolver=files)
     except MemoryError:
         raise InputError(f"{path}: is too large for this machine's memory") from None
     except Exception as error:  # trimesh raises whatever its parsers meet
@@ -79,6 +76,12 @@ def load_world(
             f"{path}: must be a whole {path.suffix} file (its reader says: {reason});"
             " export it again"
         ) from error
+    if files.refused:
+        raise InputError(
+            f"{path}: must name its files so that they are found and hashed (its reader asked for"
+            f" {files.refused[0]!r}); export it as one .glb file"
+        )
+    check_textures(path)
     if lighting is None:
         bare = sun_direction is None and _brings_light(scene)
         lighting = "unlit" if bare else "sun"
@@ -101,51 +104,13 @@ def load_world(
         matrix[:3] *= scale
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
             continue  # scaled to nothing: it cannot be seen
-        part = _part(path, geometry, matrix, materials, lit)
+        with reading(path, f"a whole {path.suffix} file"):
+            part = _part(path, geometry, matrix, materials, lit)
         parts.append(Part(part.mesh.faceted(), part.material) if facets else part)
     if not parts:
         raise InputError(f"{path}: must hold at least one triangle (it holds none)")
     light = replace(SUN, sun_direction=sun_direction or SUN.sun_direction) if lit else None
     return World(tuple(parts), _outside(parts), light)
-
-
-def files_of(path: Path) -> list[Path]:
-    """Return `path` and every file that it names: buffers, images, material libraries.
-
-    Raises
-    ------
-    FileNotFoundError
-        If one is missing.
-    InputError
-        If the file's own text cannot be read, or its kind is unknown.
-    """
-    if path.suffix.lower() not in ENDINGS:
-        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
-    if not path.is_file():
-        raise FileNotFoundError(2, "No such file", str(path))
-    found = [path]
-    if path.suffix.lower() == ".obj":
-        for library in _words_after(path, "mtllib"):
-            found.append(path.parent / library)
-            _require(path, found[-1], "material library")
-            for image in _images_of(found[-1]):
-                found.append(path.parent / image)
-                _require(found[-2], found[-1], "texture")
-        return found
-    document = _document(path)
-    needed = set(document.get("extensionsRequired", [])) - KNOWN_EXTENSIONS
-    if needed:
-        raise InputError(
-            f"{path}: needs glTF extensions that are not supported ({', '.join(sorted(needed))});"
-            " export it without compression and without them"
-        )
-    for kind in ("buffers", "images"):
-        for entry in document.get(kind, []):
-            uri = entry.get("uri")
-            if isinstance(uri, str) and not uri.startswith("data:"):
-                found.append(path.parent / uri.replace("%20", " "))
-                _require(path, found[-1], "texture" if kind == "images" else "buffer")
-    return found
 
 
 def _part(
@@ -192,8 +157,8 @@ def _brings_light(scene: Any) -> bool:
 def _brings_normals(path: Path) -> bool:
     """Without normals, both formats mean flat triangles."""
     if path.suffix.lower() == ".obj":
-        return bool(_words_after(path, "vn"))
-    meshes = _document(path).get("meshes", [])
+        return bool(words_after(path, "vn"))
+    meshes = document(path).get("meshes", [])
     return any("NORMAL" in part["attributes"] for mesh in meshes for part in mesh["primitives"])
 
 
@@ -265,38 +230,3 @@ def _outside(parts: list[Part]) -> Viewpoint:
         (float(place[0]), float(place[1]), float(place[2])),
         (float(centre[0]), float(centre[1]), float(centre[2])),
     )
-
-
-def _document(path: Path) -> dict[str, Any]:
-    data = path.read_bytes()
-    try:
-        if path.suffix.lower() == ".glb":
-            magic, version, _, length, kind = struct.unpack_from("<4sIII4s", data)
-            if magic != b"glTF" or version != 2 or kind != b"JSON":
-                raise ValueError("it is not a binary glTF 2.0 file")
-            data = data[20 : 20 + length]
-        document = json.loads(data)
-        if not isinstance(document, dict) or "asset" not in document:
-            raise ValueError("it has no asset entry")
-    except (ValueError, struct.error) as error:
-        raise InputError(
-            f"{path}: must be a whole glTF 2.0 file ({error}); export it again"
-        ) from error
-    return document
-
-
-def _words_after(path: Path, key: str) -> list[str]:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return [line[len(key) :].strip() for line in file if line.startswith(key + " ")]
-
-
-def _images_of(library: Path) -> list[str]:
-    return [words.split()[-1] for words in _words_after(library, "map_Kd") if words]
-
-
-def _require(named_in: Path, path: Path, what: str) -> None:
-    if not path.is_file():
-        raise InputError(
-            f"{named_in}: names a {what} that is missing ({path}); put it there, or export the"
-            " scene as one .glb file"
-        )

@@ -7,6 +7,7 @@ b in metres, and the offset between the principal points in pixels.
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
+from pipeline.limits import check_values, reading
 from pipeline.warp.settings import WarpSettings
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour, load_plane
@@ -240,18 +242,32 @@ def _carry(values: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np
 def _load_disparity(path: Path) -> tuple[NDArray[np.float32], bool]:
     if path.suffix.lower() not in (".npy", ".npz"):
         return load_plane(path)
-    try:
-        loaded: Any = np.load(path)
-        array = loaded if isinstance(loaded, np.ndarray) else loaded[_only_key(path, loaded.files)]
-    except (ValueError, EOFError, OSError) as error:
-        if isinstance(error, (FileNotFoundError, PermissionError, InputError)):
-            raise
-        raise InputError(f"{path}: must be a numpy file of one array ({error})") from error
+    with reading(path, "a numpy file of one array"):
+        array = _load_array(path)
     if array.ndim != 2 or array.dtype.kind not in "fui":
         raise InputError(
             f"{path}: must hold numbers of shape (H, W) (has {array.dtype} of shape {array.shape})"
         )
     return array.astype(np.float32), array.dtype.kind in "ui"
+
+
+def _load_array(path: Path) -> NDArray[Any]:
+    """Return the one array of a numpy file, after a look at the size that it states."""
+    if not zipfile.is_zipfile(path):
+        with path.open("rb") as file:
+            first = np.lib.format.read_magic(file) == (1, 0)
+            header = np.lib.format.read_array_header_1_0 if first else _later_header
+            check_values(path, *header(file)[0])
+            file.seek(0)
+            return np.asarray(np.load(file, allow_pickle=False))
+    with zipfile.ZipFile(path) as packed:
+        check_values(path, sum(entry.file_size for entry in packed.infolist()))
+    with np.load(path, allow_pickle=False) as loaded:
+        return np.asarray(loaded[_only_key(path, loaded.files)])
+
+
+def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:
+    return np.lib.format.read_array_header_2_0(file)
 
 
 def _only_key(path: Path, keys: list[str]) -> str:

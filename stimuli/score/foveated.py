@@ -15,15 +15,20 @@ from pipeline.errors import InputError
 from pipeline.image_file import write_pixels
 from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
+from stimuli.foveated.flat_view import SCORED_DEG, around_gaze, scored_view
 from stimuli.score.available import Missing
 from stimuli.score.batch import Subject, Subjects
 from stimuli.score.measured import Curve
 from stimuli.score.metrics import FRAME, choose_metrics
-from stimuli.score.pair import Pair
+from stimuli.score.pair import Pair, read_colour
 from stimuli.score.run import Report, Settings, score
 from stimuli.score.viewing import Gaze, Viewing, standard_fhd
 
 METRICS_OF_FOVEATION = ("statistics", "band-ratio", "fvvdp", "cvvdp")
+PANORAMA_NOTE = (
+    f"the panorama is scored in the flat view around the gaze, {SCORED_DEG:g} degrees an edge:"
+    " metrics know flat pictures, and what lies beyond is not scored"
+)
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,11 @@ def seen_wide(width_px: int, height_px: int, fov_deg: float) -> Viewing:
 
 
 def subjects_of_conditions(
-    name: str, truth: Path, tests: Mapping[str, Path], size: tuple[int, int]
+    name: str,
+    truth: Path,
+    tests: Mapping[str, Path],
+    size: tuple[int, int],
+    notes: tuple[str, ...] = (),
 ) -> Subjects:
     """One picture, and what several conditions made of it.
 
@@ -126,6 +135,8 @@ def subjects_of_conditions(
     tests : mapping
         Files by condition.
     size : (height, width)
+    notes : tuple of str
+        What the page has to say of them.
     """
     height, width = size
     items = tuple(
@@ -133,7 +144,54 @@ def subjects_of_conditions(
             f"{name}__{condition}", (path,), (truth,), (), width, height, 0.0))
         for condition, path in tests.items()
     )  # fmt: skip
-    return Subjects(items, {"picture": name}, ())
+    return Subjects(items, {"picture": name}, notes)
+
+
+def subjects_of_panoramas(
+    subjects: Subjects, gaze: Gaze, folder: Path
+) -> tuple[Subjects, Gaze, Viewing]:
+    """Return panoramas as the flat views around the gaze, which metrics can measure.
+
+    Parameters
+    ----------
+    subjects : Subjects
+        Pictures or clips that are equirectangular, 2:1.
+    gaze : Gaze
+        In pixels of the panorama; on it.
+    folder : Path
+        Where the views are written, in 16 bits; it must be there.
+
+    Raises
+    ------
+    StudyError, InputError
+        If the gaze is not on the panorama, or that is not 2:1.
+    """
+    items = []
+    for number, subject in enumerate(subjects.items):
+        pair = subject.pair
+        gaze.check(pair.frames, pair.width_px, pair.height_px)
+        views: list[tuple[Path, ...]] = []
+        for what, files in (("test", pair.test), ("truth", pair.truth)):
+            place = folder / f"{number:03d}-{what}"
+            place.mkdir(exist_ok=True)
+            views.append(
+                tuple(
+                    _kept(
+                        place / f"{index:06d}.png",
+                        around_gaze(
+                            read_colour(path), gaze.at(index, pair.width_px, pair.height_px)
+                        ),
+                    )
+                    for index, path in enumerate(files)
+                )
+            )
+        edge = scored_view((pair.width_px, pair.height_px)).width_px
+        seen = Pair(pair.name, views[0], views[1], (), edge, edge, pair.fps)
+        items.append(Subject(subject.scene, subject.size, subject.method, seen))
+    edge = items[0].pair.width_px
+    notes = (*subjects.notes, PANORAMA_NOTE)
+    viewing = seen_wide(edge, edge, SCORED_DEG)
+    return Subjects(tuple(items), subjects.origin, notes), Gaze(((edge / 2, edge / 2),)), viewing
 
 
 def is_foveated(manifest: Manifest) -> bool:

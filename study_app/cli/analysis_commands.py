@@ -9,7 +9,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from analysis.columns import dictionary
@@ -37,6 +36,7 @@ from study_app.cli.options import (
     SessionsProtocolOption,
 )
 from study_app.cli.progress import one_line
+from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -150,10 +150,10 @@ def tidy(
             options = analysis.options_of(analysis.settings(study))
             write_note(work / "decisions.csv", analysis.kind, options)
     for warning in tables.warnings:
-        print(f"note: {warning}")
+        say(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
     mark = " SIMULATED" if tables.simulated else ""
-    print(f"{out}: {len(tables.sessions)}{mark} sittings, {kept} of {every} main decisions kept")
+    say(f"{out}: {len(tables.sessions)}{mark} sittings, {kept} of {every} main decisions kept")
 
 
 @app.command()
@@ -220,7 +220,7 @@ def power(
                 (work / "power.json").write_text(text + "\n", encoding="utf-8")
     _print_power(found)
     if out is not None:
-        print(f"curve: {out / 'power-2-column.png'}")
+        say(f"curve: {out / 'power-2-column.png'}")
 
 
 @app.command("import")
@@ -287,8 +287,8 @@ def import_(
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
-    print(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")
-    print(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
+    say(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")
+    say(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
 
 
 register(app)
@@ -333,13 +333,13 @@ def _assumed(known: Sequence[Assumption], given: Mapping[str, str]) -> dict[str,
 
 def _print_report(made: ReportPaths) -> None:
     for warning in made.warnings:
-        print(f"note: {warning}")
-    print(made.headline)
-    print(f"report: {made.html}")
+        say(f"note: {warning}")
+    say(made.headline)
+    say(f"report: {made.html}")
 
 
 def _print_power(found: PowerReport) -> None:
-    console = Console(highlight=False)
+    console = PlainConsole()
     console.print(found.lead)
     table = Table()
     for column in found.columns:

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_bar
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from stimuli.recipes.base import Builder
@@ -77,7 +77,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
     from stimuli.executors import cores
 
     count = workers or cores()
-    with Console(stderr=True).status("trying the first ..."):
+    with PlainConsole(stderr=True).status("trying the first ..."):
         found = builder.estimate(out, count)
     table = Table(show_header=False, box=None)
     for name, value in (
@@ -88,7 +88,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
         ("renderer", found.renderer),
     ):
         table.add_row(name, value)
-    Console(highlight=False).print(table)
+    PlainConsole().print(table)
     if found.disk_bytes > found.free_bytes:
         raise StudyError(
             f"{out}: the clips need about {found.disk_bytes / GIB:.2f} GiB (free are"
@@ -99,7 +99,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
 def _build(builder: Builder, out: Path, workers: int | None, scheduler: str | None) -> None:
     from stimuli.recipes.base import Where
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from protocols.revision import code_revision, package_version
+from study_app.cli.terminal import PlainConsole, say, visible
 from study_app.doctor import EVERY_JOB, Finding, Job, Status, examine, worst
 
 _STYLES = {Status.PASS: "#0072B2", Status.WARN: "bold #E69F00", Status.FAIL: "bold #D55E00"}
@@ -52,7 +53,7 @@ def doctor(
     wanted = frozenset(jobs) if jobs else EVERY_JOB
     findings = [finding for finding in examine(folder) if finding.jobs & wanted]
     if as_json:
-        print(json.dumps(_as_json(findings, wanted), indent=2))
+        say(json.dumps(_as_json(findings, wanted), indent=2))
     else:
         _print(findings, wanted)
     if worst(findings) is Status.FAIL:
@@ -60,16 +61,16 @@ def doctor(
 
 
 def _print(findings: list[Finding], wanted: frozenset[Job]) -> None:
-    console = Console(highlight=False)
+    console = PlainConsole()
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(max_width=22)
     table.add_column(ratio=1)
     for finding in findings:
         style = _STYLES[finding.status]
-        table.add_row(f"[{style}]{finding.status}[/]", finding.check, _escape(finding.found))
+        table.add_row(Text(finding.status, style), finding.check, finding.found)
         if finding.cure:
-            table.add_row("", "", f"[italic]→ {_escape(finding.cure)}[/]")
+            table.add_row("", "", Text(f"→ {visible(finding.cure)}", "italic"))
     console.print(table)
     console.print()
     for job in Job:
@@ -77,7 +78,7 @@ def _print(findings: list[Finding], wanted: frozenset[Job]) -> None:
             console.print(_verdict(job, findings))
 
 
-def _verdict(job: Job, findings: list[Finding]) -> str:
+def _verdict(job: Job, findings: list[Finding]) -> Text:
     mine = [finding for finding in findings if job in finding.jobs]
     status = worst(mine)
     style = _STYLES[status]
@@ -87,11 +88,7 @@ def _verdict(job: Job, findings: list[Finding]) -> str:
         Status.WARN: f"fit, with a warning about: {names}",
         Status.FAIL: f"not fit because of: {names}",
     }[status]
-    return f"[{style}]{status}[/]  for {job}: {_escape(verdict)}"
-
-
-def _escape(text: str) -> str:
-    return text.replace("[", r"\[")
+    return Text.assemble((status, style), f"  for {job}: {visible(verdict)}")
 
 
 def _as_json(findings: list[Finding], wanted: frozenset[Job]) -> dict[str, object]:

@@ -11,6 +11,7 @@ import typer
 
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.errors import StudyError
+from study_app.cli.terminal import say
 
 EXIT_USER_ERROR = 2
 
@@ -50,7 +51,7 @@ def user_errors() -> Iterator[None]:
     else:
         return
     # Outside the handlers, so that no chain of exceptions hangs on the exit.
-    print("error: " + message.replace("\n", "\n       "), file=sys.stderr)
+    say("error: " + message.replace("\n", "\n       "), file=sys.stderr)
     raise typer.Exit(EXIT_USER_ERROR)
 
 

@@ -15,6 +15,7 @@ from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SessionsArgument, SessionsProtocolOption
 from study_app.cli.progress import one_line
+from study_app.cli.terminal import say
 
 
 def export(
@@ -94,9 +95,9 @@ def export(
         with one_line() as progress:
             made = export_study(sessions, study, out, chosen, options, progress=progress)
     for note in made.notes:
-        print(f"note: {note}")
+        say(f"note: {note}")
     mark = " SIMULATED" if made.simulated else ""
-    print(f"{made.folder}: {made.participants}{mark} participants as {chosen}")
+    say(f"{made.folder}: {made.participants}{mark} participants as {chosen}")
 
 
 def register(app: typer.Typer) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import secrets
 from pathlib import Path
 from typing import Annotated
 
@@ -10,10 +11,11 @@ import typer
 
 from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
-from protocols.load import load_display
+from protocols.load import SECRET_SUFFIX, load_display
 from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
+from study_app.cli.terminal import say
 
 _NEVER_REPLACED = ".no-earlier-study"
 
@@ -57,7 +59,7 @@ def new_study(
             raise StudyError(
                 f"--title: must hold no quotes, backslashes and line ends (got {shown!r})"
             )
-        texts = study_files(named, shown, load_display(display), task)
+        texts = study_files(named, shown, load_display(display), task, secret=secrets.token_hex(32))
         from stimuli.example_pictures import example_files
 
         made = {file: text.encode() for file, text in texts.items()} | example_files(task)
@@ -65,12 +67,14 @@ def new_study(
             for file, data in made.items():
                 (work / file).parent.mkdir(exist_ok=True)
                 (work / file).write_bytes(data)
+                if file.endswith(SECRET_SUFFIX):
+                    (work / file).chmod(0o600)
             for below in (*FOLDERS, PARTS[task][1]):
                 (work / below).mkdir(exist_ok=True)
-    print(f"{folder}: the study {named!r}, ready to be made yours. Next:")
-    print(f"  cd {folder}")
-    print("  metamerlab protocol check study.toml")
-    print("and see README.md there.")
+    say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
+    say(f"  cd {folder}")
+    say("  metamerlab protocol check study.toml")
+    say("and see README.md there.")
 
 
 def slug(text: str) -> str:

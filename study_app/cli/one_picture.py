@@ -1,14 +1,129 @@
-"""What the commands on single pictures share: parameters of a method, and places to write to."""
+"""What commands on single pictures share: options, the choice of methods, places to write to."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
 
 from protocols.errors import StudyError
+from study_app.cli.terminal import PlainConsole
+
+LOOK = "To look at"
+"""Panel of what is made to be looked at."""
+FILE_ENDINGS = (".png", ".exr")
+
+SettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", "--parameter", help="A parameter of the one method, as name=value.", metavar="P=V"
+    ),
+]
+
+
+def method_option(what: str, default: str) -> Any:
+    """``--method``, more than once for a sheet."""
+    return typer.Option(
+        "--method",
+        "-m",
+        help=f"{what}; the first one makes OUT. May be given more than once for"
+        rf" --compare. \[default: {default}]",
+        show_default=False,
+    )
+
+
+def list_option(what: str, show: Callable[[Console], None]) -> Any:
+    """``--list``: print, and stop."""
+
+    def stop(asked: bool) -> None:
+        if asked:
+            show(PlainConsole())
+            raise typer.Exit
+
+    return typer.Option("--list", help=f"List {what}, then stop.", callback=stop, is_eager=True)
+
+
+def print_methods(
+    console: Console, entries: Iterable[Any], parameters: Callable[[str], Mapping[str, Any]]
+) -> None:
+    """Print a registry: each method, what it is, and its parameters with their defaults."""
+    table = Table("method", "what it is", "parameters (default)", box=None)
+    for entry in entries:
+        known = parameters(f"{entry.name}x" if entry.takes_path else entry.name)
+        shown = ", ".join(k if v is None else f"{k} ({v})" for k, v in known.items())
+        table.add_row(entry.shown_name, entry.summary, shown or "-")
+    console.print(table)
+
+
+def choose_methods(
+    given: Sequence[str] | None,
+    settings: Sequence[str] | None,
+    *,
+    every: Sequence[str],
+    default: str,
+    check: Callable[[str], object],
+    sheet: bool,
+    sheets: str = "--compare FILE",
+) -> list[tuple[str, dict[str, Any]]]:
+    """Return methods and their parameters; the first one makes OUT.
+
+    Parameters
+    ----------
+    every : sequence of str
+        What a sheet shows unless methods are given.
+    check : callable
+        Refuses a name that is unknown.
+    sheet : bool
+        Whether something is asked for that shows several; `sheets` are the options that do.
+
+    Raises
+    ------
+    StudyError, InputError
+        If there are several methods and no sheet, or a name or a setting is wrong.
+    """
+    methods = list(given or ())
+    if not methods:
+        methods = sorted(every, key=lambda name: name != default) if sheet else [default]
+    for name in methods:
+        check(name)
+    if len(methods) > 1 and not sheet:
+        raise StudyError(
+            f"one --method makes one OUT (got {len(methods)}); add {sheets} to see them all"
+        )
+    parameters = read_parameters(settings or [], methods)
+    return [(name, parameters) for name in methods]
+
+
+def check_outputs(
+    files: Mapping[str, tuple[Path | None, Sequence[str]]], folders: Iterable[Path | None]
+) -> None:
+    """Refuse before the work what could not be written after it.
+
+    Parameters
+    ----------
+    files : mapping
+        By argument or option, the file (None: not asked for) and the endings it may have.
+
+    Raises
+    ------
+    StudyError
+        If one cannot be written, or two are the same file.
+    """
+    asked = {name: path for name, (path, _) in files.items() if path is not None}
+    for name, path in asked.items():
+        check_file(path, files[name][1])
+    for folder in folders:
+        if folder is not None:
+            check_folder(folder)
+    if len({path.absolute() for path in asked.values()}) < len(asked):
+        *first, last = files
+        raise StudyError(f"{', '.join(first)} and {last} must be different files")
 
 
 def read_parameters(settings: Sequence[str], methods: Sequence[str]) -> dict[str, Any]:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from study_app.cli.terminal import Description, PlainConsole
 
 
 @contextmanager
 def one_line() -> Iterator[Callable[[str, int, int], None]]:
     """Show one line that says what is done; a total of 0 means that no end is known."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    columns = (Description(), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=PlainConsole(stderr=True), transient=True) as bars:
         task = bars.add_task("starting", total=None)
 
         def say(name: str, done: int, total: int) -> None:
@@ -29,14 +30,47 @@ def one_line() -> Iterator[Callable[[str, int, int], None]]:
         yield say
 
 
+class Teller:
+    """Lines that stay, on `console`, and between them one line on stderr that says what is done.
+
+    The line goes before the next one is printed, so that neither runs into the other.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._open = ExitStack()
+        self._now: Callable[[str, int, int], None] | None = None
+
+    def __enter__(self) -> Teller:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def say(self, line: str) -> None:
+        """Print a line."""
+        self._close()
+        self._console.print(line)
+
+    def progress(self, name: str, done: int, total: int) -> None:
+        """Say what is going on; see `one_line`."""
+        if self._now is None:
+            self._now = self._open.enter_context(one_line())
+        self._now(name, done, total)
+
+    def _close(self) -> None:
+        self._open.close()
+        self._now = None
+
+
 def progress_bar() -> Progress:
     """Return a bar that stays, with counts and times; its tasks say what is going on."""
     return Progress(
-        TextColumn("{task.description}"),
+        Description(),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
+        Description("left"),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=PlainConsole(stderr=True),
     )

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from protocols.display import Display
@@ -30,6 +29,7 @@ from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
+from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -73,14 +73,14 @@ def check(
 
         require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
-        print(
+        say(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
             f" protocol {study.sha256[:12]}."
         )
         # No mistake of the protocol: where sittings run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
-                print(f"note: {missing}")
+                say(f"note: {missing}")
 
 
 @app.command()
@@ -98,7 +98,7 @@ def show(
     with user_errors():
         study, screen = load_study(protocol, display)
         plan = _plan(study, screen, None, slot or 0)
-        console = Console()
+        console = PlainConsole()
         console.print(_summary(study, screen, plan))
         console.print(_feasibility_table(study, screen))
         if slot is not None:
@@ -129,11 +129,11 @@ def schema(
     with user_errors():
         if write:
             changed = publish()
-            print("\n".join(map(str, changed)) if changed else "nothing to change")
+            say("\n".join(map(str, changed)) if changed else "nothing to change")
             return
         if name not in schema_names():
             raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
-        print(reference_text(name) if markdown else schema_text(name), end="")
+        say((reference_text(name) if markdown else schema_text(name)).removesuffix("\n"))
 
 
 @app.command()
@@ -157,7 +157,7 @@ def preregister(
         sections = preregistration(study, screen, revision, manifest)
         title = f"Preregistration: {study.study.title}"
         if out is None:
-            print(to_markdown(title, sections))
+            say(to_markdown(title, sections))
             return
         if out.suffix not in (".md", ".html"):
             raise StudyError(f"--out: must end in .md or .html (got {out})")
@@ -169,7 +169,7 @@ def preregister(
             raise StudyError(
                 f"{out}: is never written over; a preregistration is made once. Choose a new name"
             ) from None
-        print(out)
+        say(out)
 
 
 @app.command()
@@ -203,19 +203,20 @@ def upgrade(
         except OSError as error:
             raise StudyError(f"{out}: must be writable ({error.strerror})") from None
         before, after = load_protocol(protocol), load_protocol(out)
-        print(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
-        print(f"  metamerlab protocol check {out}")
-        print(
+        say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
+        say(f"  metamerlab protocol check {out}")
+        say(
             f"Keep {protocol} (protocol {before.sha256[:12]}): sittings that were begun with it are"
             " resumed and\nreported with it. Take the new file for new participants, with a folder"
             " of sessions of its own."
         )
         if before.stimuli_sha256 == after.stimuli_sha256:
-            print("Built clips belong to both.")
+            say("Built clips belong to both.")
 
 
 def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:
-    return make_plan(study, manifest or virtual_manifest(study, screen), f"P{slot}", slot)
+    clips = manifest or virtual_manifest(study, screen)
+    return make_plan(study.in_any_order(), clips, f"P{slot}", slot)
 
 
 def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:

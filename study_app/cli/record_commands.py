@@ -8,17 +8,20 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd
-from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
+from protocols.load import load_protocol
 from study_app.cli.errors import user_errors
-from study_app.cli.options import SessionArgument, SessionsOption
+from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
+from study_app.cli.terminal import PlainConsole, say
 from study_app.operator_view import rows
 from study_app.run import utc_now
+from study_app.sittings import Sitting
+from study_app.verification import verify as verify_sitting
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant
 
@@ -38,7 +41,7 @@ def withdraw(
         if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
             raise StudyError(f"{folder}: nothing was deleted")
         count = withdraw_participant(out, participant, utc_now, study)
-        print(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
+        say(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
 
 
 def watch(
@@ -67,9 +70,55 @@ def watch(
             return
 
 
+def verify(
+    sessions: Annotated[
+        Path, typer.Argument(help="Folder of one session, of a study's, or of all sessions.")
+    ],
+    protocol: Annotated[
+        Path | None,
+        typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
+    ] = None,
+) -> None:
+    """Prove that what was recorded is as it was written: journals, gaze, flips, display reports.
+
+    Every line of a journal is held to its checksum, and every file to the hash that the journal has
+    of it. With a protocol, trials, conditions, answers, times and order are compared with the plan.
+    Nothing is changed. Ends with status 2 where something is not as it was.
+
+    Example: metamerlab session verify sessions --protocol demo
+    """
+    with user_errors():
+        study = load_protocol(protocol) if protocol else None
+        paths = find_journals(sessions)
+        if not paths:
+            raise StudyError(
+                f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
+            )
+        wrong = 0
+        for path in paths:
+            sitting = Sitting(path.absolute().parent, read_journal(path, lenient=True))
+            found = verify_sitting(sitting, study)
+            lines = len(sitting.journal.events) + len(sitting.journal.damaged)
+            verdict = "NOT as it was recorded" if found.problems else "whole"
+            say(
+                f"{sitting.study}/{sitting.participant}: {verdict} ({sitting.state}, {lines} lines,"
+                f" {found.files} files)"
+            )
+            for problem in found.problems:
+                say(f"  {problem}")
+            for note in found.notes:
+                say(f"  note: {note}")
+            wrong += bool(found.problems)
+        if wrong:
+            raise StudyError(
+                f"{sessions}: {wrong} of {len(paths)} sessions must be restored from a copy;"
+                " nothing was changed"
+            )
+
+
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:
     """Print names and values as a table."""
-    Console().print(_grid(entries))
+    PlainConsole().print(_grid(entries))
 
 
 def _table(path: Path) -> Table:

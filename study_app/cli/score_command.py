@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +15,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_bar
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from stimuli.score.batch import Subjects
@@ -69,6 +72,14 @@ def score(
             show_default=False,
         ),
     ] = None,
+    panorama: Annotated[
+        bool,
+        typer.Option(
+            "--panorama",
+            help="TEST and REFERENCE are equirectangular, 2:1: score the flat view around --gaze"
+            " (left out: the middle), 90 degrees wide.",
+        ),
+    ] = False,
     fps: Annotated[
         float, typer.Option(min=1.0, max=1000.0, help="Of two clips given as folders.")
     ] = 30.0,
@@ -96,6 +107,8 @@ def score(
 
         metamerlab stimuli score clips --metrics fvvdp,fvvdp-1.0 --display fhd27-60hz
 
+        metamerlab stimuli score shown.png around.png --panorama --gaze 2048,900
+
         metamerlab stimuli score --list
     """
     with user_errors():
@@ -107,7 +120,20 @@ def score(
                 "give a folder of built clips, or two clips or pictures; 'metamerlab stimuli"
                 " score --help' has examples"
             )
-        _score(first, second, out, metrics, display, gaze, mask, fps, workers)
+        if panorama and (second is None or mask is not None):
+            raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
+        with _views(panorama) as views:
+            _score(first, second, out, metrics, display, gaze, mask, fps, workers, views)
+
+
+@contextmanager
+def _views(panorama: bool) -> Iterator[Path | None]:
+    """A folder for flat views of panoramas, gone in the end."""
+    if not panorama:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="metamerlab-views-") as folder:
+        yield Path(folder)
 
 
 def _score(
@@ -120,11 +146,17 @@ def _score(
     mask: Path | None,
     fps: float,
     workers: int | None,
+    views: Path | None,
 ) -> None:
     from protocols.manifest import read_manifest
     from stimuli.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
-    from stimuli.score.foveated import METRICS_OF_FOVEATION, is_foveated, subjects_of_stills
+    from stimuli.score.foveated import (
+        METRICS_OF_FOVEATION,
+        is_foveated,
+        subjects_of_panoramas,
+        subjects_of_stills,
+    )
     from stimuli.score.metrics import choose_metrics
     from stimuli.score.run import Settings
     from stimuli.score.run import score as run
@@ -152,6 +184,10 @@ def _score(
     else:
         subjects = subjects_of_two(first, second, mask, fps)
         folder = out
+        if views is not None:
+            subjects, at, viewing = subjects_of_panoramas(subjects, settings.gaze, views)
+            chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
+            settings = Settings(chosen, viewing, at)
     if folder is not None:
         if folder.absolute().is_relative_to(first.absolute()):
             raise StudyError(
@@ -159,7 +195,7 @@ def _score(
                 " another --out"
             )
         check_out(folder)
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
 
@@ -236,7 +272,7 @@ def _print_metrics() -> None:
             str(metric.least_px),
             metric.licence,
         )
-    console = Console(highlight=False, markup=False)
+    console = PlainConsole()
     console.print(table)
     for entry in missing:
         console.print(f"missing: {', '.join(entry.metrics)}: {entry.reason}", soft_wrap=True)

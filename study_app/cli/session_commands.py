@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
 from protocols.errors import StudyError
@@ -26,11 +25,13 @@ from protocols.units import Scalar
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.sitting_commands import register
+from study_app.cli.terminal import Description, PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
+from study_app.verification import checksums_of
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -147,8 +148,8 @@ def simulate(
             "S001",
             0,
         )
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        terminal = Console(stderr=True)
+        columns = (Description(), BarColumn(), MofNCompleteColumn())
+        terminal = PlainConsole(stderr=True)
         with Progress(
             *columns,
             TimeRemainingColumn(),
@@ -164,7 +165,7 @@ def simulate(
 
             outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
         done = sum(outcome.main_done for outcome in outcomes.values())
-        print(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
+        say(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
         codes = {participant_code(number) for number in range(participants)}
         require_decisions(
             sitting
@@ -194,7 +195,7 @@ def list_(
             table.add_column(column)
         for sitting in sittings:
             table.add_row(*_row(sitting))
-        Console().print(table)
+        PlainConsole().print(table)
 
 
 @app.command()
@@ -217,7 +218,7 @@ def status(
         table = Table(show_header=False)
         for name, value in _details(sitting):
             table.add_row(name, value)
-        Console().print(table)
+        PlainConsole().print(table)
 
 
 def _sittings_above(session: Path) -> list[Sitting]:
@@ -298,6 +299,8 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
     attempts = journal.attempts
     details = [("session", f"{sitting.study} / {sitting.participant}"), ("state", sitting.state)]
     details += [("damaged", f"line {line.line}: {line.reason}") for line in journal.damaged]
+    if journal.has_lines:
+        details.append(("checksums", checksums_of(journal)))
     if journal.torn:
         details.append(("last line", "torn: the program was killed while writing it"))
     if sitting.state in {"damaged", "withdrawn", "stillborn"} and not attempts:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
@@ -15,7 +14,8 @@ from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
-from study_app.cli.record_commands import print_rows, watch, withdraw
+from study_app.cli.record_commands import print_rows, verify, watch, withdraw
+from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.conduct import Outcome
 from study_app.display_check import DisplayCheck, check_display, verdict, write_report
@@ -185,12 +185,12 @@ def check_display_(
             )
         with Window(described, pacing="software" if software_pacing else "vsync") as window:
             # No progress bar: its thread would disturb what is measured.
-            print(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
+            say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
             check = check_display(window, utc_now, flips)
             report = write_report(out, check)
             readings = read_patches(window) if luminance else {}
         print_rows(verdict(check, described))
-        print(f"report: {out / report.file}")
+        say(f"report: {out / report.file}")
         if readings is None:
             raise StudyError("luminance: stopped before the last reading; nothing was stored")
         if readings:
@@ -205,6 +205,7 @@ def register(app: typer.Typer) -> None:
     app.command()(resume)
     app.command("check-display")(check_display_)
     app.command()(watch)
+    app.command()(verify)
     app.command()(withdraw)
 
 
@@ -214,7 +215,7 @@ def shipped_paths() -> list[Path]:
 
 
 def _listener() -> Listener:
-    console = Console(highlight=False)
+    console = PlainConsole()
 
     def on_check(check: DisplayCheck) -> None:
         console.print(f"display: {check.measured_hz:.3f} Hz, {check.evidence}")
@@ -242,11 +243,11 @@ def _tell(outcome: Outcome, options: SittingOptions) -> None:
     folder = options.root / options.protocol.study.name / options.participant
     if outcome.reason == "completed" and not outcome.main_done:
         require_decisions([Sitting(folder, read_journal(folder / JOURNAL_NAME, lenient=True))])
-    print(f"{folder}: {outcome.reason}, {outcome.main_done} of {outcome.main_planned} decisions")
+    say(f"{folder}: {outcome.reason}, {outcome.main_done} of {outcome.main_planned} decisions")
     if outcome.given_up:
-        print(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")
+        say(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")
     if outcome.reason == "tracker-lost":
-        print(
+        say(
             "error: the gaze source must keep sending (it fell silent); everything up to here is"
             " saved. Start it again and 'metamerlab session resume'",
             file=sys.stderr,
@@ -255,7 +256,7 @@ def _tell(outcome: Outcome, options: SittingOptions) -> None:
 
 
 def _print_fit(fit: LuminanceFit, display: str) -> None:
-    print(
+    say(
         f"luminance: peak {fit.peak_cd_m2:g}, black {fit.black_cd_m2:g} cd/m2, gamma"
         f" {fit.gamma:.3f} (worst reading {100 * fit.worst_share:.1f} % of the peak off);"
         f" written into {display}"

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
@@ -15,6 +14,7 @@ from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_bar
 from study_app.cli.score_command import score
+from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -59,15 +59,15 @@ def check(folder: FolderArgument) -> None:
             )
         for kind in ("missing", "changed", "extra"):
             for name in getattr(verdict, kind):
-                print(f"{kind}: {folder / name}")
+                say(f"{kind}: {folder / name}")
         if not verdict.in_order:
             counts = ", ".join(
                 f"{len(getattr(verdict, kind))} {kind}" for kind in ("missing", "changed", "extra")
             )
-            print(f"{folder}: not in order ({counts}); run 'metamerlab stimuli build' again")
+            say(f"{folder}: not in order ({counts}); run 'metamerlab stimuli build' again")
             raise typer.Exit(1)
         clips = len(verdict.manifest.clips)
-        print(
+        say(
             f"{folder}: in order. {clips} clips, {verdict.frames} frames, manifest"
             f" {verdict.manifest.sha256[:12]}."
         )
@@ -113,7 +113,7 @@ def probe(
                 _frames(found.repeated),
                 _frames(found.black),
             )
-        Console(highlight=False).print(table)
+        PlainConsole().print(table)
         if any(found.repeated or found.black for found in findings):
             raise typer.Exit(1)
 
@@ -178,7 +178,7 @@ def look(
         chosen = [parse_view(line) for line in view or ()]
         ctx = create_context()
         try:
-            with Console(stderr=True).status("drawing views ..."):
+            with PlainConsole(stderr=True).status("drawing views ..."):
                 lines = look_around(
                     ctx,
                     scene,
@@ -192,8 +192,8 @@ def look(
                 )
         finally:
             release_context(ctx)
-        print("\n".join(lines))
-        print(f"wrote {out}")
+        say("\n".join(lines))
+        say(f"wrote {out}")
 
 
 app.command()(score)

@@ -11,7 +11,17 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import check_file, check_folder, read_parameters
+from study_app.cli.one_picture import (
+    FILE_ENDINGS,
+    LOOK,
+    SettingsOption,
+    check_outputs,
+    choose_methods,
+    list_option,
+    method_option,
+    print_methods,
+)
+from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,21 +42,12 @@ _SOURCE_HELP = (
 _FILE = "File of RGBZ and flow"
 _PICTURE = "Picture with motion, or with depth and two poses"
 _STEREO = "Stereo pair"
-_LOOK = "To look at"
 
 
-def _print_methods(asked: bool) -> None:
-    if not asked:
-        return
+def _print_methods(console: Console) -> None:
     from pipeline.methods.registry import METHODS, method_parameters
 
-    table = Table("method", "what it is", "parameters (default)", box=None)
-    for entry in METHODS:
-        probe = f"{entry.name}x" if entry.takes_path else entry.name
-        shown = ", ".join(f"{k} ({v})" for k, v in method_parameters(probe).items())
-        table.add_row(entry.shown_name, entry.summary, shown or "-")
-    Console(highlight=False).print(table)
-    raise typer.Exit
+    print_methods(console, METHODS, method_parameters)
 
 
 def warp(
@@ -54,29 +55,9 @@ def warp(
     out: Annotated[
         Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
     ] = Path("filled.png"),
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method",
-            "-m",
-            help="Fill method; the first one makes OUT. May be given more than once for"
-            rf" --compare. \[default: {DEFAULT_METHOD}]",
-            show_default=False,
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="A parameter of the one method, as name=value.", metavar="P=V"),
-    ] = None,
-    _list: Annotated[
-        bool,
-        typer.Option(
-            "--list",
-            help="List the methods and their parameters, then stop.",
-            callback=_print_methods,
-            is_eager=True,
-        ),
-    ] = False,
+    methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None,
+    settings: SettingsOption = None,
+    _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False,
     seed: Annotated[int, typer.Option(help="Of the noise; same seed, same picture.", min=0)] = 0,
     rim_px: Annotated[
         int | None,
@@ -221,7 +202,7 @@ def warp(
         Path | None,
         typer.Option(
             help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise.",
-            rich_help_panel=_LOOK,
+            rich_help_panel=LOOK,
         ),
     ] = None,
     compare: Annotated[
@@ -229,7 +210,7 @@ def warp(
         typer.Option(
             help="Picture of all methods side by side, labelled; without --method of all that"
             " there are.",
-            rich_help_panel=_LOOK,
+            rich_help_panel=LOOK,
         ),
     ] = None,
 ) -> None:
@@ -259,7 +240,7 @@ def warp(
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
         choices = _choices(methods, settings, compare is not None)
-        _check_outputs(out, compare, steps)
+        check_outputs({"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))}, [steps])
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),
@@ -289,7 +270,7 @@ def _run(
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     ctx = create_context()
     try:
         console.print(f"renderer: {describe(ctx)}")
@@ -317,19 +298,12 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
     from pipeline.methods.registry import METHODS, check_method_name
     from stimuli.one_frame import Choice
 
-    if not methods:
-        every = [entry.name for entry in METHODS if not entry.takes_path]
-        # The default first: it makes OUT.
-        methods = sorted(every, key=lambda name: name != DEFAULT_METHOD)
-        methods = methods if compare else [DEFAULT_METHOD]
-    for name in methods:
-        check_method_name(name)
-    if len(methods) > 1 and not compare:
-        raise StudyError(
-            f"one --method makes one OUT (got {len(methods)}); add --compare FILE to see them all"
-        )
-    parameters = read_parameters(settings or [], methods)
-    return [Choice(name, parameters) for name in methods]
+    every = [entry.name for entry in METHODS if not entry.takes_path]
+    chosen = choose_methods(
+        methods, settings, every=every, default=DEFAULT_METHOD, check=check_method_name,
+        sheet=compare,
+    )  # fmt: skip
+    return [Choice(name, parameters) for name, parameters in chosen]
 
 
 def _nearer(text: str) -> Nearer:
@@ -339,15 +313,6 @@ def _nearer(text: str) -> Nearer:
         if text == choice:
             return choice
     raise StudyError(f"--nearer must be {' or '.join(NEARER)} (got {text!r})")
-
-
-def _check_outputs(out: Path, compare: Path | None, steps: Path | None) -> None:
-    """Refuse before the work what could not be written after it."""
-    check_file(out, (".png", ".exr"))
-    if compare is not None:
-        check_file(compare, (".png",))
-    if steps is not None:
-        check_folder(steps)
 
 
 def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import math
 import re
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
+from protocols.limits import unpacked
 from protocols.load import read_bytes
 
 _SCREEN = re.compile(
@@ -56,10 +56,7 @@ def load_recording(path: Path) -> Recording:
     """
     data = read_bytes(path, "the gaze recording")
     if path.suffix == ".gz":
-        try:
-            data = gzip.decompress(data)
-        except (OSError, EOFError):
-            raise StudyError(f"{path}: must be a whole gzip file; copy it again") from None
+        data = unpacked(data, path)
     text = data.decode("utf-8", errors="replace")
     name = path.name.removesuffix(".gz")
     if name.endswith(".asc"):
@@ -93,6 +90,9 @@ def _read_asc(path: Path, text: str) -> Recording:
         raise StudyError(f"{path}: must hold samples between START and END (found none)")
     stamps, x, y = (np.array(column) for column in zip(*rows, strict=True))
     t_s = (stamps - stamps[0]) / 1e3
+    _check_places(path, x, y)
+    if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
+        raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
     blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
     return Recording(path, stamps, t_s, x, y, rate_hz or _median_rate(path, t_s), screen, blinks_s)
 
@@ -128,6 +128,7 @@ def _read_csv(path: Path, text: str) -> Recording:
         raise StudyError(f"{path}: must hold at least two samples (got {len(rows)})")
     stamps, x, y = np.array(rows, dtype=np.float64).T
     t_s = (stamps - stamps[0]) * (1.0 if unit == "t_s" else 1e-3)
+    _check_places(path, x, y)
     if not np.isfinite(t_s).all():
         line = int(np.argmin(np.isfinite(t_s))) + 2
         raise StudyError(f"{path}: line {line}: {unit} must be a finite number")
@@ -138,6 +139,12 @@ def _read_csv(path: Path, text: str) -> Recording:
             f" {stamps[line - 2]:g} after {stamps[line - 3]:g}); sort the samples by time"
         )
     return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, ())
+
+
+def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    """Gaze is somewhere or lost (not a number), but never infinitely far away."""
+    if np.isinf(x).any() or np.isinf(y).any():
+        raise StudyError(f"{path}: gaze must be in pixels, or empty where the eye was lost")
 
 
 def _median_rate(path: Path, t_s: NDArray[np.float64]) -> float:

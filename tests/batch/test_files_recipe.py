@@ -424,7 +424,7 @@ def test_a_cluster_is_refused_for_files(metamerlab, stills):
         "stimuli", "build", stills.path, "--out", stills.clips, "--scheduler", "tcp://x:1"
     )
     assert done.exit_code == 2
-    assert "--scheduler is for clips that are rendered" in " ".join(done.stderr.split())
+    assert "--scheduler is for stimuli that are computed" in " ".join(done.stderr.split())
     assert not stills.clips.exists()
 
 

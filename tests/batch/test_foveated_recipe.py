@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -24,12 +30,14 @@ from protocols.recipes.foveated_images import (
     Picture,
     Rings,
     Shown,
+    View,
 )
 from stimuli.check import check_batch
 from stimuli.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Where
 from stimuli.recipes.foveated_images import FoveatedBuilder
+from stimuli.recipes.foveated_work import Bench
 from study_app.cli import app
 
 WIDTH, HEIGHT = 96, 72
@@ -419,16 +427,16 @@ def test_a_study_is_built_hashed_and_goes_on_where_it_was(folder, study):
 
 def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):
     out = folder / "clips"
-    real, made = FoveatedBuilder.colour, []
+    real, made = Bench.colour, []
 
-    def stop(self, entry):
+    def stop(self, entry, state):
         if len(made) == 3:
             raise KeyboardInterrupt
         made.append(entry.name)
-        return real(self, entry)
+        return real(self, entry, state)
 
     with monkeypatch.context() as patch:
-        patch.setattr(FoveatedBuilder, "colour", stop)
+        patch.setattr(Bench, "colour", stop)
         with pytest.raises(KeyboardInterrupt):
             built(study, out)
     assert not (out / "manifest.json").exists()
@@ -480,6 +488,134 @@ def test_the_stills_of_a_study_are_scored_around_their_gaze(folder, study):
     assert "must be one of this batch's: 48,36" in other.stderr
 
 
-def test_a_cluster_is_refused(folder):
-    with pytest.raises(StudyError, match="leave the option out"):
-        builder(folder, recipe()).build(folder / "clips", Where(scheduler="tcp://x:1"), QUIET)
+def contents(out) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.name != "contact-sheet.html"
+    }
+
+
+def test_a_cluster_makes_the_same_bytes(folder, study):
+    distributed = pytest.importorskip("distributed")
+    import warnings
+
+    loaded, display = load_study(study)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None,
+            silence_logs=50,
+        )  # fmt: skip
+        try:
+            where = Where(scheduler=cluster.scheduler_address)
+            done = builder_of(loaded, display, folder).build(folder / "far", where, QUIET)
+        finally:
+            cluster.close()
+    built(study, folder / "near")
+
+    assert len(done.built) == 16
+    assert contents(folder / "far") == contents(folder / "near")
+
+
+def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(folder, study, proof_count):
+    """kill -9 when some stills are there, then the same command until it ends."""
+    out = folder / "killed"
+    command = [
+        sys.executable, "-c", "from study_app.cli import app; app()", "stimuli", "build",
+        str(study), "--out", str(out), "--workers", "2",
+    ]  # fmt: skip
+    built(study, folder / "whole")
+    noted = out / ".build/records"
+    for wanted in range(1, 1 + min(15, proof_count(10))):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+        while process.poll() is None and len(list(noted.glob("*.json"))) < wanted:
+            time.sleep(0.01)
+        with contextlib.suppress(ProcessLookupError):  # it was faster
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+    outcome = built(study, out)
+
+    assert len(outcome.kept) >= wanted
+    assert contents(out) == contents(folder / "whole")
+
+
+# --- panoramas, undistorted backgrounds, pictures made elsewhere -------------------------
+
+
+def test_before_an_undistorted_background_only_the_ring_is_changed(folder):
+    """By hand: the disc is 3 degrees and the rim of 2 wide, and another 2 blend."""
+    rings = {"eccentricities_deg": (12.0,), "places": 1, "height_deg": 6.0, "rim_deg": 2.0}
+    rings |= {"closed": False}
+    colours = {}
+    for background in ("foveated", "undistorted"):
+        made = builder(folder, recipe(rings=Rings(background=background, **rings)))
+        wanted = [one for one in made.wanted if one.picture.name == "one"]
+        colours |= {(background, one.shown.name): made.colour(one) for one in wanted}
+        entry = wanted[0]
+        made.close()
+    geometry, middle = made.geometry, (WIDTH / 2, HEIGHT / 2)
+    centre = direction_at(geometry, middle, 12.0, entry.polar_deg)
+    away = np.degrees(
+        np.arccos(np.clip(geometry.directions(*pixel_centres(geometry)) @ centre, -1, 1))
+    )
+    scene = stored(folder / "one.png")
+
+    shown, whole = colours["undistorted", "metamer"], colours["foveated", "metamer"]
+    np.testing.assert_array_equal(shown[away > 7.01], scene[away > 7.01])
+    np.testing.assert_array_equal(shown[away < 4.99], whole[away < 4.99])
+    assert np.abs(whole - scene)[away > 7.01].mean() > 0.03
+    assert np.abs(shown - scene)[away < 4.99].mean() > 0.03
+    np.testing.assert_array_equal(
+        colours["undistorted", "reference"], colours["foveated", "reference"]
+    )
+
+
+def test_a_panorama_is_shown_through_a_flat_view(folder):
+    """A panorama of the directions themselves: the view's pixels are its own directions."""
+    around = Equirectangular().of(720, 360)
+    rays = around.directions(*pixel_centres(around))
+    Image.fromarray(np.rint(255 * (0.5 + 0.5 * rays)).astype(np.uint8)).save(folder / "one.png")
+    looked = Picture(name="one", file="one.png", view=View(right_deg=170.0, down_deg=-40.0))
+    made = builder(folder, recipe(pictures=(looked,)))
+    colour = made.colour(made.wanted[0])
+    geometry = made.geometry
+    made.close()
+
+    right, down = np.radians(170), np.radians(-40)
+    ahead = np.array([np.sin(right) * np.cos(down), np.sin(down), np.cos(right) * np.cos(down)])
+    level = np.array([np.cos(right), 0, -np.sin(right)])
+    below = np.cross(ahead, level)
+    ours = geometry.directions(*pixel_centres(geometry))
+    wanted = ours[..., :1] * level + ours[..., 1:2] * below + ours[..., 2:] * ahead
+    np.testing.assert_allclose(2 * colour - 1, wanted, atol=0.02)
+
+
+def test_a_view_of_what_is_no_panorama_is_refused(folder):
+    made = builder(folder, recipe(pictures=(Picture(name="one", file="one.png", view=View()),)))
+
+    with pytest.raises(InputError, match=r"one\.png: an equirectangular panorama must be twice"):
+        made.colour(made.wanted[0])
+    made.close()
+    with pytest.raises(ValueError, match="down_deg from -90 to 90"):
+        recipe(pictures=(Picture(name="one", file="one.png", view=View(down_deg=91.0)),))
+
+
+def test_pictures_made_elsewhere_are_found_by_picture_and_gaze(folder):
+    (folder / "made").mkdir()
+    for number in range(4):
+        data = np.full((HEIGHT, WIDTH, 3), 50 * number, np.uint8)
+        Image.fromarray(data).save(folder / f"made/{number:06d}.png")
+    elsewhere = Shown(name="lab", method="files:made")
+    gazes = (GazePoint(name="middle"), GazePoint(name="left", x_deg=-5.0))
+    made = builder(folder, recipe(methods=(elsewhere,), gazes=gazes))
+    greys = [round(255 * float(made.colour(one).mean())) for one in made.wanted]
+    key = made.key(made.wanted[0])
+    made.close()
+
+    assert greys == [0, 50, 100, 150]
+    Image.fromarray(np.full((HEIGHT, WIDTH, 3), 9, np.uint8)).save(folder / "made/000003.png")
+    assert made.key(made.wanted[0]) != key
+    ringed = builder(folder, recipe(methods=(elsewhere,), rings=Rings(eccentricities_deg=(5.0,))))
+    assert "must not be made elsewhere" in str(ringed.problems()[0])

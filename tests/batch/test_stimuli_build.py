@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import os
 import random
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import stimuli.build
 import stimuli.clip
 import stimuli.records
 from pipeline.errors import InputError
@@ -134,6 +136,29 @@ def test_a_changed_method_makes_only_its_own_clips_again(
     ]
     assert len(outcome.kept) == 4
     assert check_batch(copy).in_order
+
+
+def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read_orders):
+    """Each changes the key of its scene's clips, and of no others."""
+    study = tmp_path / "study"
+    shutil.copytree(small_study.parent, study)
+    for folder in ("a", "b"):
+        (study / folder).mkdir()
+        shutil.copy(study / "wall.png", study / folder / "t.png")
+    (study / "box.mtl").write_text("newmtl wall\nmap_Kd a/t.png\nnewmtl box\nmap_Kd b/t.png\n")
+
+    def keys() -> dict[str, str]:
+        orders = read_orders(study / small_study.name)
+        return {str(name): orders.clip_key(name) for name in orders.clip_names}
+
+    for folder in ("a", "b"):
+        before = keys()
+        with (study / folder / "t.png").open("ab") as file:
+            file.write(b"changed")
+        after = keys()
+        assert {name for name in after if after[name] != before[name]} == {
+            name for name in after if name.startswith("box__")
+        }
 
 
 def test_another_rim_makes_only_the_photographs_clips_again(
@@ -303,6 +328,104 @@ def test_a_folder_with_other_things_is_refused(orders, inline, tmp_path):
     with pytest.raises(StudyError, match=r"it holds thesis\.tex"):
         build(orders, tmp_path, inline)
     assert (tmp_path / "thesis.tex").exists()
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    "mine",
+    [
+        "my__own__notes/read-me.txt",
+        "holes/mine/mask.png",
+        "holes/box__small/notes.txt",
+        "holes/my__own/000000.png",
+        "previews/mine.txt",
+        "previews/mine.0123456789ab.webm",
+        "box__small__telea/notes.txt",
+        "box__small__telea/000000.png.bak",
+        "box__small__telea/sub/000000.png",
+        ".build/mine.txt",
+        ".build/debug/program",
+    ],
+)
+def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, orders, inline, mine):
+    """Also where a clip has to be made again, and where a study lost its clips."""
+    (copy / mine).parent.mkdir(parents=True, exist_ok=True)
+    (copy / mine).write_text("mine")
+    (copy / "box__small__telea/000001.png").write_bytes(b"damaged")
+    before = snapshot(copy)
+
+    with pytest.raises(StudyError, match="which no build recorded as its own") as told:
+        build(orders, copy, inline)
+    assert mine in str(told.value)
+    assert snapshot(copy) == before
+
+
+@pytest.mark.parametrize(
+    "mine",
+    [
+        "holes/a.png",
+        "previews/a.webm",
+        "contact-sheet.html",
+        "manifest.json",
+        ".build/x",
+        "a__b__c/x",
+    ],
+)
+def test_a_folder_that_no_build_made_is_refused_whatever_its_names(orders, inline, tmp_path, mine):
+    (tmp_path / mine).parent.mkdir(exist_ok=True)
+    (tmp_path / mine).write_text('{"name": "an extension of a browser"}')
+    before = snapshot(tmp_path)
+
+    with pytest.raises(StudyError, match="must be an empty folder or one that a build made"):
+        build(orders, tmp_path, inline)
+    assert snapshot(tmp_path) == before
+
+
+def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monkeypatch):
+    """What somebody puts into a folder while the build is at work stays, too."""
+    fewer = [name for name in orders.clip_names if name.method != "telea"]
+    kept_method = orders.protocol.warped.methods[:-1]
+    recipe = orders.protocol.warped.model_copy(update={"methods": kept_method})
+    smaller = dataclasses.replace(
+        orders, protocol=orders.protocol.model_copy(update={"stimuli": recipe})
+    )
+    assert list(smaller.clip_names) == fewer
+    real = stimuli.build.remove_strangers
+
+    def meanwhile(out: Path, names) -> None:
+        (out / "box__small__telea" / "mine.txt").write_text("mine")
+        real(out, names)
+
+    monkeypatch.setattr(stimuli.build, "remove_strangers", meanwhile)
+    build(smaller, copy, inline)
+
+    left = sorted(p.name for p in (copy / "box__small__telea").iterdir())
+    assert left == ["mine.txt"]
+    assert not (copy / "motorcycle__small__telea").exists()
+    assert not [p for p in (copy / "previews").iterdir() if "telea" in p.name]
+
+
+def test_a_symbolic_link_is_neither_followed_nor_taken_for_a_frame(copy, orders, inline, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    (copy / "box__small__telea").rename(elsewhere)
+    (copy / "box__small__telea").symlink_to(elsewhere)
+    assert check_batch(copy).extra == ["box__small__telea"]
+    before = snapshot(elsewhere)
+    with pytest.raises(StudyError, match="box__small__telea, a symbolic link"):
+        build(orders, copy, inline)
+    assert snapshot(elsewhere) == before
+
+    (copy / "box__small__telea").unlink()
+    shutil.copytree(elsewhere, copy / "box__small__telea")
+    frame = copy / "box__small__telea" / "000001.png"
+    frame.unlink()
+    frame.symlink_to(elsewhere / "000001.png")
+    assert check_batch(copy).changed == [
+        "box__small__telea/000001.png (a symbolic link in its place)"
+    ]
 
 
 def test_a_full_disk_leaves_nothing_that_looks_finished(

@@ -154,9 +154,14 @@ def test_files_refuse_an_empty_folder(tmp_path):
         create_condition(f"files:{tmp_path}")
 
 
-def test_both_eyes_see_one_surface_with_one_noise(picture):
-    """The right eye's picture is the left one's, 4 px to the left, and so is its noise."""
-    left = np.concatenate([picture, picture[:, ::-1]], axis=1)
+@pytest.mark.parametrize("copies", [2, 6])
+def test_both_eyes_see_one_surface_with_one_noise(picture, copies):
+    """The right eye's picture is the left one's, 4 px to the left, and so is its noise.
+
+    Noise that stays on the screen and noise that a surface carries must be one, also where the
+    picture needs a tile of more than 256 px.
+    """
+    left = np.concatenate([picture, picture[:, ::-1]] * (copies // 2), axis=1)
     right = np.roll(left, -4, axis=1)
     disparity = np.zeros((*right.shape[:2], 2))
     disparity[..., 0] = -4

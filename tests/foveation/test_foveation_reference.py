@@ -10,17 +10,19 @@ from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, sel
 from pipeline.foveation.displacement import (
     DisplacementSettings,
     displacement_px,
+    eidolon,
     pooled_white_variance,
     unit_field,
     warped_metamer,
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
-from pipeline.foveation.lod import HALVED_VARIANCE, Pools, lod_of
-from pipeline.foveation.moments import wanted_by_blocks
-from pipeline.foveation.noise_plane import noise_plane, noise_tile
+from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
+from pipeline.foveation.moments import PARTNER_SHARE, wanted_by_blocks
+from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
+from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
 
 SETTINGS = MetamerSettings()
@@ -39,8 +41,8 @@ def noise_picture(rng, size):
     return (0.5 + 0.12 * rng.standard_normal((*size, 1)).repeat(3, axis=2)).clip(0, 1)
 
 
-def pools_of(height, width, gaze, law="v1", **fovea):
-    return Pools(Flat(40).of(width, height), gaze, make_pooling(law, **fovea))
+def pools_of(height, width, gaze, law=None, **constants):
+    return Pools(Flat(40).of(width, height), gaze, make_pooling(law, **constants))
 
 
 @pytest.mark.parametrize("lod", [0, 0.4, 1, 1.5, 2.3, 3])
@@ -170,6 +172,15 @@ def test_variance_that_is_pooled_is_that_of_white_noise_bands(rng):
     np.testing.assert_allclose(wanted.slopes, 0, atol=1e-9)  # grey
 
 
+def test_the_finest_pools_are_as_wide_as_the_low_pass():
+    """By hand: of two means of 2 coefficients, shares 1 - p and p, around their own centre."""
+    place = np.array([-0.5, 0.5, 1.5, 2.5])
+    weight = np.repeat([1 - PARTNER_SHARE, PARTNER_SHARE], 2) / 2
+    spread = (weight * place**2).sum() - (weight * place).sum() ** 2
+    assert 0 < PARTNER_SHARE < 0.5
+    assert spread == pytest.approx(halving_variance(), rel=1e-12)
+
+
 def test_chroma_goes_with_luma_as_it_did(rng):
     grey = noise_picture(rng, (128, 128))[..., 0] - 0.5
     picture = 0.5 + grey[..., None] * (1.0, 0.5, 0.1)
@@ -218,6 +229,26 @@ def test_noise_carried_by_whole_pixels_is_the_shifted_noise():
     np.testing.assert_allclose(carried[2:, 3:], plain[:-2, :-3], atol=1e-6)
 
 
+def test_noise_is_of_steps_that_a_byte_holds_and_as_even_as_unrounded_noise():
+    tile = noise_tile(3, 4, 1)
+    steps = tile.astype(np.float64) / GRAIN
+    assert (steps == np.rint(steps)).all()
+    assert np.abs(steps).max() <= 127
+    exact = mixed_bands(3, 4, 1)
+    np.testing.assert_allclose((tile.astype(np.float64) ** 2).mean(), (exact**2).mean(), rtol=1e-3)
+
+
+def test_carried_noise_repeats_no_sooner_than_noise_on_the_screen():
+    """A picture of 300 px has a tile of 512."""
+    near, far = (
+        noise_plane(
+            (8, 300), 5, 2, 1, wraps=False, shift_px=np.broadcast_to([shift, 0.0], (8, 300, 2))
+        )
+        for shift in (0, 256)
+    )
+    assert abs(np.corrcoef(near.ravel(), far.ravel())[0, 1]) < 0.1
+
+
 def test_noise_between_pixels_keeps_its_variance():
     shift = np.broadcast_to([0.37, -0.81], (256, 256, 2))
     carried = noise_plane((256, 256), 5, 4, 1, wraps=False, shift_px=shift)
@@ -225,17 +256,55 @@ def test_noise_between_pixels_keeps_its_variance():
     np.testing.assert_allclose(carried.std(axis=(0, 1)), plain.std(axis=(0, 1)), rtol=0.04)
 
 
-@pytest.mark.parametrize("width", [256, 300, 514, 1024])
-def test_a_panoramas_noise_goes_on_over_its_seam_at_full_power(width):
-    tile = noise_tile(3, 4, 1, wrapped_width=width).astype(np.float64)
-    assert width % tile.shape[1] == 0
-    around = np.concatenate([tile, tile], axis=1)[:, : width + 40] if width % 256 else tile
-    steps = np.abs(np.diff(around, axis=1)).mean(axis=(0, 2))  # (columns, bands)
-    at_seam = steps[width - 1 : width + 1] if width % 256 else steps[:1]
-    assert (at_seam < 1.5 * steps.mean(axis=0)).all()
-    np.testing.assert_allclose(
-        (tile[:, -64:] ** 2).mean(axis=(0, 1)), (tile**2).mean(axis=(0, 1)), rtol=0.5
-    )
+@pytest.fixture(scope="module")
+def panorama():
+    """Noise of a panorama of 512 x 256 px, by row, column and band."""
+    return panorama_noise(3, 3, 1, 256)[:, :, 0].astype(np.float64)
+
+
+def test_a_panoramas_noise_goes_on_over_its_seam(panorama):
+    steps = np.abs(np.diff(panorama, axis=1, append=panorama[:, :1])).mean(axis=(0, 2))
+    assert steps[-1] < 1.2 * steps.mean()
+
+
+def test_a_panoramas_noise_has_unit_variance_in_every_row(panorama):
+    by_row = (panorama**2).mean(axis=1)
+    even = (panorama**2).mean(axis=(0, 1))
+    bunches = by_row[16:-16].reshape(14, 16, -1).mean(axis=1)
+    np.testing.assert_allclose(bunches, np.broadcast_to(even, bunches.shape), rtol=0.4)
+
+
+def test_a_panoramas_noise_is_as_fine_in_degrees_at_every_latitude(panorama):
+    """Steps along the parallel, of the finest bands, shrink as the parallel does."""
+    fine = panorama[..., :1]
+    steps = np.sqrt((np.diff(fine, axis=1) ** 2).mean(axis=(1, 2)) / (fine**2).mean(axis=(1, 2)))
+    latitude = (0.5 - (np.arange(256) + 0.5) / 256) * np.pi
+
+    def around(degrees):
+        near = np.abs(np.degrees(np.abs(latitude)) - degrees) < 3
+        return steps[near].mean()
+
+    for degrees in (50, 70):
+        shrunk = around(degrees) / around(0)
+        assert np.cos(np.radians(degrees)) / 1.5 < shrunk < np.cos(np.radians(degrees)) * 1.6
+
+
+def test_pools_do_not_carry_detail_along_the_equator_to_the_poles():
+    """Stripes along every meridian are as fine per degree at the pole, and fainter per pixel."""
+    geometry = Equirectangular().of(512, 256)
+    rays = geometry.directions(*pixel_centres(geometry))
+    rng = np.random.default_rng(4)
+    waves = rng.standard_normal((60, 3))
+    waves *= 60 / np.linalg.norm(waves, axis=1, keepdims=True)
+    grey = 0.5 + 0.02 * np.sin(rays @ waves.T + rng.uniform(0, 6.3, 60)).sum(axis=2)
+    picture = np.repeat(grey[..., None], 3, axis=2)
+    pools = Pools(geometry, (0, 128), Pooling())
+    wanted = wanted_by_blocks(chain_of(picture, 6, wraps=True), pools, 1).variances[..., 1]
+    own = analyse(ycbcr_from_rgb(picture), 1).bands[0][..., 1, 0]
+    rows = np.abs((np.arange(256) + 0.5) / 256 - 0.5) * 180
+    high = (rows > 70) & (rows < 80)
+    owed = wanted.repeat(4, axis=0)[high].mean()
+    assert 0.5 < owed / (own[high] ** 2).mean() < 2.5
 
 
 def test_a_panorama_has_no_seam():
@@ -280,7 +349,7 @@ def test_variance_of_pooled_white_noise_is_foretold(lod):
     assert pooled_white_variance(np.array([lod]))[0] == pytest.approx(measured, rel=0.04)
 
 
-def test_displacement_is_as_wide_as_asked_and_dies_at_the_border():
+def test_displacement_is_as_wide_as_asked_and_crosses_no_border():
     pools = pools_of(192, 192, (96, 96))
     settings = DisplacementSettings(reach=0.35)
     fields = np.stack([displacement_px(pools, settings, seed) for seed in range(12)])
@@ -288,9 +357,27 @@ def test_displacement_is_as_wide_as_asked_and_dies_at_the_border():
     ring = (middle > 40) & (middle < 70)
     wanted = 0.35 * pools.sigma_px()[ring]
     assert (fields[:, ring] / wanted[:, None]).std() == pytest.approx(1, rel=0.15)
-    assert np.abs(fields[:, 0]).mean() < 0.4
+    across, along = np.abs(fields[:, 0, :, 1]), np.abs(fields[:, 0, :, 0])
+    assert across.max() < 0.2 < 1 < along[:, 40:-40].mean()
+    x, y = np.meshgrid(np.arange(192) + 0.5, np.arange(192) + 0.5)
+    for axis, place in enumerate((x, y)):
+        assert (place + fields[..., axis]).min() > 0
+        assert (place + fields[..., axis]).max() < 192
     correlation = np.corrcoef(fields[0][ring].ravel(), fields[1][ring].ravel())[0, 1]
     assert abs(correlation) < 0.25
+
+
+def test_a_frame_around_a_picture_stays_a_frame():
+    """A line of 4 px along the upper border is 2 to 8 px wide, whatever is displaced below it."""
+    picture = np.full((192, 256, 3), 0.8, np.float32)
+    picture[:4] = 0.2
+    pools = pools_of(192, 256, (128, 96), scaling=0.5)
+    for seed in range(4):
+        dark = eidolon(picture, pools, DisplacementSettings(), seed)[..., 0] < 0.5
+        wide = dark.sum(axis=0)
+        assert dark[0].all()
+        assert wide.min() >= 2
+        assert wide.max() <= 8
 
 
 def test_field_is_smooth_at_the_scale_of_the_pools():

@@ -106,6 +106,46 @@ def test_comparing_names_every_flip_that_differs_and_no_other():
     ]
 
 
+def differences(logged, captured, **more):
+    names = {"a": "clip/0", "b": "clip/1", "c": "clip/2"}
+    return [(d.number, d.found) for d in compare(logged, captured, names, **more)]
+
+
+def test_what_was_shown_besides_the_log_is_named():
+    """5 and 6 are of a page, 7 to 11 of an attempt, 12 of the wait after it."""
+    logged = {7: None, 8: "clip/0", 9: "clip/1", 10: "clip/2", 11: None}
+    page = [Seen(5, "p"), Seen(6, "q")]
+    right = [Seen(7, "x"), Seen(8, "a"), Seen(9, "b"), Seen(10, "c"), Seen(11, "y")]
+    wait = [Seen(12, "p")]
+    assert differences(logged, [*page, *right, *wait]) == []
+    assert differences(logged, [*page, page[-1], *right, *wait]) == []  # seen twice at once
+
+    # A flip that the log lacks: within the attempt, or with a clip frame anywhere.
+    lacking = {number: frame for number, frame in logged.items() if number != 9}
+    assert differences(lacking, [*page, *right, *wait]) == [(9, "clip/1")]
+    blank_9 = [*right[:2], Seen(9, "grey"), *right[3:]]
+    assert differences(lacking, [*page, *blank_9]) == []  # could have been a page's
+    assert differences(lacking, [*page, *blank_9], attempts=[range(7, 12)]) == [
+        (9, "a flip within an attempt")
+    ]
+    assert differences(logged, [*page, *right, Seen(12, "b")]) == [(12, "clip/1")]
+
+    # A clip frame where the log says that no clip was shown, and a frame that is as grey as blank.
+    leaked = [right[0]._replace(content="c"), *right[1:]]
+    assert differences(logged, [*page, *leaked]) == [(7, "clip/2")]
+    assert differences(logged, [*page, *leaked], blank={"c"}) == []
+
+    # An old one again: in the attempt, after it, and while the next one is warmed up.
+    for place in range(2, len(right) + 1):
+        again = [*right[:place], right[0], *right[place:]]
+        assert (7, f"the flip again, after {right[place - 1].number}") in differences(
+            logged, [*page, *again, *wait]
+        )
+    warm = [*page, Seen(6, "a"), *right]  # drawn to warm up, and seen
+    assert differences(logged, warm) == [(6, "the flip again, after 6")]
+    assert differences(logged, [page[1], Seen(4, "p"), *right]) == [(4, "an earlier flip after 6")]
+
+
 def test_intervals_are_summed_up_and_vsync_is_judged():
     steady = [k / 59.94 for k in range(121)]
     measured = summarise_stamps(steady, 60.0)

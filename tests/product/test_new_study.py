@@ -34,8 +34,10 @@ def test_it_is_in_order_at_once_from_wherever_it_is_checked(metamerlab, made, mo
         assert "my-study-2: in order" in done.stdout
     assert {path.name for path in made.iterdir()} == {
         "README.md", "study.toml", "display.toml", "schemas", "scenes", "clips", "sessions",
-        "report",
+        "report", "study.secret", ".gitignore",
     }  # fmt: skip
+    assert (made / "study.secret").stat().st_mode & 0o077 == 0
+    assert len((made / "study.secret").read_text().strip()) == 64
 
 
 @pytest.mark.parametrize("display", shipped("displays"))

@@ -14,6 +14,8 @@ from benchmarks.output import PagePart
         ("analysis", "--json"),
         ("fill", "--json"),
         ("fill", "--plot"),
+        ("foveate", "--json"),
+        ("foveate_bands", "--plot"),
         ("quality", "--json"),
         ("scores", "--json"),
         ("session", "--json"),
@@ -37,6 +39,8 @@ def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
     ("name", "options", "part"),
     [
         ("fill", [], "fill table"),
+        ("foveate", [], "foveation times"),
+        ("foveate_bands", [], "foveation bands"),
         ("quality", [], "quality table"),
         ("scores", [], "scores"),
         ("scores", ["--variants"], "variants"),

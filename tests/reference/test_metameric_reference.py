@@ -1,7 +1,6 @@
 """Shaping the noise, worked by hand, and what settings refuse."""
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,22 +8,12 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level, guided_base, means_and_variances
+from pipeline.inpaint.reference import Level, guided_base
 from pipeline.methods.metameric import PushPullDepth
-from pipeline.synthesis.lacking import (
-    known_background,
-    long_waves,
-    noise_variances,
-    wideness,
-)
-from pipeline.synthesis.reference import (
-    deviations,
-    fade,
-    inpainted_statistics,
-    metameric_fill,
-    sample,
-    variances_of_blocks,
-)
+from pipeline.statistics.lacking import known_background, noise_variances
+from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.reference import inpainted_statistics
+from pipeline.synthesis.reference import deviations, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
@@ -33,12 +22,11 @@ def statistics(mean, second):
     return np.tile(np.concatenate([mean, second]), 3).reshape(1, 1, 18)
 
 
-def lacking(values, base, *, outlined=False, known=0.0, wide=0.0, level=0, cross=False):
+def lacking(values, base, *, outlined=False, known=0.0, cross=False):
     """Of one texel, (9,)."""
     across = np.zeros((2, 2), bool)
     across[1, 0] = outlined
-    known, wide = np.full((1, 1), known), np.full((1, 1), wide)
-    return noise_variances(values, base, across, known, wide, level, cross=cross)[0, 0, :9]
+    return noise_variances(values, base, across, np.full((1, 1), known), cross=cross)[0, 0]
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
@@ -60,145 +48,16 @@ def test_a_base_with_more_than_is_wanted_gets_no_noise():
 
 
 @pytest.mark.parametrize(
-    ("known", "wide", "held"),
-    [
-        (0.0, 0.0, 0.0),
-        (0.05, 0.0, 0.25),
-        (0.1, 0.0, 0.5),
-        (0.2, 0.0, 1.0),
-        (1.0, 0.0, 1.0),
-        (0.25, 1.0, 0.25),
-        (1.0, 1.0, 1.0),
-        (0.1, 0.5, 0.3),
-    ],
+    ("known", "held"), [(0.0, 0.0), (0.05, 0.25), (0.1, 0.5), (0.2, 1.0), (1.0, 1.0)]
 )
-def test_beside_an_outline_the_base_holds_what_its_known_background_continues(known, wide, held):
+def test_beside_an_outline_the_base_holds_what_its_known_background_continues(known, held):
     """The outline itself, 9 of energy in one coefficient, is no texture of the background."""
     base = np.zeros((2, 2, 3, 3))
     base[1, 0] = 3.0
 
-    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known, wide=wide)
+    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known)
 
     np.testing.assert_allclose(found, 0.08 * (1 - held), atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("level", "known", "raised"),
-    [(2, 0.5, 1.0), (3, 0.0, 1.0), (3, 0.2, 1.25), (3, 0.5, 2.0), (5, 0.9, 1 / 0.35)],
-)
-def test_noise_of_coarse_levels_makes_up_for_the_part_of_its_kernels_that_it_fills(
-    level, known, raised
-):
-    base = np.zeros((2, 2, 3, 3))
-    base[:, 0], base[:, 1] = 0.1, -0.1
-
-    found = lacking(statistics([0, 0, 0], [0.04] * 3), base, known=known, level=level)
-
-    np.testing.assert_allclose(found, 0.03 * raised)
-
-
-@pytest.mark.parametrize(("high", "raised"), [(0.03, 2.0), (0.04, 2.0), (0.044, 1.5), (0.06, 1.0)])
-def test_short_waves_lose_nothing_at_a_holes_border(high, raised):
-    """Oriented bands of .03 and .05: up to their mean the waves are long, from 1.2 of it short.
-
-    Luma alone decides; chroma, white here, follows.
-    """
-    base = np.zeros((2, 2, 3, 3))
-    luma = np.array([high, 0.03, 0.05])
-    values = np.zeros((3, 6))
-    values[:, 3] = luma
-    values[:, 4:] = [[0.09] * 2, [0.03] * 2, [0.03] * 2]
-
-    found = lacking(values.reshape(1, 1, 18), base, known=0.5, level=3).reshape(3, 3)
-
-    np.testing.assert_allclose(found, values[:, 3:] * raised)
-    assert long_waves(np.tile(luma[:, None], (1, 1, 1, 3))) == pytest.approx(raised - 1)
-
-
-@pytest.mark.parametrize(
-    ("level", "high", "heeded"),
-    [
-        (0, 0.02, 0.4),
-        (0, 0.03, 0.2),
-        (0, 0.04, 0.0),
-        (1, 0.02, 0.0),
-        (2, 0.02, 0.0),
-        (3, 0.06, 0.4),
-    ],
-)
-def test_noise_heeds_known_background_where_waves_are_soft_and_at_coarse_levels(
-    level, high, heeded
-):
-    """Oriented bands of .03 and .05: finest waves are soft up to half their mean, sharp from it."""
-    values = np.zeros((3, 6))
-    values[:, 3] = (high, 0.03, 0.05)
-    flat, inside = np.zeros((2, 2, 3, 3)), np.zeros((2, 2), bool)
-
-    found = noise_variances(
-        values.reshape(1, 1, 18),
-        flat,
-        inside,
-        np.full((1, 1), 0.4),
-        np.zeros((1, 1)),
-        level,
-        cross=True,
-    )
-
-    assert found[0, 0, 9] == pytest.approx(heeded)
-
-
-def test_noise_fades_in_by_how_far_it_heeds_what_is_known():
-    """By hand: a quarter and three quarters of the way from 0 to .4; 1.5 times that is lost."""
-    values = np.zeros((1, 2, 10))
-    values[0, 1, 9] = 0.4
-    finest = Level(values, np.ones((1, 2)), np.full((1, 2), 0.5))
-
-    found = fade(finest, np.full((1, 4), 0.5), 0.04)
-
-    np.testing.assert_allclose(found[0, :, 0], [1, 0.85, 0.55, 0.4])
-    assert fade(replace(finest, values=values + 1), np.full((1, 4), 0.5), 0.04).max() == 0
-
-
-def test_a_block_lacks_what_its_parts_with_holes_do():
-    """16x16 pixels; block 1, 1 has holes in three of its 2x2 pixels, of which one lies in front.
-
-    Its centre is 9, 3, 3 and 1 of 16 the four texels of the third level: 28 / 16.
-    """
-    hole = np.zeros((16, 16), bool)
-    hole[5, 5] = hole[4, 6] = hole[6, 4] = True
-    guide = np.full((8, 8), 0.5)
-    guide[3, 2] = 0.3
-    finest = np.full((8, 8, 10), 9.0)
-    finest[2, 2], finest[2, 3], finest[3, 2] = 1.0, 3.0, 5.0  # [3, 3] holds none
-    next_one, third = np.full((4, 4, 10), 9.0), np.arange(1.0, 5.0).reshape(2, 2, 1) * np.ones(10)
-    next_one[1, 1] = 0.5
-    lacking = [
-        Level(values, np.ones(values.shape[:2]), np.full(values.shape[:2], 0.5))
-        for values in (finest, next_one, third)
-    ]
-    lacking[0] = replace(lacking[0], guide=guide)
-
-    behind, _ = variances_of_blocks(lacking, hole, 1, 0.1)
-    variances, heeded = variances_of_blocks(lacking, hole, 3, 0.4)
-
-    np.testing.assert_allclose(behind[1, 1], np.repeat([[2.0, 0.5, 1.75]], 3, axis=1))
-    np.testing.assert_allclose(variances[1, 1], np.repeat([[3.0, 0.5, 1.75]] * 3, 3, axis=1))
-    np.testing.assert_allclose(heeded[1, 1], [3.0, 0.5, 1.75])
-    np.testing.assert_array_equal(variances[3, 3, :, :3], 0.0)
-
-
-def test_an_odd_border_s_last_part_counts_twice():
-    """6x2 pixels: the second block has two parts in x, one of which is the border's again."""
-    hole = np.ones((2, 6), bool)
-    values = np.arange(1.0, 4.0)[None, :, None] * np.ones(10)
-    lacking = [
-        Level(values, np.ones((1, 3)), np.full((1, 3), 0.5)),
-        Level(np.zeros((1, 2, 10)), np.ones((1, 2)), np.full((1, 2), 0.5)),
-    ]
-
-    variances, _ = variances_of_blocks(lacking, hole, 1, 0.04)
-
-    np.testing.assert_allclose(variances[0, :, 0, 0], [1.5, 3.0])
 
 
 def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
@@ -217,35 +76,6 @@ def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
     assert behind[1, 2] == (12 + 0.25) / 16
 
 
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize(
-    ("edge_px", "wide"), [(16, 1), (14, 1), (13, 0.75), (12, 0.5), (11, 0.25), (10, 0), (0, 0)]
-)
-def test_a_hole_is_wide_that_spans_four_coefficients(edge_px, wide, turned):
-    """Level 2, coefficients of 4 px, 1 to 4 of each axis: a border passes one of 16 per pixel."""
-    hole = np.zeros((20, 24), bool)
-    hole[:, 4 : 4 + edge_px] = True
-
-    assert wideness(hole.T if turned else hole, 2)[1, 1] == wide
-
-
-def test_borders_repeat_for_how_wide_a_hole_is_and_odd_ones_too():
-    """Coefficients 5 by 3: around the last column of 2x2 lie columns 3, 4, 4 and 4 of them."""
-    hole = np.zeros((12, 17), bool)
-    hole[:, 16] = True
-
-    found = wideness(hole, 2)
-
-    assert found.shape == (2, 3)
-    np.testing.assert_array_equal(found, [[0, 0, 0.5], [0, 0, 0.5]])
-    np.testing.assert_array_equal(wideness(np.ones((1, 1), bool), 5), [[1.0]])
-
-
-def test_fine_levels_do_not_ask_how_wide_a_hole_is():
-    assert wideness(np.ones((64, 64), bool), 1).max() == 0
-    assert wideness(np.ones((64, 64), bool), 2).min() == 1
-
-
 def beside_red(plane, first, *, skip_depth_edges):
     """Statistics and what is lacking; red in front up to column 16, a hole from `first` to 26."""
     size = (32, 48)
@@ -255,9 +85,11 @@ def beside_red(plane, first, *, skip_depth_edges):
     base[:, :16] = (0.9, 0.1, 0.1)
     guide = np.full(size, 0.8)
     guide[:, :16] = 0.5
-    settings = MetamericSettings(levels=2, skip_depth_edges=skip_depth_edges)
-    levels = guided_base(base, hole, guide, levels=2, gamma=0.25, threshold=0.04)
-    return inpainted_statistics(base, hole, levels, settings)
+    known = {"levels": 2, "gamma": 0.25, "threshold": 0.04}
+    levels = guided_base(base, hole, guide, **known)
+    return inpainted_statistics(
+        base, hole, levels, cross=True, skip_depth_edges=skip_depth_edges, **known
+    )
 
 
 @pytest.mark.parametrize("skip_depth_edges", [True, False])
@@ -335,7 +167,6 @@ def test_amplitudes_are_interpolated_between_texel_centres():
         ("levels", 0),
         ("levels", 7),
         ("gamma", -0.1),
-        ("base_gamma", 9.0),
         ("noise", -1.0),
         ("depth_threshold", 0.0),
         ("depth_threshold", float("nan")),
@@ -350,12 +181,12 @@ def test_settings_out_of_range_are_refused_by_name(name, value):
 
 
 def test_the_defaults_are_those_of_the_decisions():
-    """docs/decisions/0016 and 0037; push-pull-depth is metameric's base."""
+    """docs/decisions/0065; push-pull-depth is metameric's base."""
     settings = MetamericSettings()
     of_depth_alone = inspect.signature(PushPullDepth).parameters
 
-    assert (settings.levels, settings.gamma, settings.base_gamma) == (4, 0.25, 0.6)
-    assert of_depth_alone["gamma"].default == settings.base_gamma
+    assert (settings.levels, settings.gamma) == (2, 0.25)
+    assert of_depth_alone["gamma"].default == settings.gamma
     assert of_depth_alone["depth_threshold"].default == settings.depth_threshold
 
 

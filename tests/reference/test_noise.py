@@ -5,27 +5,26 @@ import pytest
 from scipy import signal
 
 from pipeline.features.reference import analyse, band, double, fitted_kernels
-from pipeline.synthesis.fit_mixing import SPECTRA, deviations_of
-from pipeline.synthesis.mixing import (
+from pipeline.noise.fit_mixing import SPECTRA, deviations_of
+from pipeline.noise.gains import (
     AIM,
-    LAGS,
     LEAST_GAIN,
     MOST_GAIN,
-    fitted_mixing,
-    packed,
+    overlap_by_levels,
+    pairs_of,
     spectral_gains,
-    unpacked,
 )
-from pipeline.synthesis.noise import (
+from pipeline.noise.mixing import LAGS, fitted_mixing, measured_variances, packed, unpacked
+from pipeline.noise.tile import (
     GRAIN,
     TILE,
     TILE_TEXELS,
     between,
+    look_up,
     noise_bands,
     softened,
     unit_bands,
 )
-from pipeline.synthesis.reference import look_up
 
 LEVELS = 6
 # Of seed 7: the first texel of white noise, and texels of two tiles.
@@ -242,29 +241,6 @@ def test_gains_are_bounded_and_leave_what_nobody_sees():
     np.testing.assert_allclose(unseen, AIM, rtol=1e-4)
 
 
-def test_what_counts_as_measured_besides():
-    """By hand: bands that do not overlap, .64 in the finest high one and .01 in the others.
-
-    Half of .6 of .64 counts, over 64 at level 3 and 256 at level 4: .003 and .00075. The high
-    band of level 1 is always asked for less: .045 of the oriented ones' .01 counts there.
-    """
-    overlap = np.zeros((15, 15, 15))
-    overlap[range(15), range(15), range(15)] = 1.0
-    variances = np.full((2, 15), 0.01)
-    variances[:, 0] = 0.64
-
-    finer, coarser = spectral_gains(
-        variances, overlap, np.array([[0.5, 0.5, 0.5, 0, 0], [0, 0, 0, 0.5, 0.5]])
-    )
-
-    expected = np.full(15, AIM)
-    expected[3] *= np.sqrt(0.01 / 0.01045)
-    np.testing.assert_allclose(finer, expected, rtol=1e-4)
-    expected[10:12] *= np.sqrt(0.01 / 0.013)
-    expected[13:] *= np.sqrt(0.01 / 0.01075)
-    np.testing.assert_allclose(coarser, expected, rtol=1e-4)
-
-
 def test_covariances_are_halved_and_made_whole_again():
     half = np.random.default_rng(0).random((3, 3, 3))
     whole = half + half.transpose(0, 2, 1)
@@ -356,3 +332,27 @@ def test_a_look_up_without_its_gain_would_lose_variance(noise):
     halfway = 0.25 * sum(np.roll(tile, shift, (0, 1)) for shift in ((0, 0), (0, 1), (1, 0), (1, 1)))
 
     assert halfway.var() < 0.6 * tile.var()
+
+
+@pytest.mark.parametrize("levels", range(1, 7))
+def test_sums_and_differences_measure_what_the_bands_themselves_do(rng, levels):
+    """The same forms, as spectral_gains.glsl sums them; OpenGL promises a block of 16 KB."""
+    overlap = fitted_mixing(levels).overlap
+    wanted = rng.random((levels, 3))
+    high, along_x, along_y = wanted.T
+    asked = np.stack([high, along_x + along_y, along_x - along_y], axis=1)
+
+    packed = overlap_by_levels(overlap)
+
+    measured = np.zeros((levels, 3))
+    for pair, (i, j) in enumerate(pairs_of(levels)):
+        a, b = asked[i], asked[j]
+        products = np.array([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1], a[2] * b[2]])
+        crossed = np.array([a[0] * b[2], a[2] * b[0], a[1] * b[2], a[2] * b[1]])
+        for level, form in enumerate(packed[:, pair].astype(np.float64)):
+            even = products @ form[:3].reshape(6, 2)[:5]
+            odd = crossed @ form[3]
+            measured[level] += even[0], even[1] + odd, even[1] - odd
+    expected = measured_variances(wanted.ravel(), overlap).reshape(levels, 3)
+    np.testing.assert_allclose(measured, expected, rtol=0, atol=2.0**-20)
+    assert packed.nbytes <= 16384

@@ -1,15 +1,17 @@
 """A small network, built here, fills holes through ONNX Runtime."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.methods.registry import create_method
+from pipeline.methods.registry import create_method, method_files
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
-from onnx import TensorProto, helper  # noqa: E402
+from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
 FLOAT = TensorProto.FLOAT
 
@@ -62,6 +64,83 @@ def test_a_network_fills_the_holes_and_nothing_else(network, frame, value_range,
     np.testing.assert_allclose(filled[frame.hole], shown, atol=1e-6)
     np.testing.assert_array_equal(filled[~frame.hole], frame.colour[~frame.hole])
     np.testing.assert_array_equal(method.fill(frame, 0), filled)
+
+
+def with_weights_beside(path, folder="w"):
+    """Write a network whose weights lie in a file of their own, one of them in an inner graph."""
+    weights = np.full(300, 0.5, np.float32)
+    half = numpy_helper.from_array(weights, "half")
+    inner = helper.make_graph(
+        [helper.make_node("Identity", ["deep"], ["y"])],
+        "inner",
+        [],
+        [helper.make_tensor_value_info("y", FLOAT, [300])],
+        initializer=[numpy_helper.from_array(weights, "deep")],
+    )
+    nodes = [
+        helper.make_node("Identity", ["image"], ["out"]),
+        helper.make_node("If", ["yes"], ["z"], then_branch=inner, else_branch=inner),
+    ]
+    values = [[helper.make_tensor_value_info(*entry)] for entry in (IMAGE, OUT)]
+    graph = helper.make_graph(nodes, "net", *values, initializer=[half])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    external = [model.graph.initializer[0]]
+    external += [
+        attribute.g.initializer[0] for node in model.graph.node for attribute in node.attribute
+    ]
+    (path.parent / folder).mkdir(exist_ok=True)
+    names = []
+    for number, tensor in enumerate(external):
+        name = f"{folder}/{number}.bin"
+        (path.parent / name).write_bytes(tensor.raw_data)
+        tensor.ClearField("raw_data")
+        tensor.data_location = TensorProto.EXTERNAL
+        entry = tensor.external_data.add()
+        entry.key, entry.value = "location", name
+        names.append(name)
+    path.write_bytes(model.SerializeToString())
+    return names
+
+
+def test_the_files_of_a_network_are_it_and_its_weights(tmp_path, network):
+    names = with_weights_beside(tmp_path / "big.onnx")
+
+    assert len(names) == 3
+    assert method_files(f"onnx:{network}") == [network]
+    assert method_files(f"onnx:{tmp_path / 'big.onnx'}") == [
+        tmp_path / "big.onnx", *(tmp_path / name for name in sorted(names)),
+    ]  # fmt: skip
+    (tmp_path / names[1]).unlink()
+    with pytest.raises(FileNotFoundError, match=names[1]):
+        method_files(f"onnx:{tmp_path / 'big.onnx'}")
+
+
+def test_a_network_does_not_reach_outside_its_folder(tmp_path):
+    (tmp_path / "net").mkdir()
+    with_weights_beside(tmp_path / "net" / "big.onnx", "../w")
+    with pytest.raises(InputError, match="must name weights in its own folder"):
+        method_files(f"onnx:{tmp_path / 'net' / 'big.onnx'}")
+
+
+def test_a_cut_network_is_refused_when_its_files_are_listed(network):
+    data = network.read_bytes()
+    for length in range(1, len(data)):
+        network.write_bytes(data[:length])
+        found = None
+        with suppress(InputError):  # or it was cut between two fields
+            found = method_files(f"onnx:{network}")
+        assert found in (None, [network])
+    network.write_bytes(b"\xff" * 100)
+    with pytest.raises(InputError, match="must be an ONNX model"):
+        method_files(f"onnx:{network}")
+
+
+def test_the_files_of_a_folder_of_frames_are_all_that_lie_below_it(tmp_path):
+    for name in ("0.png", "deep/0.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"x")
+    assert method_files(f"frames:{tmp_path}") == [tmp_path / "0.png", tmp_path / "deep/0.png"]
+    assert method_files("telea") == []
 
 
 def test_a_network_that_passes_colours_through_gets_them_in_order(tmp_path, frame):

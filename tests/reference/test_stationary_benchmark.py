@@ -86,8 +86,8 @@ def test_the_control_is_another_texture_and_closer_over_more_seeds():
 
 
 def test_an_edge_that_does_not_halve_is_refused():
-    with pytest.raises(ValueError, match="edge_px must be a multiple of 8 \\(got 60\\)"):
-        Scene(60, 20, 28)
+    with pytest.raises(ValueError, match="edge_px must be a multiple of 2 \\(got 61\\)"):
+        Scene(61, 20, 28)
 
 
 def test_coefficients_that_see_the_disc_are_left_out():
@@ -133,8 +133,8 @@ def test_a_row_has_a_cell_for_every_column():
     ends = [f"{text.min():.2f} to {text.max():.2f}" for text in (*found.ratio, found.control_ratio)]
     offsets = [f"{offset.max():.2f}" for offset in (found.offset, found.control_offset)]
     side_by_side, measured, *cells = line.strip("| ").split(" | ")[1:]
-    # Rows 24 to 40 hold columns 0 to 24 whole; all but the first see the disc, which begins at 26.
-    assert (side_by_side, measured) == ("3", "2")
+    coarsest = whole_coefficients(*SCENE.masks(), LEVELS)[-1]
+    assert (side_by_side, measured) == ("14", str(coarsest.sum()))  # 28 px, of 2 each
     assert cells == [*ends[:2], offsets[0], ends[2], offsets[1]]
     assert len({text.count("|") for text in [line, *head.splitlines()]}) == 1
     assert "e = 1, blur 2 px" in head

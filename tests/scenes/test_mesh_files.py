@@ -20,7 +20,8 @@ from protocols.recipes.warped_clips import MeshScene
 from stimuli.look import look_around
 from stimuli.open_scene import open_world
 from stimuli.render import Renderer
-from stimuli.scenes.mesh_file import files_of, load_world
+from stimuli.scenes.mesh_file import load_world
+from stimuli.scenes.mesh_inputs import files_of
 from stimuli.world import Viewpoint
 from study_app.cli.stimuli_commands import app
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
-from pipeline.foveation.geometry import Flat
+from pipeline.foveation.geometry import Equirectangular, Flat
 from stimuli.exr import save_colour
 from stimuli.score.available import split_available
 from stimuli.score.band_ratios import EDGES_DEG, RingEnergies
@@ -173,7 +173,7 @@ def test_what_is_not_installed_is_named(scored):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--panorama"], "no metric here knows panoramas"),
+        (["--panorama", "--gaze", "0,64.5"], "must have y from 0 to 64"),
         (["--gaze", "-1,5"], "needs a gaze on the picture"),
     ],
 )
@@ -185,6 +185,31 @@ def test_what_no_metric_can_measure_is_refused(tmp_path, rng, arguments, said):
     assert done.exit_code == 2
     assert said in done.stderr
     assert not (tmp_path / "out.png").exists()
+
+
+def test_a_panorama_is_scored_in_the_view_around_the_gaze(tmp_path, texture):
+    """The gaze lies on the seam; a blur is told from its picture there, and from nothing else."""
+    around = np.concatenate([texture, texture[:, ::-1]], axis=1)
+    height, width = around.shape[:2]
+    near = around.copy()
+    near[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3] = 0.5  # behind the eye
+    shown = foveate(around, (0, height / 2), viewing=Equirectangular(), method="blur")
+    for name, colour in (("around", around), ("behind", near), ("blur", shown)):
+        save_colour(tmp_path / f"{name}.png", colour, bits=16)
+    found = {}
+    for name in ("behind", "blur"):
+        given = ["stimuli", "score", tmp_path / f"{name}.png", tmp_path / "around.png"]
+        given += ["--panorama", "--gaze", f"0,{height / 2}", "--out", tmp_path / name]
+        given += ["--metrics", "statistics,band-ratio"]
+        done = CliRunner().invoke(app, [str(word) for word in given])
+        assert done.exit_code == 0, done.output
+        assert "flat view around the gaze, 90 degrees an edge" in done.output
+        scores = json.loads((tmp_path / name / "scores.json").read_text("utf-8"))
+        found[name] = scores["clips"][0]["scores"]
+
+    assert found["behind"]["statistics frame"] == 0
+    assert found["blur"]["statistics frame"] > 0.2
+    assert found["blur"]["band-ratio frame"] < 0.7
 
 
 def test_every_metric_of_foveation_takes_a_gaze_per_frame(texture):

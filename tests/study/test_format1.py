@@ -258,6 +258,11 @@ def test_journals_of_format_1_give_the_numbers_they_gave(old_sittings, tmp_path)
     libraries = [said["provenance"]["libraries"] for said in (old, new)]
     for key in MADE_ANEW:
         assert old["provenance"].pop(key) is not None
+    # What that code did not look at: the lines have no checksums, and side files are not here.
+    checked = ("without checksums", "files beside the journal")
+    said = [note for note in new["warnings"] if any(words in note for words in checked)]
+    assert len(said) == 6
+    new["warnings"] = [note for note in new["warnings"] if note not in said]
 
     exact = arithmetic() == WRITTEN_WITH and libraries[0] == libraries[1]
     renewed = json.loads((DATA / "renewed.json").read_text(encoding="utf-8"))

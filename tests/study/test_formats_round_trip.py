@@ -96,6 +96,8 @@ def _numbers(annotation: type, metadata: list[Any]) -> st.SearchStrategy[Any]:
             high, open_high = entry.lt, True
         elif isinstance(entry, annotated_types.Le):
             high = entry.le
+    high = 2**53 if high is None else high  # `units.storable`: what tables hold exactly
+    low = -(2**53) if low is None and annotation is float else low
     if annotation is int:
         return st.integers((low + open_low) if low is not None else None, high)
     return st.floats(

@@ -20,6 +20,8 @@ from protocols.load import load_display, load_protocol
 from protocols.new_study import study_files
 from study_app.gaze.simulated import GazeBehaviour
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.sittings import Sitting
+from study_app.verification import verify
 
 RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)
 QUEST_PLUS = ("# [task.adaptive]", "# falling = false")
@@ -223,6 +225,8 @@ def test_killed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, proof_count
         for attempt in journal.attempts:
             for side in (attempt.gaze_file, attempt.flips_file):
                 assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
+        found = verify(Sitting(journal.path.parent, journal), simulation.protocol)
+        assert (found.problems, found.notes) == ((), ())
     assert died >= points // 2  # the others had come to their end before
 
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from protocols.chain import first_link, sealed
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
-from protocols.journal import Note, event_line
+from protocols.journal import Note
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from study_app.recorder import DiskError, Recorder
 from study_app.virtual import VirtualClock
@@ -97,7 +98,8 @@ def test_a_damaged_line_stops_a_session_and_is_named_for_an_analysis(tmp_path, c
         Recorder.resume(tmp_path, clock, clock.wall)
     journal = read_journal(recorder.path, lenient=True)
     assert [event.text for event in journal.events] == ["a", "d"]
-    assert [entry.line for entry in journal.damaged] == [2, 3]
+    assert [entry.line for entry in journal.damaged] == [2, 3, 4]
+    assert journal.damaged[2].reason.startswith("its checksum cannot be checked")
     assert recorder.path.read_bytes() == b"".join(lines)
 
 
@@ -188,5 +190,6 @@ def test_a_line_is_one_write_and_synced(tmp_path, clock, monkeypatch):
     monkeypatch.undo()
     recorder.close()
 
-    assert calls == [event_line(event), "sync"]
-    assert (tmp_path / JOURNAL_NAME).read_bytes() == event_line(event)
+    line = sealed(event, first_link(b""))[1]
+    assert calls == [line, "sync"]
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == line

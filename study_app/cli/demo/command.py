@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.terminal import PlainConsole
 
 
 def demo(
@@ -76,7 +76,7 @@ def demo(
                     f" {RECORD_NAME}); nothing was deleted"
                 )
             shutil.rmtree(out)
-        console = Console(highlight=False, soft_wrap=True, markup=False)
+        console = PlainConsole(soft_wrap=True)
         console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
             out, observers=observers, window=not no_window, display=display, seed=seed
@@ -88,7 +88,7 @@ def demo(
 def _pictures(out: Path, seed: int) -> None:
     from study_app.cli.demo.pictures import SHEET, fill_photographs
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = PlainConsole(soft_wrap=True)
     with console.status("warping and filling the motorcycle pair ..."):
         made = fill_photographs(out, seed)
     height, width = made.size_px

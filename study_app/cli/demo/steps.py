@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+
+from study_app.cli.terminal import Description
 
 
 class Step:
@@ -39,7 +41,7 @@ class Steps:
     def __init__(self, console: Console, count: int) -> None:
         self._console, self._count, self._number = console, count, 0
         columns = (
-            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+            Description(), BarColumn(), MofNCompleteColumn(),
             TimeElapsedColumn(),
         )  # fmt: skip
         self._progress = Progress(*columns, console=console, transient=True)

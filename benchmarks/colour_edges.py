@@ -1,0 +1,71 @@
+"""Statistics that do not cross an edge of colour, as they do not cross one of depth: tried.
+
+A part of `benchmarks.ablation`, in numpy alone. Moments are pulled and pushed as `pipeline` does,
+and a texel counts the less the more its colour in the filled picture differs from the colour of the
+texel that takes it.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.features.reference import parents
+from pipeline.inpaint.reference import Level, guided_mean, pull
+from pipeline.statistics import reference as statistics
+
+Array = NDArray[np.float64]
+
+SPREAD = 0.1  # of colours that count as alike, R'G'B'
+
+
+def alike(one: Array, other: Array, spread: float) -> Array:
+    """From 1, the same colour, to 0: a Gaussian of their distance in R'G'B'."""
+    return np.asarray(np.exp(-((one - other) ** 2).sum(axis=-1) / (2 * spread**2)))
+
+
+def pull_push_by_colour(
+    level: Level, colours: Sequence[Array], gamma: float, threshold: float, spread: float
+) -> list[Level]:
+    """`pull_push`, guided by the colours of its resolutions too, down to 1x1."""
+    levels = [level]
+    for here, above in pairwise(colours):
+        height, width = here.shape[:2]
+        parent = above.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
+        last = levels[-1]
+        weighed = last.validity * np.where(last.validity > 0, alike(here, parent, spread), 1.0)
+        levels.append(pull(Level(last.values, weighed, last.guide), threshold))
+    for index in reversed(range(len(levels) - 1)):
+        fine, coarse = levels[index], levels[index + 1]
+        rows, columns = (
+            parents(length, coarse.guide.shape[axis])
+            for axis, length in enumerate(fine.guide.shape)
+        )
+        shares = np.full((*fine.guide.shape, 2, 2), [[9.0, 3.0], [3.0, 1.0]])
+        for i, row in enumerate(rows):
+            for j, column in enumerate(columns):
+                there = colours[index + 1][row][:, column]
+                shares[..., i, j] *= alike(colours[index], there, spread) + 1e-6
+        below, similar = guided_mean(coarse, rows, columns, shares, fine.guide, threshold)
+        own = np.where(similar, np.abs(fine.validity) ** gamma, 1.0)
+        own = np.where(fine.validity > 0, own, 0.0)[..., None]
+        levels[index] = Level(own * fine.values + (1 - own) * below, fine.validity, fine.guide)
+    return levels
+
+
+def inpainted_statistics(
+    base: Array, hole: NDArray[np.bool_], base_levels: list[Level], **settings: Any
+) -> tuple[list[Level], list[Level]]:
+    """As `pipeline.statistics.reference.inpainted_statistics`, but keeping to a colour."""
+    colours = [base, *(level.values for level in base_levels[1:])]
+
+    def pulled_and_pushed(level: Level, gamma: float, threshold: float) -> list[Level]:
+        first = next(k for k, c in enumerate(colours) if c.shape[:2] == level.guide.shape)
+        return pull_push_by_colour(level, colours[first:], gamma, threshold, SPREAD)
+
+    plain = statistics.inpainted_statistics
+    with mock.patch.object(statistics, "pull_push", pulled_and_pushed):
+        return plain(base, hole, base_levels, **settings)

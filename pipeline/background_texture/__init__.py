@@ -1,0 +1,1 @@
+"""Texture of the background itself, where a fill takes it in place of noise."""

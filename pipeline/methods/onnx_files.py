@@ -1,0 +1,98 @@
+"""Which files an ONNX network consists of: its weights may lie beside it.
+
+The format is a protocol buffer. Only what leads to tensors is read, by the numbers of the fields
+in `onnx.proto` (ONNX 1.16); everything else is skipped.
+"""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.errors import InputError
+
+# Kind of message -> field -> kind of what it holds; "location" is what is looked for.
+_LEADS: dict[str, dict[int, str]] = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "function": {7: "node", 11: "attribute"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {13: "entry"},
+}
+_DEEPEST = 64
+
+
+def network_files(path: Path) -> list[Path]:
+    """Return a network's file and every file of weights that it names.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file, or one that it names, is missing.
+    InputError
+        If it is no protocol buffer, or names a file outside its folder.
+    """
+    data = memoryview(path.read_bytes())
+    try:
+        names = sorted(set(_locations(data, "model", 0)))
+    except (IndexError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: must be an ONNX model ({error})") from None
+    found = [path]
+    for name in names:
+        if Path(name).is_absolute() or Path(os.path.normpath(name)).parts[0] == "..":
+            raise InputError(f"{path}: must name weights in its own folder ({name!r} lies outside)")
+        found.append(path.parent / name)
+        if not found[-1].is_file():
+            raise FileNotFoundError(2, "No such file", str(found[-1]))
+    return found
+
+
+def _locations(data: memoryview, kind: str, depth: int) -> Iterator[str]:
+    if depth > _DEEPEST:
+        raise ValueError("its graphs lie too deep in each other")
+    if kind == "entry":
+        entry = {number: bytes(value).decode() for number, value in _fields(data)}
+        if entry.get(1) == "location" and 2 in entry:
+            yield entry[2]
+        return
+    for number, value in _fields(data):
+        inner = _LEADS[kind].get(number)
+        if inner is not None:
+            yield from _locations(value, inner, depth + 1)
+
+
+def _fields(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Yield number and bytes of every field that has bytes."""
+    place = 0
+    while place < len(data):
+        tag, place = _varint(data, place)
+        wire = tag & 7
+        if wire == 0:
+            _, place = _varint(data, place)
+        elif wire in (1, 5):
+            place += 8 if wire == 1 else 4
+        elif wire == 2:
+            length, place = _varint(data, place)
+            if place + length > len(data):
+                raise ValueError("it ends too early")
+            yield tag >> 3, data[place : place + length]
+            place += length
+        else:
+            raise ValueError(f"it holds a field of an unknown kind, {wire}")
+
+
+def _varint(data: memoryview, place: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        if place >= len(data):
+            raise ValueError("it ends too early")
+        byte = data[place]
+        place += 1
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value, place
+    raise ValueError("it holds a number that is too long")

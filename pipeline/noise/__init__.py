@@ -1,0 +1,1 @@
+"""Noise of known band statistics, for fills and for foveated pictures."""

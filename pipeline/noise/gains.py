@@ -1,0 +1,107 @@
+"""Spectral gains: weights corrected for what mixed bands measure of each other.
+
+Foveated pictures, which hold every spectrum side by side, weigh noise with them. Fills do without:
+mixing alone serves their holes as well (docs/decisions/0065).
+
+Twin: spectral_gains.glsl. Change both or neither.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.noise.mixing import measured_variances
+
+# Over what a plane asks for: in holes, variances fall towards the border.
+AIM = 1.03
+# No band is weakened to less or raised to more: single textures may ask for odd spectra.
+LEAST_GAIN, MOST_GAIN = 0.25, 1.5
+# Added to the variance asked for and the one measured: a quarter of an 8-bit step, squared. Where
+# both are less, nobody sees the difference.
+UNSEEN_VARIANCE = 2.0**-20
+# Weights that differ from place to place do not cancel out in finer bands as even ones do, and the
+# second level's high band leaves most in the finest one: so it is asked for less the softer waves
+# are. This share of its oriented bands' variance counts as measured.
+UNEVEN = 0.045
+
+
+def spectral_gains(
+    variances: NDArray[np.float64],
+    overlap: NDArray[np.float64],
+    *,
+    aim: float = AIM,
+) -> NDArray[np.float64]:
+    """By what to multiply deviations, so that mixed bands measure what they are asked for.
+
+    The deviation asked for over the one that it would measure on a plane where every place asks
+    for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
+
+    In the second level's high band `UNEVEN` of the oriented bands' variance counts as measured too.
+
+    Parameters
+    ----------
+    variances : (..., B)
+        Asked for, at least 0.
+    overlap : (B, B, B)
+        See `Mixing`.
+    aim : float, optional
+        Deviation to reach over the one asked for.
+
+    Returns
+    -------
+    ndarray of shape (..., B)
+        From `LEAST_GAIN` to `MOST_GAIN`, times `aim`.
+    """
+    measured = measured_variances(np.sqrt(variances), overlap)
+    if len(overlap) > 3:
+        measured[..., 3] += UNEVEN * variances[..., 4:6].mean(axis=-1)
+    gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
+    return np.asarray(aim * np.clip(gain, LEAST_GAIN, MOST_GAIN))
+
+
+def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
+    """`Mixing.overlap` as spectral_gains.glsl reads it: by high bands, sums and differences of
+    oriented ones.
+
+    What bands measure does not change when rows and columns change places. So the high band's
+    variance, and half the sum of the oriented ones', take no product of one difference, and half
+    their difference takes no other: that halves the sums.
+
+    Returns
+    -------
+    ndarray of shape (levels, pairs, 4, 4)
+        Of a level: for each two levels i <= j four rows. The first three are of products, a
+        number for the high band and one for half the oriented bands' sum: of the high band of i
+        with that and the sum of j, of the sum of i with the same two, of differences; two zeros.
+        The last is for half the oriented bands' difference: high with difference, difference with
+        high, sum with difference, difference with sum.
+    """
+    levels = len(overlap) // 3
+    # Deviations from theirs, the sum and the difference: 2 x = u + v, 2 y = u - v.
+    parts = np.array([[1, 0, 0], [0, 0.5, 0.5], [0, 0.5, -0.5]])
+    forms = overlap.reshape(levels, 3, levels, 3, levels, 3)
+    forms = np.einsum("bc,kcipjq,pr,qs->kbirjs", parts, forms, parts, parts)
+    high, total, difference = 0, 1, 2
+    even, odd = (high, total), difference
+    rows = []
+    for i, j in pairs_of(levels):
+        # (level, own, of i, of j)
+        form = (1 if i == j else 2) * forms[:, :, i, :, j]
+        both = form[:, even].transpose(0, 2, 3, 1)  # (level, of i, of j, own)
+        crossed = [(high, odd), (odd, high), (total, odd), (odd, total)]
+        rows.append(
+            np.stack(
+                [
+                    both[:, high, even].reshape(levels, 4),
+                    both[:, total, even].reshape(levels, 4),
+                    np.pad(both[:, odd, odd], ((0, 0), (0, 2))),
+                    np.stack([form[:, odd, p, q] for p, q in crossed], axis=-1),
+                ],
+                axis=1,
+            )
+        )
+    return np.stack(rows, axis=1).astype(np.float32)
+
+
+def pairs_of(levels: int) -> list[tuple[int, int]]:
+    """Each two levels, and each with itself, as the shader goes through them."""
+    return [(i, j) for i in range(levels) for j in range(i, levels)]

@@ -1,0 +1,57 @@
+"""What can be set about a shift-map fill, and what is fixed: one place for both twins."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import InputError
+
+TILE_PX = 8  # one shift per square of this edge in the source frame
+WINDOW_PX = 8  # known pixels this far around a tile are compared too
+WINDOW_STEP_PX = 2  # every so many of them, along rows and columns
+DETAIL_SIGMA_PX = 2.0  # detail is what lies above a low-pass of this deviation
+VARIANCE_SIGMA_PX = 4.0  # variances of detail are averaged over this
+THIN_PX, WIDE_PX = 2.0, 6.0  # across a hole: from here up, and from here on, it is not thin
+EXTENSION_SHARE = 0.5  # of the base; the rest is push-pull
+SPREAD = 0.25  # the extension is smoothed by this share of the way to its end
+OVERLAP_POWER = 3.0  # bilinear shares of four tiles, sharpened: 1 blends most
+
+# Of the search. Costs are whole numbers, so that both twins choose alike.
+LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel
+ASIDES_PX = (-4, -2, 2, 4)  # and aside of these
+ASIDE_EVERY = 4  # of so many lengths
+SWEEPS = 4
+RANDOM_REACH_PX = (16, 8, 4, 2, 1)  # of a sweep's random steps
+ENCODED_STEPS = 255  # colours are compared in these
+COST_SCALE = 16  # costs: squared colour steps, times this
+NOT_KNOWN_COST = 13005  # squared steps: of a tile none of whose pixels finds a source (0.2)
+FARTHER_COST = 130  # of one whose sources all lie clearly behind it (0.002)
+DISAGREEMENT_COST = 520  # of shifts that have nothing in common with their neighbours' (0.008)
+DISAGREEMENT_PX = 8  # shifts as far apart as this have nothing in common
+
+
+@dataclass(frozen=True)
+class ShiftMapSettings:
+    """Parameters of `shift-map`.
+
+    Parameters
+    ----------
+    gain : float
+        Amplitude of the copied detail relative to what the base lacks; 0 leaves the base alone.
+    depth_threshold : float
+        Steps of ``1 - z_near / z`` beyond this are depth edges.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    gain: float = 1.0
+    depth_threshold: float = 0.04
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.gain) and 0 <= self.gain <= 4):
+            raise InputError(f"gain must lie in [0, 4] (got {self.gain})")
+        if not 0 < self.depth_threshold < 1:
+            raise InputError(f"depth_threshold must lie in (0, 1) (got {self.depth_threshold})")

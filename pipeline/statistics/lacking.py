@@ -1,0 +1,94 @@
+"""What noise a hole lacks: what its statistics ask for, less what its base already holds.
+
+Kuffner dos Anjos et al. 2022, 3.3 and 3.4, with the mends of docs/method.md.
+
+Twin: lacking.comp.glsl. Change both or neither.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.inpaint.reference import Level, children
+from pipeline.statistics.moments import means_and_variances
+
+SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
+# Share of known background around a texel from which on the base holds the whole band.
+KNOWN_ENOUGH = 0.2
+
+
+def noise_variances(
+    values: NDArray[np.float64],
+    base_bands: NDArray[np.float64],
+    outlined: NDArray[np.bool_],
+    known: NDArray[np.float64],
+    *,
+    cross: bool,
+) -> NDArray[np.float64]:
+    """Variance of the noise to add: what the statistics ask for and the base lacks.
+
+    The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
+    coefficients that one set of statistics covers: ``max(0, var - mean((base - mu)^2))``. A
+    coefficient across the outline of something nearer measures that outline. Beside one, the
+    base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
+
+    With `cross`, chroma has its covariance with the luma noise: luma's variance times the
+    slope ``cov(Y, C) / var(Y)``.
+
+    Parameters
+    ----------
+    values : (H, W, 18)
+        Inpainted moments.
+    base_bands : (2 H, 2 W, bands, 3)
+        The filled frame's; either edge may be one shorter.
+    outlined : (2 H, 2 W) of bool
+        Coefficients across a jump of depth.
+    known : (H, W)
+        See `known_background`.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 9)
+        Of band b in channel c at index 3 * b + c.
+    """
+    mean, variance = means_and_variances(values, cross=cross)
+    measured = ((children(base_bands) - mean[:, :, None]) ** 2).mean(axis=2)
+    continued = variance * np.minimum(1.0, known / KNOWN_ENOUGH)[..., None, None]
+    across = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
+    lacking = np.maximum(0.0, variance - np.where(across, continued, measured))
+    if cross:
+        measurable = variance[..., :1] > SMALLEST_VARIANCE
+        slope = np.divide(
+            variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
+        )
+        lacking = lacking[..., :1] * slope
+    return lacking.reshape(*values.shape[:2], -1)
+
+
+def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
+    """Share of known background around each texel of the base, in a 3x3 binomial window.
+
+    Confidence is the share of a texel's pixels that are known and of its depth. Neighbours
+    that are nearer, by more than the threshold, count as unknown.
+    """
+    height, width = base.guide.shape
+    share, guide = (
+        np.pad(array, 1, mode="edge") for array in (np.maximum(0.0, base.validity), base.guide)
+    )
+    total = np.zeros((height, width))
+    for row, down in enumerate((1, 2, 1)):
+        for column, right in enumerate((1, 2, 1)):
+            here = np.s_[row : row + height, column : column + width]
+            total += down * right / 16 * share[here] * (base.guide - guide[here] <= threshold)
+    return total
+
+
+def detail_gain(
+    statistics: NDArray[np.float64], lacking: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Deviation of the luma to add over that wanted, over all bands: (H, W, 1), at most 1."""
+    _, variance = means_and_variances(statistics, cross=True)
+    wanted = variance[..., 0].sum(axis=2, keepdims=True)
+    luma = lacking[..., ::3].sum(axis=2, keepdims=True)
+    measurable = wanted > SMALLEST_VARIANCE
+    ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)
+    return np.asarray(np.sqrt(ratio))

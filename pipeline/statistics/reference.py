@@ -1,0 +1,118 @@
+"""Statistics of the background's bands, carried into the holes.
+
+Kuffner dos Anjos et al. 2022, 3.3: mean and second moment of every band of the pyramid, of what is
+known near a hole, pulled and pushed like colour.
+
+Twin: gpu.py and moments.glsl. Change both or neither.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour import ycbcr_from_rgb
+from pipeline.features.reference import analyse, range_below, spoiled_levels
+from pipeline.inpaint.reference import Level, near_a_hole, pull_push
+from pipeline.inpaint.region import STATISTICS_RINGS
+from pipeline.statistics.lacking import known_background, noise_variances
+from pipeline.statistics.moments import moments
+
+
+def inpainted_statistics(
+    base: NDArray[np.float64],
+    hole: NDArray[np.bool_],
+    base_levels: list[Level],
+    *,
+    levels: int,
+    cross: bool,
+    gamma: float,
+    threshold: float,
+    skip_depth_edges: bool,
+) -> tuple[list[Level], list[Level]]:
+    """Measure the bands around the holes and say how much noise each hole pixel lacks."""
+    last = len(base_levels) - 1  # past 1x1 nothing changes
+    guides = [base_levels[min(level, last)].guide for level in range(levels)]
+    bands = analyse(ycbcr_from_rgb(base), levels).bands
+    spoiled = spoiled_levels(hole, levels)
+    outlined = [np.zeros_like(mask) for mask in spoiled]
+    if skip_depth_edges:
+        outlined = outlined_levels(guides, levels, threshold)
+    statistics, lacking = [], []
+    for level in range(levels):
+        near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
+        inpainted = band_statistics(
+            bands[level],
+            near & ~spoiled[level] & ~outlined[level],
+            guides[level],
+            cross=cross,
+            gamma=gamma,
+            threshold=threshold,
+        )
+        variances = noise_variances(
+            inpainted.values,
+            bands[level],
+            outlined[level],
+            known_background(base_levels[min(level + 1, last)], threshold),
+            cross=cross,
+        )
+        statistics.append(inpainted)
+        lacking.append(Level(variances, inpainted.validity, inpainted.guide))
+    return statistics, lacking
+
+
+def band_statistics(
+    bands: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    guide: NDArray[np.float64],
+    *,
+    cross: bool,
+    gamma: float,
+    threshold: float,
+) -> Level:
+    """Carry one level's band moments into its holes; the result has half its size.
+
+    Inside a hole moments vary slowly, so nothing finer than the first pull is kept.
+
+    Parameters
+    ----------
+    bands : (H, W, bands, channels)
+        Coefficients of Y', Cb, Cr.
+    valid : (H, W) of bool
+        Which of them take part: near a hole, not reaching it (`spoiled_levels`), and not
+        across the outline of something nearer (`outlined_levels`).
+    guide : (H, W)
+    cross : bool
+        As in `moments`.
+    """
+    level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
+    return pull_push(level, gamma, threshold)[1]
+
+
+def outlined_levels(
+    guides: Sequence[NDArray[np.float64]], levels: int, threshold: float
+) -> list[NDArray[np.bool_]]:
+    """Tell, level by level, which coefficients lie across a jump of depth.
+
+    They measure an outline, not the background's texture.
+
+    Parameters
+    ----------
+    guides : sequence of (H_k, W_k)
+        Finest first, to 1x1 or at least `levels` of them.
+    """
+    # A low band across a jump mixes both sides, and its own guide no longer tells.
+    mixed = range_below(guides[0]) > threshold
+    found = spoiled_levels(np.zeros(guides[0].shape, np.bool_), levels, mixed)
+    for level in range(levels):
+        guide = guides[min(level, len(guides) - 1)]  # past 1x1 nothing changes
+        found[level] = found[level] | straddles(guide, threshold)
+    return found
+
+
+def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
+    """Tell where a 3x3 neighbourhood holds a jump of depth from its centre."""
+    padded = np.pad(guide, 1, mode="edge")
+    height, width = guide.shape
+    shifts = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    return np.asarray(np.abs(np.stack(shifts) - guide).max(axis=0) > threshold)

@@ -1,0 +1,135 @@
+"""Compares what a journal says with the plan that it was recorded by.
+
+Who analyses a sitting has the protocol, but neither clips nor display. The order of trials needs
+neither: it follows from protocol, participant code and slot, and the journal's header holds the
+hash of the plan that it began with.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from protocols.errors import StudyError
+from protocols.journal import Attempt, SessionStart
+from protocols.plan import Plan, PlannedTrial, planned_trials
+from protocols.schema import StudyProtocol
+
+_ROUND_S = 2e-6
+"""Stamps are rounded to microseconds."""
+
+
+def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
+    """Return the plan of a sitting; None where it does not come out as the sitting had it.
+
+    So it is where the study's secret is not at hand.
+
+    Format 1 hashed plans in its own words, so of its sittings the hash is not compared.
+    """
+    try:
+        trials = planned_trials(protocol, start.participant, start.slot)
+        seed = protocol.order_seed
+    except StudyError:
+        return None
+    plan = Plan(
+        study=protocol.study.name,
+        participant=start.participant,
+        slot=start.slot,
+        seed=seed,
+        protocol_sha256=start.protocol_sha256,
+        manifest_sha256=start.manifest_sha256,
+        trials=trials,
+    )
+    return plan if start.format == 1 or plan.sha256 == start.plan_sha256 else None
+
+
+def contradictions(
+    protocol: StudyProtocol, plan: Plan, attempts: Sequence[Attempt]
+) -> Iterator[tuple[Attempt, str]]:
+    """Yield every attempt that the plan, or the attempt itself, does not allow, and why.
+
+    Compared are trial, condition, stimuli, answers and their keys, numbers of attempts, and times.
+    What an adaptive rule chose is compared by what was fixed beforehand.
+    """
+    trials = {trial.id: trial for trial in plan.trials}
+    tries: Counter[str] = Counter()
+    for attempt in attempts:
+        trial = trials.get(attempt.trial)
+        if trial is None:
+            yield attempt, f"trial must be one of the plan (got {attempt.trial})"
+            continue
+        tries[trial.id] += 1
+        wrong = next(_differences(protocol, trial, attempt), None)
+        if wrong is None and attempt.attempt < tries[trial.id]:
+            wrong = f"attempt must be at least {tries[trial.id]} (got {attempt.attempt})"
+        if wrong is not None:
+            yield attempt, f"{attempt.trial}: {wrong}"
+
+
+def _differences(protocol: StudyProtocol, trial: PlannedTrial, attempt: Attempt) -> Iterator[str]:
+    for key, planned, found in _fixed(trial, attempt):
+        if planned != found:
+            yield f"{key} must be {_said(planned)}, as planned (got {_said(found)})"
+    if trial.track is None:
+        shown = attempt.stimulus_names
+        if shown != trial.stimuli:
+            yield f"stimuli must be {_said(trial.stimuli)}, as planned (got {_said(shown)})"
+    else:
+        known = {entry.name for entry in protocol.stimuli.pool()}
+        unknown = [name for name in attempt.stimulus_names if name not in known]
+        if unknown:
+            yield f"stimuli must be the study's (got {unknown[0]})"
+    yield from _answered(protocol, attempt)
+    yield from _timed(attempt)
+
+
+def _fixed(trial: PlannedTrial, attempt: Attempt) -> Iterator[tuple[str, object, object]]:
+    yield "role", trial.role, attempt.role
+    yield "block", trial.block, attempt.block
+    yield "repeat", trial.repeat, attempt.repeat
+    yield "track", trial.track, attempt.track
+    yield "answers", trial.answers, attempt.answers
+    if trial.track is None:
+        yield "expected", trial.correct, attempt.expected
+        yield "condition", trial.condition, attempt.condition
+    else:
+        for column, value in trial.condition.items():
+            yield f"condition.{column}", value, attempt.condition.get(column)
+
+
+def _answered(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
+    """Compare the answer with the key that stands for it."""
+    if attempt.answer is None:
+        return
+    keys = protocol.response.keys
+    place = attempt.answers.index(attempt.answer)
+    if len(keys) == len(attempt.answers) and attempt.key not in keys[place]:
+        yield (
+            f"answer {attempt.answer!r} must come from one of its keys ({', '.join(keys[place])})"
+            f" (got {attempt.key})"
+        )
+
+
+def _timed(attempt: Attempt) -> Iterator[str]:
+    """Phases follow each other; the answer came while one was awaited."""
+    for phase in attempt.phases:
+        if phase.offset_s < phase.onset_s:
+            yield f"{phase.phase} must not end before it begins"
+    for before, after in zip(attempt.phases, attempt.phases[1:], strict=False):
+        if abs(after.onset_s - before.offset_s) > _ROUND_S:
+            yield f"{after.phase} must begin when {before.phase} ends"
+    if attempt.phases and attempt.t_s + _ROUND_S < attempt.phases[-1].onset_s:
+        yield "t_s must not be before the last phase"
+    asked = next((phase for phase in attempt.phases if phase.phase == "respond"), None)
+    if attempt.rt_s is not None and asked is not None:
+        lasted_s = asked.offset_s - asked.onset_s
+        if attempt.rt_s > lasted_s + _ROUND_S:
+            yield f"rt_s must be within the answer phase, {lasted_s:g} s (got {attempt.rt_s:g})"
+
+
+def _said(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name}={entry}" for name, entry in value.items())
+    return "nothing" if value is None else str(value)

@@ -1,0 +1,86 @@
+"""How much a study or a file of one may ask for before anything is made of it.
+
+Each limit is raised by the environment variable ``METAMERLAB_LIMITS``, as those of pictures are:
+``trials=1e6,unpacked=1e10``.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+
+from protocols.errors import StudyError
+
+VARIABLE = "METAMERLAB_LIMITS"
+TRIALS = 100_000
+"""Trials of one participant, practice and catch trials included."""
+UNPACKED = 2_000_000_000
+"""Bytes that a packed file may hold."""
+_PIECE = 1 << 20
+
+
+def limit(name: str, default: int) -> int:
+    """Return a limit: the one that the environment gives, or the default.
+
+    Raises
+    ------
+    StudyError
+        If the variable does not read NAME=NUMBER, with commas between.
+    """
+    for entry in filter(None, os.environ.get(VARIABLE, "").split(",")):
+        key, _, value = entry.partition("=")
+        if key.strip() == name:
+            try:
+                return int(float(value))
+            except (ValueError, OverflowError):
+                raise StudyError(
+                    f"{VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
+                ) from None
+    return default
+
+
+def check_trials(count: int) -> None:
+    """Refuse a plan of more trials than the limit allows.
+
+    Raises
+    ------
+    StudyError
+        With the count, the limit and how to raise it.
+    """
+    most = limit("trials", TRIALS)
+    if count > most:
+        raise StudyError(
+            f"design: a participant must have at most {most:,} trials (got {count:,}); take fewer"
+            f" repeats, or raise the limit with {VARIABLE}=trials={count}"
+        )
+
+
+def unpacked(data: bytes, path: Path) -> bytes:
+    """Return what a gzip file holds, read in pieces so that no file unpacks to any size.
+
+    Raises
+    ------
+    StudyError
+        If it is no whole gzip file, or holds more than the limit allows.
+    """
+    most, parts, size = limit("unpacked", UNPACKED), [], 0
+    while data:
+        stream = zlib.decompressobj(wbits=31)
+        try:
+            while data and not stream.eof:
+                parts.append(stream.decompress(data, _PIECE))
+                data, size = stream.unconsumed_tail, size + len(parts[-1])
+                if size > most:
+                    raise StudyError(
+                        f"{path}: must unpack to at most {most:,} bytes (it holds more); if it is"
+                        f" right, raise the limit with {VARIABLE}=unpacked=NUMBER"
+                    )
+            while not stream.eof and parts and parts[-1]:
+                parts.append(stream.decompress(b"", _PIECE))
+        except zlib.error:
+            raise StudyError(f"{path}: must be a whole gzip file; copy it again") from None
+        if not stream.eof:
+            raise StudyError(f"{path}: must be a whole gzip file; copy it again")
+        data = stream.unused_data.lstrip(b"\0")
+    return b"".join(parts)

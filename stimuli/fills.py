@@ -1,0 +1,56 @@
+"""The fills of one clip, any frame at any time."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frame import WarpedFrame
+from pipeline.methods.method import Method, Plate, PlateMethod
+
+
+class Views(Protocol):
+    """What `Footage` has of it."""
+
+    def warped(self, frame: int) -> WarpedFrame:
+        """Warp the source to `frame`."""
+        ...
+
+    def source_key(self, frame: int) -> int:
+        """Tell which source `frame` is warped from."""
+        ...
+
+
+class Fills:
+    """Fill frames of one clip by one method: frame k alone is frame k in a row.
+
+    A method with a plate (`PlateMethod`) gets the frames of each source in their order, from the
+    first one on. So a frame asked for alone costs the fills of those before it.
+    """
+
+    def __init__(self, method: Method, views: Views, seed: int) -> None:
+        self._method = method
+        self._views = views
+        self._seed = seed
+        self._plate: Plate | None = None
+        self._source: int | None = None
+        self._next = 0  # the first frame that the plate has not seen
+
+    def frame(self, frame: int) -> NDArray[np.float32]:
+        """Return the filled frame, (H, W, 3)."""
+        if not isinstance(self._method, PlateMethod):
+            return self._filled(frame)[1]
+        source = self._views.source_key(frame)
+        if self._plate is None or source != self._source or frame < self._next:
+            self._plate, self._source, self._next = self._method.new_plate(), source, 0
+        result: NDArray[np.float32] | None = None
+        for k in range(self._next, frame + 1):
+            if self._views.source_key(k) == source:
+                result = self._plate.settle(*self._filled(k))
+        self._next = frame + 1
+        assert result is not None  # the last k is the frame itself
+        return result
+
+    def _filled(self, frame: int) -> tuple[WarpedFrame, NDArray[np.float32]]:
+        warped = self._views.warped(frame)
+        return warped, self._method.fill(warped, self._seed)

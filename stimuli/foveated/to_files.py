@@ -1,0 +1,269 @@
+"""One picture file, shown to a gaze, into files: what `metamerlab foveate` does, as a call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import moderngl
+
+from pipeline.errors import InputError
+from pipeline.foveation.geometry import FlatGeometry
+from pipeline.foveation.noise_plane import check_seed
+from pipeline.gl.context import describe
+from stimuli import pictures
+from stimuli.exr import save_colour
+from stimuli.foveated import moving
+from stimuli.foveated.any_picture import AnyPicture, Reading, read_any
+from stimuli.foveated.flat_view import around_gaze, scored_view
+from stimuli.foveated.look_through import Choice, Seen, check_choices, look_through, sheet_of
+from stimuli.foveated.looking import Looking, gaze_words, look_at, read_gaze, width_deg
+from stimuli.foveated.steps import write_steps
+
+LEAST_SCORED_PX = 32
+METAMER = Choice("metamer")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What is written. Folders are made; what is there is replaced.
+
+    Parameters
+    ----------
+    out : Path
+        What the first choice shows: .png (of as many bits as the picture), or .exr.
+    compare : Path, optional
+        A sheet of the picture with its pools, and all choices: .png.
+    steps : Path, optional
+        A folder for every step of the first choice.
+    score : Path, optional
+        A folder for what metrics say of all choices.
+    animate, flip : Path, optional
+        Moving pictures of the first choice, .webp, .png or .apng: the gaze wanders; two seeds.
+    size_px : int, optional
+        Longer edge of the moving pictures.
+    """
+
+    out: Path
+    compare: Path | None = None
+    steps: Path | None = None
+    score: Path | None = None
+    animate: Path | None = None
+    flip: Path | None = None
+    size_px: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A picture, how it is looked at, and by what it is shown."""
+
+    name: str
+    opened: AnyPicture
+    looking: Looking
+    gaze_px: tuple[float, float]
+    choices: tuple[Choice, ...]
+    seed: int
+    ctx: moderngl.Context | None
+    say: Callable[[str], None]
+    progress: Callable[[str, int, int], None]
+
+
+def foveate_file(
+    picture: Path,
+    outputs: Outputs | Path,
+    *,
+    gaze: str | None = None,
+    display: str | None = None,
+    fov_deg: float | None = None,
+    panorama: bool = False,
+    choices: Sequence[Choice] = (METAMER,),
+    seed: int = 0,
+    reading: Reading | None = None,
+    ctx: moderngl.Context | None = None,
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Seen]:
+    """Show a picture file to a gaze by every choice, and write what is asked for.
+
+    Parameters
+    ----------
+    picture : Path
+        Any picture that `read_any` reads.
+    outputs : Outputs or Path
+        A path alone: the picture that the first choice shows.
+    gaze : str, optional
+        ``X,Y`` in pixels, or ``Xdeg,Ydeg`` right of and below the middle; left out: the middle.
+    display, fov_deg, panorama
+        How it is looked at; see `look_at`. Without any of them it is flat and 40 degrees wide.
+    choices : sequence of Choice
+        Conditions and their parameters; the first one makes OUT.
+    seed : int
+        Of noise and displacement.
+    reading : Reading, optional
+        What is said about the file.
+    ctx : moderngl.Context, optional
+        Work on the GPU, where a condition can; without it numpy does.
+    say : callable, optional
+        Called with what was decided and written, a line each.
+    progress : callable, optional
+        Called with what is going on, how much of it is done, and of how much (0: not known).
+
+    Returns
+    -------
+    list of Seen
+        What each choice shows: `Seen.colour` is encoded R'G'B' of shape (H, W, 3).
+
+    Raises
+    ------
+    InputError, StudyError, OSError
+        Before anything is written, if the picture, the way it is looked at, a choice or a seed is
+        not what it must be.
+    """
+    asked = outputs if isinstance(outputs, Outputs) else Outputs(outputs)
+    tell = say or (lambda _: None)
+    if not choices:
+        raise InputError("choices must hold at least one condition (got none)")
+    _check_source_stays(picture, asked)
+    check_choices(choices)
+    check_seed(seed)
+    opened = read_any(picture, reading or Reading())
+    height, width = opened.colour.shape[:2]
+    looking = look_at((height, width), display=display, fov_deg=fov_deg, panorama=panorama)
+    work = _Work(
+        picture.stem, opened, looking, read_gaze(gaze, looking.geometry), tuple(choices), seed, ctx,
+        tell, progress or (lambda *_: None),
+    )  # fmt: skip
+    if asked.score is not None:
+        _check_scorable(work)
+    tell(f"{width} x {height} px")
+    tell(looking.words)
+    tell(gaze_words(work.gaze_px, looking.geometry))
+    for note in (*opened.notes, *looking.notes):
+        tell(f"note: {note}")
+    return _write(work, asked)
+
+
+def _check_source_stays(picture: Path, outputs: Outputs) -> None:
+    """Refuse to write over the picture itself."""
+    for path in (outputs.out, outputs.compare, outputs.animate, outputs.flip):
+        if path is not None and path.exists() and picture.exists() and path.samefile(picture):
+            raise InputError(f"{path}: is the picture itself; write to another file")
+
+
+def _check_scorable(work: _Work) -> None:
+    """Refuse before the work what the metrics cannot measure."""
+    geometry, (x, y) = work.looking.geometry, work.gaze_px
+    if not (0 <= x <= geometry.width_px and 0 <= y <= geometry.height_px):
+        raise InputError("--score needs a gaze on the picture: FovVideoVDP knows no other")
+    edge = min(geometry.width_px, geometry.height_px)
+    if geometry.wraps:
+        edge = scored_view((geometry.width_px, geometry.height_px)).width_px
+    if edge < LEAST_SCORED_PX:
+        raise InputError(
+            f"--score needs pictures of at least {LEAST_SCORED_PX} px an edge (has {edge})"
+        )
+
+
+def _write(work: _Work, outputs: Outputs) -> list[Seen]:
+    shown, viewing = work.opened.colour, work.looking.viewing
+    outputs.out.parent.mkdir(parents=True, exist_ok=True)
+    state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
+    if state.exists():
+        work.say(f"going on where {state} ends")
+    seen = look_through(
+        shown, work.gaze_px, viewing, work.choices, seed=work.seed, ctx=work.ctx, state=state,
+        report=lambda now: work.progress(now, 0, 0),
+    )  # fmt: skip
+    _say_where(work, seen)
+    _save(outputs.out, seen[0], work.opened.bits)
+    work.say(f"wrote {outputs.out} ({seen[0].choice.label})")
+    if outputs.compare is not None:
+        outputs.compare.parent.mkdir(parents=True, exist_ok=True)
+        pictures.save_picture(outputs.compare, sheet_of(shown, work.gaze_px, viewing, seen))
+        work.say(f"wrote {outputs.compare} ({len(seen)} condition{'' if len(seen) == 1 else 's'})")
+    if outputs.steps is not None:
+        written = write_steps(outputs.steps, shown, work.gaze_px, viewing, seen[:1], seed=work.seed)
+        work.say(f"wrote {len(written)} pictures to {outputs.steps}; begin with {written[-1]}")
+    if outputs.score is not None:
+        page = _score(work, seen, outputs.score)
+        work.say(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
+    if outputs.animate is not None:
+        _animate(work, outputs.animate, outputs.size_px or moving.LONGEST_PX)
+    if outputs.flip is not None:
+        _flip(work, outputs.flip, outputs.size_px or 2 * moving.LONGEST_PX)
+    return seen
+
+
+def _say_where(work: _Work, seen: Sequence[Seen]) -> None:
+    if work.ctx is not None and any(one.on_gpu for one in seen):
+        work.say(f"renderer: {describe(work.ctx)}")
+    by_numpy = [one.choice.name for one in seen if not one.on_gpu]
+    if by_numpy:
+        work.say(f"worked out by numpy: {', '.join(by_numpy)}")
+
+
+def _save(path: Path, one: Seen, bits: int) -> None:
+    if path.suffix.lower() == ".exr":
+        save_colour(path, one.colour, bits=32 if bits == 16 else 16)
+    else:
+        save_colour(path, one.colour, bits=bits)
+
+
+def _score(work: _Work, seen: Sequence[Seen], out: Path) -> Path:
+    """Score what was seen; a panorama in the flat view around the gaze."""
+    from stimuli.score.foveated import (
+        PANORAMA_NOTE,
+        score_conditions,
+        seen_wide,
+        subjects_of_conditions,
+    )
+
+    geometry, gaze_px, bits = work.looking.geometry, work.gaze_px, work.opened.bits
+    truth_colour, around = work.opened.colour, geometry.wraps
+    if around:
+        truth_colour = around_gaze(truth_colour, gaze_px)
+        geometry = scored_view((geometry.width_px, geometry.height_px))
+    assert isinstance(geometry, FlatGeometry)
+    folder = out / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    height, width = truth_colour.shape[:2]
+    truth = folder / "picture.png"
+    save_colour(truth, truth_colour, bits=bits)
+    tests = {}
+    for one in seen:
+        if one.choice.name == "reference" and len(seen) > 1:
+            continue  # it is what the others are compared with
+        path = folder / f"{one.choice.file_name}.png"
+        colour = around_gaze(one.colour, gaze_px) if around else one.colour
+        save_colour(path, colour, bits=bits)
+        tests[one.choice.label] = path
+    notes = (PANORAMA_NOTE,) if around else ()
+    subjects = subjects_of_conditions(work.name, truth, tests, (height, width), notes)
+    return score_conditions(
+        subjects,
+        seen_wide(width, height, width_deg(geometry)),
+        (width / 2, height / 2) if around else gaze_px,
+        out,
+        report=lambda done, total, what: work.progress(what, done, total),
+    )
+
+
+def _animate(work: _Work, path: Path, longest_px: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    size = moving.wander(
+        path, work.opened.colour, work.looking.viewing, work.choices[0], seed=work.seed,
+        ctx=work.ctx, longest_px=longest_px,
+        report=lambda done, total: work.progress("drawing frames", done, total),
+    )  # fmt: skip
+    work.say(f"wrote {path} ({size / 1000:.0f} kB)")
+
+
+def _flip(work: _Work, path: Path, longest_px: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    size = moving.flip(
+        path, work.opened.colour, work.gaze_px, work.looking.viewing, work.choices[0],
+        seeds=(work.seed, work.seed + 1), ctx=work.ctx, longest_px=longest_px,
+        report=lambda done, total: work.progress("drawing frames", done, total),
+    )  # fmt: skip
+    work.say(f"wrote {path} ({size / 1000:.0f} kB)")

@@ -1,0 +1,298 @@
+"""The work on stills of `foveated-images`, as it is done here, in processes and on clusters.
+
+The symbol is drawn into the picture first; the condition is worked out for the very picture that
+holds it. A process has one bench: its context, where there is OpenGL, and every condition's passes,
+built once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import GLUnavailableError, InputError
+from pipeline.foveation.condition import Look
+from pipeline.foveation.conditions import Foveator
+from pipeline.foveation.drawn import before_background, bisected, direction_at, draw_ring
+from pipeline.foveation.energy import EnergyMetamer
+from pipeline.foveation.geometry import Flat, FlatGeometry
+from pipeline.gl.context import create_context, describe, release_context
+from protocols.recipes.foveated_images import (
+    REFERENCE,
+    FoveatedImages,
+    FoveatedStimulus,
+    Picture,
+    Shown,
+)
+from stimuli.foveated.any_picture import read_any
+from stimuli.foveated.flat_view import flat_view
+from stimuli.foveated.looking import read_gaze
+from stimuli.png import encode_frame
+from stimuli.worker import RendererInfo
+
+NUMPY = RendererInfo("", "none: numpy", "")
+
+Colour = NDArray[np.float32]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Order:
+    """Which stills are made; small, and the same on every machine that reads the same files.
+
+    Parameters
+    ----------
+    distance_px : float
+        Of the eye from the display.
+    folder : Path
+        What file names in the recipe are relative to.
+    """
+
+    recipe: FoveatedImages
+    distance_px: float
+    folder: Path
+
+    @cached_property
+    def geometry(self) -> FlatGeometry:
+        """The picture in the middle of the display, pixel for pixel."""
+        viewing = Flat(distance_px=self.distance_px)
+        return viewing.of(self.recipe.width_px, self.recipe.height_px)
+
+    def gaze_px(self, entry: FoveatedStimulus) -> tuple[float, float]:
+        """Where the eye looks in a still."""
+        return read_gaze(f"{entry.gaze.x_deg}deg,{entry.gaze.y_deg}deg", self.geometry)
+
+    def condition(self, shown: Shown) -> str:
+        """The condition's name, a folder in it made relative to `folder`."""
+        kind, colon, path = shown.condition.partition(":")
+        return f"{kind}:{self.folder / path}" if colon and path else shown.condition
+
+    def number(self, entry: FoveatedStimulus) -> int:
+        """Of what was made elsewhere for it: pictures in order, gazes in order within each."""
+        recipe = self.recipe
+        return recipe.pictures.index(entry.picture) * len(recipe.gazes) + recipe.gazes.index(
+            entry.gaze
+        )
+
+    def picture(self, picture: Picture) -> Colour:
+        """Return a scene in the size of the stills: (H, W, 3).
+
+        Raises
+        ------
+        InputError
+            If it has another size and the recipe says so, or is no panorama where one is looked at.
+        """
+        path = self.folder / picture.file
+        colour = read_any(path).colour
+        if picture.view is not None:
+            try:
+                return flat_view(
+                    colour, self.geometry,
+                    right_deg=picture.view.right_deg, down_deg=picture.view.down_deg,
+                )  # fmt: skip
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
+        height, width = self.recipe.height_px, self.recipe.width_px
+        if colour.shape[:2] == (height, width):
+            return colour
+        if self.recipe.fit == "exact":
+            got = colour.shape[1], colour.shape[0]
+            raise InputError(f"{path}: {wrong_size((width, height), got)}")
+        return _covering(colour, (height, width))
+
+
+def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
+    """Say that a picture is (width, height) `got` px where the study has `wanted`."""
+    return (
+        f"must be {wanted[0]} x {wanted[1]} px, as the study says (is {got[0]} x {got[1]}); cut it,"
+        ' or write fit = "cover"'
+    )
+
+
+def _covering(colour: Colour, size: tuple[int, int]) -> Colour:
+    """Scale a picture to cover (height, width), and cut its middle out."""
+    height, width = size
+    share = max(height / colour.shape[0], width / colour.shape[1])
+    across, down = (round(share * edge) for edge in colour.shape[1::-1])
+    larger = max(width, across), max(height, down)
+    how = cv2.INTER_AREA if share < 1 else cv2.INTER_CUBIC
+    scaled = np.clip(np.asarray(cv2.resize(colour, larger, interpolation=how)), 0, 1)
+    top, left = (larger[1] - height) // 2, (larger[0] - width) // 2
+    return np.ascontiguousarray(scaled[top : top + height, left : left + width], np.float32)
+
+
+class Bench:
+    """Makes stills of one order; use it from one thread, which its context belongs to."""
+
+    def __init__(self, order: Order) -> None:
+        self.order = order
+        self._ctx: moderngl.Context | None = None
+        try:
+            self._ctx = create_context()
+        except GLUnavailableError:
+            self.renderer = NUMPY
+        else:
+            found = describe(self._ctx)
+            self.renderer = RendererInfo(found.vendor, found.name, found.version)
+        self._foveators: dict[str, Foveator] = {}
+        self._picture: tuple[str, Colour] | None = None
+
+    def colour(self, entry: FoveatedStimulus, state: Path | None = None) -> Colour:
+        """Return a still: encoded R'G'B', shape (H, W, 3).
+
+        Parameters
+        ----------
+        state : Path, optional
+            Where a condition that works for minutes keeps how far it is.
+        """
+        order = self.order
+        gaze_px = order.gaze_px(entry)
+        scene = self._scene(entry.picture)
+        plain = self._with_ring(scene, entry)
+        if entry.shown.condition == REFERENCE:
+            return plain
+        shown = self._foveated(plain, entry, state)
+        rings, cuts = order.recipe.rings, order.recipe.cuts
+        if entry.cut_deg is not None and cuts is not None:
+            return bisected(
+                shown, plain, order.geometry, gaze_px,
+                angle_deg=entry.cut_deg, ramp_deg=cuts.ramp_deg,
+            )  # fmt: skip
+        if rings is not None and rings.background == "undistorted":
+            assert entry.eccentricity_deg is not None
+            assert entry.polar_deg is not None
+            centre = direction_at(order.geometry, gaze_px, entry.eccentricity_deg, entry.polar_deg)
+            return before_background(
+                shown, scene, order.geometry, centre,
+                radius_deg=rings.height_deg / 2 + rings.rim_deg, ramp_deg=rings.rim_deg,
+            )  # fmt: skip
+        return shown
+
+    def release(self) -> None:
+        """Free the GPU."""
+        for foveator in self._foveators.values():
+            foveator.release()
+        self._foveators.clear()
+        if self._ctx is not None:
+            release_context(self._ctx)
+            self._ctx = None
+
+    def _scene(self, picture: Picture) -> Colour:
+        if self._picture is None or self._picture[0] != picture.name:
+            self._picture = picture.name, self.order.picture(picture)  # scene by scene
+        return self._picture[1]
+
+    def _with_ring(self, picture: Colour, entry: FoveatedStimulus) -> Colour:
+        rings = self.order.recipe.rings
+        if rings is None or entry.eccentricity_deg is None or entry.polar_deg is None:
+            return picture
+        return draw_ring(
+            picture, self.order.geometry, self.order.gaze_px(entry),
+            eccentricity_deg=entry.eccentricity_deg, polar_deg=entry.polar_deg,
+            height_deg=rings.height_deg, gap_deg=entry.gap_deg, grey=rings.grey,
+        )  # fmt: skip
+
+    def _foveated(self, picture: Colour, entry: FoveatedStimulus, state: Path | None) -> Colour:
+        foveator = self._foveator(entry.shown)
+        gaze_px = self.order.gaze_px(entry)
+        condition = foveator.condition
+        if isinstance(condition, EnergyMetamer):
+            look = Look(self.order.geometry, gaze_px, entry.seed)
+            made = condition.descend(picture, look, state=state)
+            if state is not None:
+                state.unlink(missing_ok=True)
+            return made
+        return foveator(picture, gaze_px, seed=entry.seed, frame=self.order.number(entry))
+
+    def _foveator(self, shown: Shown) -> Foveator:
+        foveator = self._foveators.get(shown.name)
+        if foveator is None:
+            recipe = self.order.recipe
+            parameters: dict[str, Any] = dict(shown.parameters)
+            foveator = Foveator(
+                (recipe.height_px, recipe.width_px),
+                viewing=Flat(distance_px=self.order.distance_px),
+                method=self.order.condition(shown),
+                ctx=self._ctx,
+                **parameters,
+            )
+            self._foveators[shown.name] = foveator
+        return foveator
+
+
+class _Station:
+    """The one bench of this process, and the one thread that may touch its context."""
+
+    def __init__(self) -> None:
+        self.thread = ThreadPoolExecutor(1, thread_name_prefix="stills")
+        self.bench: Bench | None = None
+
+    def on(self, order: Order, job: Callable[[Bench], T]) -> T:
+        """Do a job at a bench for that order."""
+
+        def work() -> T:
+            if self.bench is None or self.bench.order != order:
+                self._close()
+                self.bench = Bench(order)
+            return job(self.bench)
+
+        return self.thread.submit(work).result()
+
+    def close(self) -> None:
+        self.thread.submit(self._close).result()
+
+    def _close(self) -> None:
+        if self.bench is not None:
+            self.bench.release()
+            self.bench = None
+
+
+_station: list[_Station] = []  # per process: contexts cannot be sent to workers
+
+
+def _here() -> _Station:
+    if not _station:
+        _station.append(_Station())
+    return _station[0]
+
+
+def close_bench() -> None:
+    """Free this process's bench, if it has one; the next job opens another."""
+    if _station:
+        _here().close()
+
+
+def describe_job(order: Order) -> RendererInfo:
+    """Name what draws in this worker."""
+    return _here().on(order, lambda bench: bench.renderer)
+
+
+def colour_job(order: Order, entry: FoveatedStimulus) -> Colour:
+    """Make a still and keep it in memory."""
+    return _here().on(order, lambda bench: bench.colour(entry))
+
+
+def still_job(
+    order: Order, entry: FoveatedStimulus, state: Path | None
+) -> tuple[list[bytes | str], RendererInfo]:
+    """Make a still; return it as a PNG file, and what drew it.
+
+    Parameters
+    ----------
+    state : Path or None
+        See `Bench.colour`.
+    """
+
+    def job(bench: Bench) -> tuple[list[bytes | str], RendererInfo]:
+        return [encode_frame(bench.colour(entry, state), 8)], bench.renderer
+
+    return _here().on(order, job)

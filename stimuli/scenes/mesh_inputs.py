@@ -1,0 +1,251 @@
+"""The files that a mesh consists of: which they are, and whether their pictures can be read.
+
+What a clip is known by is hashed before anything is loaded. So its loader is given these files
+and no others: one that it asks for besides is an error, and never a picture of unknown content.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os.path
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from PIL import Image
+from trimesh.resolvers import Resolver
+
+from pipeline.errors import InputError
+from pipeline.limits import check_values
+
+ENDINGS = (".glb", ".gltf", ".obj")
+KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
+                    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
+_BASE_COLOUR = (
+    ("pbrMetallicRoughness", "baseColorTexture"),
+    ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
+)
+
+
+class OnlyThese(Resolver):
+    """Hands a loader the files of a mesh, and notes what else it asks for."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder = path.parent
+        self.listed = {os.path.normpath(file) for file in files_of(path)}
+        self.file_name = path.name
+        self.refused: list[str] = []
+
+    def get(self, name: str) -> bytes:
+        """Return a file's bytes; `FileNotFoundError` if it is none of the mesh's."""
+        place = place_of(self.folder, name)
+        if os.path.normpath(place) not in self.listed:
+            self.refused.append(name)
+            raise FileNotFoundError(name)
+        return place.read_bytes()
+
+    def write(self, name: str, data: str | bytes) -> None:  # noqa: ARG002
+        """Refuse: nothing is written beside a mesh."""
+        raise PermissionError(name)
+
+    def namespaced(self, namespace: str) -> Resolver:
+        """Refuse: the files of a mesh have one folder."""
+        raise FileNotFoundError(namespace)
+
+    def keys(self) -> Iterator[str]:
+        """Yield the files by their names relative to the mesh."""
+        yield from (os.path.relpath(file, self.folder) for file in sorted(self.listed))
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return `path` and every file that it names: buffers, images, material libraries.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file itself is missing.
+    InputError
+        If one that it names is missing or lies outside its folder, its own text cannot be read,
+        or its kind is unknown.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    found = [path]
+    if path.suffix.lower() == ".obj":
+        for library in words_after(path, "mtllib"):
+            found.append(_named(path, path, library, "material library"))
+            found += [_named(path, found[-1], image, "texture") for image in _images_of(found[-1])]
+    else:
+        read = document(path)
+        needed = set(read.get("extensionsRequired", [])) - KNOWN_EXTENSIONS
+        if needed:
+            raise InputError(
+                f"{path}: needs glTF extensions that are not supported"
+                f" ({', '.join(sorted(needed))}); export it without compression and without them"
+            )
+        for kind, what in (("buffers", "buffer"), ("images", "texture")):
+            for entry in read.get(kind, []):
+                uri = entry.get("uri")
+                if isinstance(uri, str) and not uri.startswith("data:"):
+                    found.append(_named(path, path, uri, what))
+    return list(dict.fromkeys(found))
+
+
+def place_of(folder: Path, name: str) -> Path:
+    """Return the file that a mesh means by a name: options before it and %20 are read over."""
+    plain = name.strip()
+    for text in (plain, unquote(plain), plain.replace("\\", "/"), *plain.split()[-1:]):
+        if text and (folder / text).is_file():
+            return folder / text
+    return folder / unquote(plain)
+
+
+def check_textures(path: Path) -> None:
+    """Decode every picture that gives a surface its colour; loaders leave out what they cannot.
+
+    Raises
+    ------
+    InputError
+        Naming the picture that cannot be read.
+    """
+    if path.suffix.lower() == ".obj":
+        for library in words_after(path, "mtllib"):
+            file = place_of(path.parent, library)
+            for image in _images_of(file):
+                picture = place_of(path.parent, image)
+                _decode(picture.read_bytes(), str(picture), f"which {file.name} names")
+        return
+    read = document(path)
+    for number, material in enumerate(read.get("materials", [])):
+        for keys in _BASE_COLOUR:
+            entry: Any = material
+            for key in keys:
+                entry = entry.get(key) if isinstance(entry, dict) else None
+            if isinstance(entry, dict):
+                _check_texture(path, read, entry, str(material.get("name", number)))
+
+
+def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
+    """Decode the picture of a glTF texture."""
+    try:
+        texture = read["textures"][entry["index"]]
+        source = texture.get("source")
+        if source is None:
+            kinds = ", ".join(texture.get("extensions", {})) or "no source"
+            raise InputError(
+                f"{path}: the colour of material {material!r} must be a picture in PNG, JPEG or"
+                f" another common format (its texture has {kinds}); export it so"
+            )
+        image = read["images"][source]
+        uri = image.get("uri")
+        if isinstance(uri, str) and not uri.startswith("data:"):
+            place = place_of(path.parent, uri)
+            _decode(place.read_bytes(), str(place), f"the colour of material {material!r}")
+            return
+        name = f"{path}: picture {image.get('name', source)!r}"
+        data = _of_data_uri(uri) if isinstance(uri, str) else _of_view(path, read, image)
+    except (KeyError, IndexError, TypeError, ValueError, struct.error) as error:
+        raise InputError(
+            f"{path}: the texture of material {material!r} must lead to a picture"
+            f" (it does not: {error!r}); export it again"
+        ) from None
+    _decode(data, name, f"the colour of material {material!r}")
+
+
+def _of_data_uri(uri: str) -> bytes:
+    head, _, data = uri.partition(",")
+    return base64.b64decode(data) if head.endswith(";base64") else unquote(data).encode("latin-1")
+
+
+def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
+    view = read["bufferViews"][image["bufferView"]]
+    uri = read["buffers"][view["buffer"]].get("uri")
+    if uri is None:
+        data = path.read_bytes()
+        (json_length,) = struct.unpack_from("<I", data, 12)
+        whole = data[20 + json_length + 8 :]
+    elif uri.startswith("data:"):
+        whole = _of_data_uri(uri)
+    else:
+        whole = place_of(path.parent, uri).read_bytes()
+    first = int(view.get("byteOffset", 0))
+    return whole[first : first + int(view["byteLength"])]
+
+
+def _decode(data: bytes, name: str, what: str) -> None:
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            check_values(Path(name), *picture.size, len(picture.getbands()))
+            picture.load()
+    except InputError:
+        raise
+    except Exception as error:  # Pillow's formats raise what they meet
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(
+            f"{name}: {what}, must be a picture that can be read ({reason}); save it as PNG"
+        ) from None
+
+
+def document(path: Path) -> dict[str, Any]:
+    """Return the JSON of a glTF file.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    data = path.read_bytes()
+    try:
+        if path.suffix.lower() == ".glb":
+            magic, version, _, length, kind = struct.unpack_from("<4sIII4s", data)
+            if magic != b"glTF" or version != 2 or kind != b"JSON":
+                raise ValueError("it is not a binary glTF 2.0 file")
+            data = data[20 : 20 + length]
+        read = json.loads(data)
+        if not isinstance(read, dict) or "asset" not in read:
+            raise ValueError("it has no asset entry")
+        for kind in ("buffers", "images", "textures", "materials", "bufferViews", "meshes"):
+            entries = read.get(kind, [])
+            if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+                raise ValueError(f"its {kind} are no list of objects")
+    except (ValueError, struct.error, RecursionError) as error:
+        raise InputError(
+            f"{path}: must be a whole glTF 2.0 file ({error}); export it again"
+        ) from error
+    return read
+
+
+def words_after(path: Path, key: str) -> list[str]:
+    """Return what follows a keyword at the beginning of a line, in any case."""
+    pattern = re.compile(rf"\s*{re.escape(key)}\s+(.*)", re.IGNORECASE)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        found = [pattern.match(line) for line in file]
+    return [match[1].strip() for match in found if match and match[1].strip()]
+
+
+def _images_of(library: Path) -> list[str]:
+    return words_after(library, "map_Kd")
+
+
+def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
+    """Return the file of a name, which must be there and not leave the mesh's folder."""
+    place = place_of(mesh.parent, name)
+    inside = os.path.normpath(mesh.parent.absolute())
+    if os.path.commonpath([inside, os.path.normpath(place.absolute())]) != inside:
+        raise InputError(
+            f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
+            f" {what} there, or export the scene as one .glb file"
+        )
+    if not place.is_file():
+        raise InputError(
+            f"{named_in}: names a {what} that is missing ({place}); put it there, or export the"
+            " scene as one .glb file"
+        )
+    return place

@@ -1,0 +1,147 @@
+"""The plate of `shift-map` against values worked by hand, and fills of clips that use it."""
+
+import numpy as np
+import pytest
+
+from pipeline.frame import WarpedFrame
+from pipeline.methods.registry import create_method
+from pipeline.shiftmap.plate import ShiftMapPlate
+from stimuli.fills import Fills
+
+THRESHOLD = 0.04
+
+
+def view(columns, motion_px, depth_m=4.0, size=(3, 16), grey=0.5) -> WarpedFrame:
+    """A background that moved by `motion_px` to the right; holes in `columns`."""
+    hole = np.zeros(size, bool)
+    hole[:, columns] = True
+    flow_px = np.full((*size, 2), (motion_px, 0.0), np.float32)
+    colour = np.full((*size, 3), grey, np.float32)
+    return WarpedFrame(colour, np.full(size, depth_m, np.float32), hole, flow_px)
+
+
+def ramp(frame: WarpedFrame, first: float) -> np.ndarray:
+    """A fill that rises by 1/64 a column."""
+    values = first + np.arange(frame.size[1]) / 64
+    return np.broadcast_to(values[None, :, None], frame.colour.shape).astype(np.float32)
+
+
+def settled(frame: WarpedFrame, plate: ShiftMapPlate, first: float) -> list[float]:
+    fill = np.where(frame.hole[..., None], ramp(frame, first), frame.colour)
+    return (64 * plate.settle(frame, fill)[1, :, 0]).tolist()
+
+
+def test_a_place_keeps_the_colour_that_it_got_first():
+    """By hand: columns 4 to 7 got 4 to 7; moved by 2 px they are columns 6 to 9, and 10 is new."""
+    plate = ShiftMapPlate(THRESHOLD)
+
+    first = settled(view(slice(4, 8), 0.0), plate, 0.0)
+    second = settled(view(slice(6, 11), 2.0), plate, 0.5)
+
+    assert first[4:8] == [4, 5, 6, 7]
+    assert second[6:11] == [4, 5, 6, 7, 42]
+    assert second[5] == second[11] == 32  # known pixels
+
+
+def test_between_texels_colours_are_interpolated():
+    """Half a pixel on, a pixel lies between what 4 and 5 got; a ramp stays a ramp."""
+    plate = ShiftMapPlate(THRESHOLD)
+    settled(view(slice(4, 9), 0.0), plate, 0.0)
+
+    found = settled(view(slice(5, 9), 0.5), plate, 0.0)
+
+    assert found[5:9] == [4.5, 5.5, 6.5, 7.5]
+
+
+@pytest.mark.parametrize(("depth_m", "kept"), [(4.1, True), (4.3, False), (np.inf, False)])
+def test_another_surface_does_not_take_the_place(depth_m, kept):
+    """4 m and 4.1 m differ by 2.4 %, 4 m and 4.3 m by 7 %."""
+    plate = ShiftMapPlate(THRESHOLD)
+    settled(view(slice(4, 8), 0.0), plate, 0.0)
+
+    found = settled(view(slice(4, 8), 0.0, depth_m), plate, 0.5)
+
+    assert found[4:8] == ([4, 5, 6, 7] if kept else [36, 37, 38, 39])
+
+
+def test_two_places_at_infinity_are_of_one_surface():
+    plate = ShiftMapPlate(THRESHOLD)
+    settled(view(slice(4, 8), 0.0, np.inf), plate, 0.0)
+
+    assert settled(view(slice(4, 8), 0.0, np.inf), plate, 0.5)[4:8] == [4, 5, 6, 7]
+
+
+def test_places_beyond_the_margin_keep_their_own_fill():
+    """The margin is a quarter of 16 px; the background of these holes came from 40 px aside."""
+    plate = ShiftMapPlate(THRESHOLD)
+
+    for first in (0.0, 0.5):
+        found = settled(view(slice(4, 8), 40.0), plate, first)
+        assert found[4:8] == [64 * first + k for k in range(4, 8)]
+
+
+def test_known_pixels_keep_their_bits(rng):
+    frame = view(slice(4, 8), 0.25)
+    colour = rng.random(frame.colour.shape, np.float32)
+    frame = WarpedFrame(colour, frame.depth_m, frame.hole, frame.flow_px)
+
+    found = ShiftMapPlate(THRESHOLD).settle(frame, rng.random(colour.shape, np.float32))
+
+    assert found[~frame.hole].tobytes() == colour[~frame.hole].tobytes()
+
+
+# --- fills of a clip ------------------------------------------------------------------------
+
+
+class Gliding:
+    """Views of noise that glides behind a foreground, from two sources."""
+
+    def __init__(self) -> None:
+        self.plane = np.random.default_rng(2).random((32, 96, 3), np.float32)
+
+    def source_key(self, frame: int) -> int:
+        return frame // 3
+
+    def warped(self, frame: int) -> WarpedFrame:
+        by = 0.6 * (frame % 3)
+        nearer = np.zeros((32, 64), bool)
+        nearer[:, :16] = True
+        hole = np.zeros((32, 64), bool)
+        hole[:, 16:26] = True
+        depth_m = np.where(nearer, 2.0, 5.0).astype(np.float32)
+        flow_px = np.where(nearer[..., None], (by - 12.0, 0.0), (by, 0.0)).astype(np.float32)
+        colour = self.plane[:, 8 - round(by) :][:, :64].copy()
+        return WarpedFrame(colour, depth_m, hole, flow_px, frame)
+
+
+@pytest.fixture(scope="module")
+def in_sequence():
+    fills = Fills(create_method("shift-map"), Gliding(), 1)
+    return [fills.frame(k) for k in range(6)]
+
+
+@pytest.mark.parametrize("order", [[5], [2, 5, 4], [4, 1]])
+def test_frame_k_alone_is_frame_k_of_a_sequence(in_sequence, order):
+    fills = Fills(create_method("shift-map"), Gliding(), 1)
+
+    for k in order:
+        assert fills.frame(k).tobytes() == in_sequence[k].tobytes()
+
+
+def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have_not(in_sequence):
+    method, views = create_method("shift-map"), Gliding()
+
+    own = [method.fill(views.warped(k), 1) for k in range(5)]
+
+    assert (own[0] == in_sequence[0]).all()
+    assert (own[3] == in_sequence[3]).all()
+    assert (own[1] != in_sequence[1]).any()
+    assert (own[4] != in_sequence[4]).any()
+
+
+def test_a_method_without_a_plate_fills_every_frame_by_itself():
+    method, views = create_method("background-extension"), Gliding()
+
+    found = Fills(method, views, 1).frame(2)
+
+    assert found.tobytes() == method.fill(views.warped(2), 1).tobytes()
