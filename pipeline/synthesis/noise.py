@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import BANDS, Kernels, analyse, band, double, fitted_kernels
+from pipeline.features.reference import BANDS, Kernels, band, double, fitted_kernels, halve
 from pipeline.synthesis.mixing import fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
@@ -67,12 +67,12 @@ def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDAr
     matrix, and unit bands weighed by them, are what is left to deviations (with their gains) and
     this tile.
     """
-    rows = np.moveaxis(unit_bands(seed, levels, channels, edge), -1, 1).reshape(3 * levels, -1)
+    rows = _unit_bands(seed, levels, channels, edge).reshape(3 * levels, -1)
     # Band by band, in order: a matrix product's order of sums depends on the library.
-    mixed = np.zeros(rows.shape)
+    mixed, part = np.zeros(rows.shape), np.empty(rows.shape[1])
     for row, weights in zip(rows, fitted_mixing(levels).matrix, strict=True):
         for index in np.flatnonzero(weights):
-            mixed[index] += weights[index] * row
+            mixed[index] += np.multiply(weights[index], row, out=part)
     return mixed.reshape(levels, 3, channels, edge, edge)
 
 
@@ -93,43 +93,57 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 def unit_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
     """Make unmixed bands, (levels, channels, edge, edge, 3), each of unit variance."""
+    return np.moveaxis(_unit_bands(seed, levels, channels, edge), 1, -1)
+
+
+def _unit_bands(seed: int, levels: int, channels: int, edge: int) -> NDArray[np.float64]:
+    """Make them as (levels, 3, channels, edge, edge)."""
     # Philox's raw bits are specified; a library's normal deviates might change.
     uniform = np.random.Philox(key=seed).random_raw(edge * edge * channels)
     white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    white = white.reshape(edge, edge, channels)
-    # As far as the filters of the coarsest level reach, there, back and softened.
-    periodic = np.pad(white, ((4 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    low = white.reshape(edge, edge, channels)
     kernels = fitted_kernels()
-    pyramid = analyse(periodic, levels, kernels)
-    return np.stack([_level(pyramid.bands, level, kernels, edge) for level in range(levels)])
+    found = np.empty((levels, 3, channels, edge, edge))
+    for level in range(levels):
+        periodic = wrapped(low, 4)
+        for index, kernel in enumerate(kernels.bands()):
+            coefficients = band(periodic, kernel)[4:-4, 4:-4]
+            tile = _full_size(coefficients, level, index, kernels)
+            tile = tile / np.sqrt((tile**2).mean(axis=(0, 1)))
+            found[level, index] = tile.transpose(2, 0, 1)
+        low = halve(periodic, kernels)[2:-2, 2:-2]
+    return found
 
 
-def _level(
-    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels, edge: int
+def _full_size(
+    coefficients: NDArray[np.float64], level: int, index: int, kernels: Kernels
 ) -> NDArray[np.float64]:
-    """One level's bands at full size: (channels, edge, edge, 3)."""
-    images = []
-    pad = (len(bands[0]) - edge) // 2
-    for index, kernel in enumerate(kernels.bands()):
-        image = band(bands[level][:, :, index], kernel[::-1, ::-1])
-        if BANDS[index] != "high":
-            image = softened(image, kernels)
-        for finer in reversed(range(level)):
-            image = softened(double(image, (len(bands[finer]),) * 2, kernels), kernels)
-        tile = image[pad : pad + edge, pad : pad + edge]
-        images.append(tile / np.sqrt((tile**2).mean(axis=(0, 1))))
-    return np.stack(images, axis=-1).transpose(2, 0, 1, 3)
+    """Bring a level's coefficients of one band up, softened: (edge, edge, channels)."""
+    # Filters reach a pixel (bands, doubling) and three (softening): so far the tile is repeated.
+    image = band(wrapped(coefficients, 4), kernels.bands()[index][::-1, ::-1])
+    if BANDS[index] != "high":
+        image = softened(image, kernels)
+    image = image[4:-4, 4:-4]
+    for _ in range(level):
+        coarse = wrapped(image, 2)
+        image = softened(double(coarse, (2 * len(coarse),) * 2, kernels), kernels)[4:-4, 4:-4]
+    return image
+
+
+def wrapped(tile: NDArray[np.float64], margin: int) -> NDArray[np.float64]:
+    """Go on with a periodic (H, W, channels) by `margin` pixels on every side."""
+    return np.pad(tile, ((margin, margin),) * 2 + ((0, 0),), mode="wrap")
 
 
 def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64]:
     """Pass the low-pass at full rate and, so that nothing moves, mirrored: (H, W, channels)."""
     height, width = image.shape[:2]
+    tap = np.empty(image.shape)  # no new array for every tap
     for low, before in ((kernels.low, 1), (kernels.low[::-1, ::-1], 2)):
         padded = np.pad(image, ((before, 3 - before),) * 2 + ((0, 0),), mode="edge")
-        taps = [
-            low[row, column] * padded[row : row + height, column : column + width]
-            for row in range(4)
-            for column in range(4)
-        ]
-        image = np.asarray(sum(taps))
+        image = np.zeros(image.shape)
+        for row in range(4):
+            for column in range(4):
+                shown = padded[row : row + height, column : column + width]
+                image += np.multiply(low[row, column], shown, out=tap)
     return image
