@@ -22,7 +22,7 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
 from study_app.cli import app
 from study_app.cli.demo.observers import Options
-from study_app.cli.demo.pictures import most_holes
+from study_app.cli.demo.pictures import Photographs, most_holes
 from study_app.cli.demo.run import run_demo
 from study_app.cli.demo.screen import PROGRAMS
 from study_app.cli.demo.sitting import Flip, clip_place
@@ -221,9 +221,17 @@ def test_without_a_window_all_sit_before_a_virtual_display(made, tmp_path):
     assert "real window" not in page
 
 
-def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(made, tmp_path):
+def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(
+    made, tmp_path, monkeypatch
+):
     copy = replace(made, out=tmp_path / "out", window=False, seed=1)
     shutil.copytree(made.out, copy.out, ignore=shutil.ignore_patterns("trial"))
+    # Another seed also means other fills of the photographs, which nothing here looks at.
+    kept = json.loads((made.out / "demo.json").read_text())["pictures"]["notes"]
+    monkeypatch.setattr(
+        "study_app.cli.demo.pictures.fill_photographs",
+        lambda _folder, _seed: Photographs.from_notes(kept),
+    )
     journal = next((copy.out / "sessions").rglob("S001/journal.jsonl"))
     simulated = journal.read_bytes()
     journal.write_bytes(simulated.replace(b'"simulated":true', b'"simulated":false'))

@@ -96,12 +96,13 @@ def band(image: NDArray[np.floating], kernel: NDArray[np.float64]) -> NDArray[np
     """Correlate (H, W, ...) with a 3x3 kernel of zero sum; exactly 0 on a constant."""
     padded = np.pad(image, ((1, 1), (1, 1)) + ((0, 0),) * (image.ndim - 2), mode="edge")
     height, width = image.shape[:2]
-    taps = [
-        kernel[row, column] * (padded[row : row + height, column : column + width] - image)
-        for row in range(3)
-        for column in range(3)
-    ]
-    return np.asarray(sum(taps))
+    total, tap = np.zeros(image.shape), np.empty(image.shape)  # no new array for every tap
+    for row in range(3):
+        for column in range(3):
+            np.subtract(padded[row : row + height, column : column + width], image, out=tap)
+            tap *= kernel[row, column]
+            total += tap
+    return total
 
 
 def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> NDArray[np.float64]:
@@ -112,10 +113,14 @@ def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> NDArra
     low = (kernels or fitted_kernels()).low
     rows, columns = _children(image.shape[0]), _children(image.shape[1])
     near = image[rows[:, 1]][:, columns[:, 1]]
-    taps = [
-        low[i, j] * (image[rows[:, i]][:, columns[:, j]] - near) for i in range(4) for j in range(4)
-    ]
-    return np.asarray(near + sum(taps))
+    total, tap = np.zeros(near.shape), np.empty(near.shape)
+    for i in range(4):
+        row = image[rows[:, i]]
+        for j in range(4):
+            np.subtract(row[:, columns[:, j]], near, out=tap)
+            tap *= low[i, j]
+            total += tap
+    return np.asarray(near + total)
 
 
 def double(

@@ -85,12 +85,20 @@ def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Hal
     size = height_px, 2 * height_px
     geometry = EquirectangularGeometry(size[1], size[0])
     octave = -np.log2(geometry.parallel(np.arange(height_px, dtype=np.float64) + 0.5))
-    bands = split(_stretched(white_noise(seed, size, channels), octave), levels)
+    bands = _split_any(_stretched(white_noise(seed, size, channels), octave), levels)
     for level in range(levels):
         square = (bands[level] ** 2).mean(axis=(0, 2))  # (rows, bands): unit variance in each row
         square = _averaged((square + square[::-1]) / 2, 1 << level)
         bands[level] /= np.sqrt(square)[:, None]
     return grained(mixed(bands).transpose(3, 4, 2, 0, 1).reshape(*size, channels, 3 * levels))
+
+
+def _split_any(white: Floats, levels: int) -> Floats:
+    """Split noise that goes on at its borders, of any size; see `split`."""
+    margin, (height, width) = 5 << levels, white.shape[:2]  # farther than any filter reaches
+    whole = [(margin, margin + -edge % (1 << levels)) for edge in (height, width)]
+    bands = split(np.pad(white, (*whole, (0, 0)), mode="wrap"), levels)
+    return np.ascontiguousarray(bands[:, :, margin : margin + height, margin : margin + width])
 
 
 def _stretched(white: Floats, octave: Floats) -> Floats:

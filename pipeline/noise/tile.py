@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import BANDS, Kernels, analyse, band, double, fitted_kernels
+from pipeline.features.reference import BANDS, Kernels, band, double, fitted_kernels, halve
 from pipeline.noise.mixing import LAGS, fitted_mixing
 
 TILE = 256  # edge of the tile, pixels; a power of two
@@ -75,10 +75,10 @@ def mixed(bands: NDArray[np.float64]) -> NDArray[np.float64]:
     levels, *size = bands.shape[:-1]
     rows = np.moveaxis(bands, -1, 1).reshape(3 * levels, -1)
     # Band by band, in order: a matrix product's order of sums depends on the library.
-    found = np.zeros(rows.shape)
+    found, part = np.zeros(rows.shape), np.empty(rows.shape[1])
     for row, weights in zip(rows, fitted_mixing(levels).matrix, strict=True):
         for index in np.flatnonzero(weights):
-            found[index] += weights[index] * row
+            found[index] += np.multiply(weights[index], row, out=part)
     return found.reshape(levels, 3, *size)
 
 
@@ -111,43 +111,56 @@ def white_noise(seed: int, size: tuple[int, int], channels: int) -> NDArray[np.f
 
 
 def split(white: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Split periodic noise (H, W, channels): (levels, channels, H, W, 3), of unit variance."""
-    # As far as the filters of the coarsest level reach, there, back and softened.
-    periodic = np.pad(white, ((4 << levels,) * 2,) * 2 + ((0, 0),), mode="wrap")
+    """Split periodic noise (H, W, channels): (levels, channels, H, W, 3), of unit variance.
+
+    H and W must be multiples of ``2 ** (levels - 1)``, so that every level is periodic.
+    """
     kernels = fitted_kernels()
-    pyramid = analyse(periodic, levels, kernels)
-    size = white.shape[0], white.shape[1]
-    return np.stack([_level(pyramid.bands, level, kernels, size) for level in range(levels)])
+    low, (height, width, channels) = white, white.shape
+    found = np.empty((levels, 3, channels, height, width))
+    for level in range(levels):
+        periodic = wrapped(low, 4)
+        for index, kernel in enumerate(kernels.bands()):
+            coefficients = band(periodic, kernel)[4:-4, 4:-4]
+            tile = _full_size(coefficients, level, index, kernels)
+            tile = tile / np.sqrt((tile**2).mean(axis=(0, 1)))
+            found[level, index] = tile.transpose(2, 0, 1)
+        low = halve(periodic, kernels)[2:-2, 2:-2]
+    return np.moveaxis(found, 1, -1)
 
 
-def _level(
-    bands: tuple[NDArray[np.float64], ...], level: int, kernels: Kernels, size: tuple[int, int]
+def _full_size(
+    coefficients: NDArray[np.float64], level: int, index: int, kernels: Kernels
 ) -> NDArray[np.float64]:
-    """One level's bands at full size: (channels, *size, 3)."""
-    images = []
-    (height, width), pad = size, (len(bands[0]) - size[0]) // 2
-    for index, kernel in enumerate(kernels.bands()):
-        image = band(bands[level][:, :, index], kernel[::-1, ::-1])
-        if BANDS[index] != "high":
-            image = softened(image, kernels)
-        for finer in reversed(range(level)):
-            image = softened(double(image, bands[finer].shape[:2], kernels), kernels)
-        tile = image[pad : pad + height, pad : pad + width]
-        images.append(tile / np.sqrt((tile**2).mean(axis=(0, 1))))
-    return np.stack(images, axis=-1).transpose(2, 0, 1, 3)
+    """Bring a level's coefficients of one band up, softened: (H, W, channels)."""
+    # Filters reach a pixel (bands, doubling) and three (softening): so far the tile is repeated.
+    image = band(wrapped(coefficients, 4), kernels.bands()[index][::-1, ::-1])
+    if BANDS[index] != "high":
+        image = softened(image, kernels)
+    image = image[4:-4, 4:-4]
+    for _ in range(level):
+        coarse = wrapped(image, 2)
+        finer = 2 * coarse.shape[0], 2 * coarse.shape[1]
+        image = softened(double(coarse, finer, kernels), kernels)[4:-4, 4:-4]
+    return image
+
+
+def wrapped(tile: NDArray[np.float64], margin: int) -> NDArray[np.float64]:
+    """Go on with a periodic (H, W, channels) by `margin` pixels on every side."""
+    return np.pad(tile, ((margin, margin),) * 2 + ((0, 0),), mode="wrap")
 
 
 def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64]:
     """Pass the low-pass at full rate and, so that nothing moves, mirrored: (H, W, channels)."""
     height, width = image.shape[:2]
+    tap = np.empty(image.shape)  # no new array for every tap
     for low, before in ((kernels.low, 1), (kernels.low[::-1, ::-1], 2)):
         padded = np.pad(image, ((before, 3 - before),) * 2 + ((0, 0),), mode="edge")
-        taps = [
-            low[row, column] * padded[row : row + height, column : column + width]
-            for row in range(4)
-            for column in range(4)
-        ]
-        image = np.asarray(sum(taps))
+        image = np.zeros(image.shape)
+        for row in range(4):
+            for column in range(4):
+                shown = padded[row : row + height, column : column + width]
+                image += np.multiply(low[row, column], shown, out=tap)
     return image
 
 

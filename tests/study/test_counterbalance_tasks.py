@@ -15,10 +15,15 @@ from protocols.plan import chosen, make_plan
 DISPLAY = load_display("fhd27-60hz")
 
 
-def study_of(tmp_path: Path, repository: Path, task: str, rows: list[tuple[str, dict]], **changes):
+def study_of(tmp_path: Path, short_study, task: str, rows: list[tuple[str, dict]], **changes):
     """Return a study of stills with this task."""
-    text = (repository / "tests" / "test_worked_example.py").read_text(encoding="utf-8")
-    text = text.split('STUDY = """')[1].split('"""')[0]
+    text = short_study(
+        stimuli='kind = "files"\nwidth_px = 64\nheight_px = 64\nentries = [',
+        task='kind = "side-by-side"\nseparation_deg = 6.0\nstimulus_s = 0.5',
+        answers=("left", "right"),
+        analysis='kind = "preference"\nprimary = { method = "two", against = "one" }',
+        design="repeats = 4",
+    )
     head, rest = text.split("entries = [")
     entries = "\n".join(
         "[[stimuli.entries]]\n"
@@ -61,10 +66,10 @@ def abx_rows(methods=4, scenes=6):
 @pytest.mark.parametrize("repeats", [1, 2])
 @pytest.mark.parametrize("slot", [0, 3])
 def test_abx_has_each_right_answer_equally_often_in_every_condition(
-    tmp_path, repository, repeats, slot
+    tmp_path, short_study, repeats, slot
 ):
     study = study_of(
-        tmp_path, repository, ABX, abx_rows(),
+        tmp_path, short_study, ABX, abx_rows(),
         repeats=("repeats = 4", f"repeats = {repeats}"), **ABX_CHANGES,
     )  # fmt: skip
 
@@ -77,7 +82,7 @@ def test_abx_has_each_right_answer_equally_often_in_every_condition(
         assert abs(shown[method, "standard"] - shown[method, "comparison"]) <= 2
 
 
-def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, repository):
+def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, short_study):
     rows = [
         (f"s{scene}-l{level}", {"scene": f"s{scene}", "method": "ours" if level else "reference",
                                 "level": float(level)})
@@ -90,7 +95,7 @@ def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, repository):
     old, new = ABX_CHANGES["analysis"]
     changes = ABX_CHANGES | {"analysis": (old, f'{new}\nlevel = "level"')}
     study = study_of(
-        tmp_path, repository, task, rows, repeats=("repeats = 4", "repeats = 1"), **changes
+        tmp_path, short_study, task, rows, repeats=("repeats = 4", "repeats = 1"), **changes
     )
     manifest = virtual_manifest(study, DISPLAY)
 
@@ -103,23 +108,23 @@ def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, repository):
     assert all(6 <= pattern.count("a") <= 18 for pattern in patterns)
 
 
-def test_a_stimulus_with_two_standards_or_none_is_refused(tmp_path, repository):
+def test_a_stimulus_with_two_standards_or_none_is_refused(tmp_path, short_study):
     twice = [*abx_rows(1, 1), ("other", {"scene": "s0", "method": "reference"})]
     none = [*abx_rows(1, 1), ("alone", {"scene": "s9", "method": "m1"})]
 
     for rows, said in ((twice, "must be one standard"), (none, "must have a standard")):
         with pytest.raises(StudyError, match=said):
-            study_of(tmp_path, repository, ABX, rows, **ABX_CHANGES)
+            study_of(tmp_path, short_study, ABX, rows, **ABX_CHANGES)
 
 
-def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path, repository):
+def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path, short_study):
     rows = [
         (f"s{scene}-v{value}", {"scene": scene, "seed": value})
         for scene in (1, 2) for value in (1, 2, 3)
     ]  # fmt: skip
     task = 'kind = "two-alternative"\nseparation_deg = 6.0\ncompare = "seed"\n'
     study = study_of(
-        tmp_path, repository, task, rows,
+        tmp_path, short_study, task, rows,
         primary=('method = "two", against = "one"', 'method = "1", against = "2"'),
     )  # fmt: skip
 
@@ -129,7 +134,7 @@ def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path, reposito
     assert {trial.condition["left"] for trial in plan.trials} == {"1", "2", "3"}
 
 
-def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_path, repository):
+def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_path, short_study):
     task = 'kind = "two-alternative"\nseparation_deg = 6.0\n'
     rows = [
         ("a", {"scene": "s", "method": "one"}),
@@ -138,7 +143,7 @@ def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_p
     ]
 
     with pytest.raises(StudyError, match="no two stimuli may have one condition"):
-        study_of(tmp_path, repository, task, rows)
+        study_of(tmp_path, short_study, task, rows)
 
 
 def test_a_file_of_format_1_with_keys_of_format_2_is_refused(tmp_path, repository):
@@ -151,14 +156,14 @@ def test_a_file_of_format_1_with_keys_of_format_2_is_refused(tmp_path, repositor
         protocol_of(read_toml(path), path)
 
 
-def test_participants_begin_active_pairs_with_different_pairs(tmp_path, repository):
+def test_participants_begin_active_pairs_with_different_pairs(tmp_path, short_study):
     rows = [(f"s-m{method}", {"scene": "s", "method": f"m{method}"}) for method in range(8)]
     task = (
         'kind = "two-alternative"\nseparation_deg = 6.0\n'
         'sampling = { rule = "active-pairs", trials = 20 }\n'
     )
     study = study_of(
-        tmp_path, repository, task, rows,
+        tmp_path, short_study, task, rows,
         repeats=("repeats = 4", "repeats = 1"),
         primary=('method = "two", against = "one"', 'method = "m1", against = "m2"'),
     )  # fmt: skip
