@@ -36,7 +36,7 @@ _BOUNDS = {
 
 
 def problems_of(error: ValidationError, raw: object, model: type[BaseModel]) -> list[Problem]:
-    """Return one problem per place, in the order of the file's model.
+    """Return one problem per place in the order of the file's model, then those between places.
 
     Parameters
     ----------
@@ -48,12 +48,17 @@ def problems_of(error: ValidationError, raw: object, model: type[BaseModel]) -> 
         The class of the whole file.
     """
     found: dict[str, list[str]] = {}
+    between: list[Problem] = []  # what the model checks itself: every mistake is one of its own
     for detail in error.errors():
         for problem in _problems(detail, raw, model):
+            if not detail["loc"]:
+                between.append(problem)
+                continue
             messages = found.setdefault(problem.place, [])
             if problem.message not in messages:
                 messages.append(problem.message)
-    return [Problem(place, _either(messages)) for place, messages in found.items()]
+    joined = [Problem(place, _either(messages)) for place, messages in found.items()]
+    return joined + list(dict.fromkeys(between))
 
 
 def _either(messages: Sequence[str]) -> str:

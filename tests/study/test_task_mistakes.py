@@ -148,6 +148,15 @@ def test_each_mistake_is_told_with_its_place_and_its_cure(mistakes, task, old, n
     assert message in mistakes(task, (old, new))
 
 
+def test_two_mistakes_at_one_place_are_told_once_each(mistakes):
+    lines = mistakes(
+        "identification", ('"left", "up", "down", "right"]', '"left", "up", "down", "down"]')
+    )
+    told = [line for line in lines if line.startswith("task.alternatives: ")]
+    assert len(told) == len(set(told)) == 2
+    assert all(line.count("(got left, up, down, down") == 1 for line in told)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -21,7 +21,7 @@ from analysis.tasks.blocks import (
 from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
-from analysis.tasks.rates.wording import NOT_IDENTIFIED
+from analysis.tasks.rates.wording import NOT_IDENTIFIED, sd_digits
 from analysis.thresholds import ThresholdModel
 from protocols.adaptive.psychometric import Shape
 
@@ -415,13 +415,13 @@ def _thresholds(
         ),
         Paragraph(
             f"Lapse rate {share(model.lapse)}, shared by all; thresholds differ between"
-            f" participants by SD {_sd(model.participant_sd)}"
+            f" participants by SD {sd_digits(model.participant_sd)}"
             + (
-                f", of one participant between conditions by SD {_sd(model.interaction_sd)}"
+                f", of one participant between conditions by SD {sd_digits(model.interaction_sd)}"
                 if len(model.thresholds) > 1
                 else ""
             )
-            + (f", between scenes by SD {_sd(model.scene_sd)}" if model.scene_sd else "")
+            + (f", between scenes by SD {sd_digits(model.scene_sd)}" if model.scene_sd else "")
             + (" of the threshold's natural logarithm" if model.logarithmic else "")
             + ".",
             muted=True,
@@ -555,11 +555,6 @@ def _checks(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
 
 def _spread(fit: ModelFit) -> str:
     return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items()) or "none"
-
-
-def _sd(value: float) -> str:
-    """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
-    return f"{value:.3g}" if value > 1e-6 else "0"
 
 
 def _pair(ends: tuple[float, float] | None) -> str:

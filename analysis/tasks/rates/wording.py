@@ -70,6 +70,11 @@ def apa_difference(one: Difference) -> str:
     return text + "."
 
 
+def sd_digits(value: float) -> str:
+    """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
+    return f"{value:.3g}" if value > 1e-6 else "0"
+
+
 def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[float] = ()) -> str:
     """Return the thresholds of all conditions as a sentence; `levels` are those shown."""
     after = f" {unit}" if unit else ""
@@ -80,11 +85,11 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         else f"{one.condition} {NOT_IDENTIFIED}"
         for one in model.thresholds
     ]
-    spread = f"participants SD = {_digits(model.participant_sd)}"
+    spread = f"participants SD = {sd_digits(model.participant_sd)}"
     if len(model.thresholds) > 1:
-        spread += f", participants x conditions SD = {_digits(model.interaction_sd)}"
+        spread += f", participants x conditions SD = {sd_digits(model.interaction_sd)}"
     if model.scene_sd:
-        spread += f", scenes SD = {_digits(model.scene_sd)}"
+        spread += f", scenes SD = {sd_digits(model.scene_sd)}"
     scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
