@@ -25,10 +25,8 @@ from stimuli.world import look_at_pose
 NOTICES = "notices"
 SEED = 1
 """Of every scene: a name is one picture."""
-_SYLLABLES = (
-    "ba be bo da de di fa fe ga go ha he ka ko la le li lo ma me mi mo na ne no pa pe po ra re ri"
-    " ro sa se si so ta te ti to va ve wa we"
-).split()
+_DRAWN_PX = 2160  # high the wall is drawn; then it is scaled
+_SYLLABLES = [first + second for first in "bdfghklmnprstvw" for second in "aeio"]
 
 Colour = NDArray[np.float32]
 
@@ -131,8 +129,8 @@ def notices(height_px: int, width_px: int) -> Colour:
         The same wall in every size: lengths are shares of the height.
     """
     rng = np.random.default_rng(SEED)
-    tall = 2 * max(height_px, 1)
-    wide = 2 * max(width_px, 1)
+    tall = _DRAWN_PX
+    wide = max(1, round(tall * width_px / height_px))
     wall = np.empty((tall, wide, 3), np.uint8)
     wall[:] = (181, 172, 158)
     edge = tall / 24
@@ -147,8 +145,9 @@ def notices(height_px: int, width_px: int) -> Colour:
             ink = tuple(int(value) for value in rng.integers(10, 90, 3))
             _notice(wall, rng, (left, top), (0.86 * step, deep - edge / 2), paper, ink)
             top += deep
-    small = cv2.resize(wall, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32) / 255
+    how = cv2.INTER_AREA if height_px <= tall else cv2.INTER_CUBIC
+    scaled = cv2.resize(wall, (width_px, height_px), interpolation=how)
+    return np.asarray(scaled, np.float32) / np.float32(255)
 
 
 def _notice(
@@ -187,8 +186,8 @@ def _print_line(
     line: float,
     ink: tuple[int, ...],
 ) -> None:
-    """Print words from `start`, capitals `line` high, as long as they fit."""
-    scale = line / 22  # of OpenCV's simplex letters, whose capitals are 21 or 22 units high
+    """Print words from `start` in OpenCV's own letters, about `line` high, as long as they fit."""
+    scale = line / 22
     thick = max(1, round(line / 8))
     said = ""
     for _ in range(12):
@@ -198,6 +197,4 @@ def _print_line(
             break
         said = longer
     place = (round(start[0]), round(start[1]))
-    cv2.putText(
-        wall, said, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thick, cv2.LINE_AA
-    )  # fmt: skip
+    cv2.putText(wall, said, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thick, cv2.LINE_AA)
