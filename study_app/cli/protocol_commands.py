@@ -36,7 +36,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="""Write, check and plan a study.
 
-    A protocol is a TOML file; `demo` and `inpainting-2afc` come with metamerlab.
+    A protocol is a TOML file; `demo`, `inpainting-2afc` and `beyond-blur-task`, `-preference` and
+    `-detection` come with metamerlab.
 
     Examples:
 
