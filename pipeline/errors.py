@@ -8,5 +8,9 @@ class InputError(ValueError):
     """
 
 
+class MissingExtraError(InputError):
+    """What was asked for needs a package that is not installed; the message names the extra."""
+
+
 class GLUnavailableError(RuntimeError):
     """No OpenGL that can run the pipeline; the message says what was found and the cure."""

@@ -37,6 +37,7 @@ def check_feasible(
         problems += _memory(protocol, display)
     if not problems:
         problems += _places(protocol, display)
+        problems += protocol.stimuli.unseen(display)
     if manifest is not None:
         problems += _built_size(protocol, display, manifest)
     return problems

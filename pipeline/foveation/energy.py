@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import YCBCR_FROM_RGB
-from pipeline.errors import InputError
+from pipeline.errors import InputError, MissingExtraError
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
@@ -67,8 +67,10 @@ class EnergyMetamer:
 
     Raises
     ------
+    MissingExtraError
+        If torch is not installed, with the cure.
     InputError
-        If torch is not installed, with the cure, or a value is out of range.
+        If a value is out of range.
     """
 
     def __init__(
@@ -94,7 +96,9 @@ class EnergyMetamer:
             raise InputError(f"levels must lie in 1..6 (got {levels})")
         self.start, self.steps, self.levels = start, steps, levels
         if find_spec("torch") is None:
-            raise InputError(f"energy-metamer needs torch, which is not installed here; {INSTALL}")
+            raise MissingExtraError(
+                f"energy-metamer needs torch, which is not installed here; {INSTALL}"
+            )
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Any) -> FoveationPass | None:  # noqa: ARG002
         return None

@@ -148,3 +148,11 @@ class Recipe(Model):
     def problems(self, _folder: Path) -> list[Problem]:
         """Return a problem for every file that is needed and not below `folder`."""
         return []
+
+    def unseen(self, _display: Display) -> list[Problem]:
+        """Return a problem where the display does not show what a trial is about."""
+        return []
+
+    def cut_away(self) -> tuple[str, ...]:
+        """Return in sentences what the study leaves out because displays are not larger."""
+        return ()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 REFERENCE = "reference"
 CLOSED, OPEN = "closed", "open"
 CONSISTENT, INCONSISTENT = "consistent", "inconsistent"
+BUILTIN = "builtin:"
+"""Before the name of a picture that is made here, in place of a file."""
 _TURN = 360
 _FINER = 1000  # of a degree: angles are whole thousandths, the same on every platform
 
@@ -55,7 +58,8 @@ class Picture(Model):
     name: Name
     """Its name in this study."""
     file: Text
-    """Relative to the protocol file."""
+    """Relative to the protocol file; or `builtin:NAME`, a picture that metamerlab makes itself in
+    the study's size and at the display's angles."""
     view: View | None = None
     """The file is a whole equirectangular panorama, 2:1: show this view of it, at the angles that
     the display has; left out: a flat picture."""
@@ -72,6 +76,8 @@ class Shown(Model):
     and so on."""
     parameters: Parameters = Field(default_factory=dict)
     """Of the condition; the rest keep their defaults."""
+    columns: dict[Name, Scalar] = Field(default_factory=dict)
+    """More columns of the table of stimuli: `{ scaling = 0.25 }`."""
     label: Text | None = None
     """What reports print for it; left out: the name."""
 
@@ -102,6 +108,12 @@ class Rings(Model):
     places: Positive = 5
     """Rings of each kind per eccentricity, each at a polar angle of its own: one in every
     sector of equal size, where in it follows from the seed; equal for all methods and scenes."""
+    scenes: Literal["each", "in-turn"] = "each"
+    """`each`: every ring in every picture; `in-turn`: every ring in one picture, the same for all
+    methods, and pictures take turns in an order that follows from the seed."""
+    field_deg: tuple[Degrees, Degrees] | None = None
+    """Width and height of the field that rings lie in, around the gaze in the picture's middle.
+    Where a circle leaves it, sectors divide what is left of the circle. Left out: whole circles."""
     gaps_deg: Annotated[tuple[SignedDegrees, ...], Field(min_length=1)] = (0.0,)
     """Directions of the gap, counter-clockwise from the right."""
     closed: bool = True
@@ -114,6 +126,43 @@ class Rings(Model):
     rim_deg: Degrees = 0.625
     """Before an undistorted background: so far around the ring the method is shown, and over as
     much again it fades into the picture."""
+
+    def arcs(self, eccentricity_deg: float) -> tuple[float, float]:
+        """Return where a ring fits in the first quarter of its circle: polar angles from, to.
+
+        The other quarters mirror it; from equals to where it fits nowhere. A ring fits where the
+        cone of sight that holds it passes no edge of the field: the direction to its middle is at
+        least its radius away from the plane through the eye and the edge.
+        """
+        if self.field_deg is None:
+            return 0.0, _TURN / 4
+        across, up = (_reach(angle, eccentricity_deg, self.height_deg) for angle in self.field_deg)
+        first = 0.0 if across >= 1 else math.degrees(math.acos(max(0.0, across)))
+        last = _TURN / 4 if up >= 1 else math.degrees(math.asin(max(0.0, up)))
+        return first, max(first, last)
+
+    def polar_deg(self, eccentricity_deg: float, share: float) -> float:
+        """Return the polar angle at a share of all arcs, counter-clockwise from the right."""
+        first, last = self.arcs(eccentricity_deg)
+        if (first, last) == (0.0, _TURN / 4):
+            return _TURN * share
+        quarter, along = divmod(4 * share, 1)
+        turned = along if quarter % 2 == 0 else 1 - along  # every other quarter is mirrored
+        angle = first + turned * (last - first)
+        return quarter * _TURN / 4 + (angle if quarter % 2 == 0 else _TURN / 4 - angle)
+
+    def cut_away(self) -> list[str]:
+        """Return what of each circle lies outside of the field, in a line; none: nothing does."""
+        said = []
+        for eccentricity in self.eccentricities_deg:
+            first, last = self.arcs(eccentricity)
+            if (first, last) != (0.0, _TURN / 4):
+                said.append(
+                    f"at {eccentricity:g} deg rings lie on {(last - first) / 90:.0%} of the circle:"
+                    f" from {first:.0f} to {last:.0f} deg off the horizontal, right and left, above"
+                    " and below"
+                )
+        return said
 
     @property
     def around(self) -> str:
@@ -136,6 +185,9 @@ class Cuts(Model):
     """Stimuli of each kind, each with an angle and a seed of its own."""
     ramp_deg: Degrees = 1.0
     """Width over which the sides are blended."""
+    own_seeds: bool = True
+    """Every draw has noise of its own; false: all draws of a picture by a method cut one and the
+    same picture, which is then made once."""
 
 
 class _Drawn(TypedDict, total=False):
@@ -207,6 +259,18 @@ class FoveatedImages(Recipe):
             raise ValueError("rings and cuts are two experiments: give one of them")
         if self.draws > 1 and (self.rings is not None or self.cuts is not None):
             raise ValueError("draws is for whole pictures: rings have places, cuts have draws")
+        if self.rings is not None and self.rings.field_deg is not None:
+            if max(self.rings.field_deg) >= 2 * 90:
+                raise ValueError("field_deg must be less than 180 degrees wide and high")
+            if any(gaze.x_deg or gaze.y_deg for gaze in self.gazes):
+                raise ValueError("field_deg lies around a gaze in the middle: leave gazes out")
+            for eccentricity in self.rings.eccentricities_deg:
+                first, last = self.rings.arcs(eccentricity)
+                if first == last:
+                    raise ValueError(
+                        f"a ring {eccentricity:g} degrees from the gaze must fit somewhere in"
+                        " field_deg; leave that eccentricity out, or sit nearer to the display"
+                    )
         if self.cuts is not None and all(one.condition == REFERENCE for one in self.methods):
             raise ValueError("cuts need a method beside 'reference'")
         for picture in self.pictures:
@@ -222,14 +286,16 @@ class FoveatedImages(Recipe):
         return tuple(self._stimuli())
 
     def _stimuli(self) -> Iterator[FoveatedStimulus]:
+        turns = self._turns()
         for picture, shown, gaze in product(self.pictures, self.methods, self.gazes):
             named = [picture.name, shown.name]
             condition: dict[str, Scalar] = {"scene": picture.name, "method": shown.name}
+            condition |= shown.columns
             if len(self.gazes) > 1:
                 named.append(gaze.name)
                 condition["gaze"] = gaze.name
             if self.rings is not None:
-                drawn = self._rings(self.rings, picture, gaze)
+                drawn = self._rings(self.rings, picture, gaze, turns)
             elif self.cuts is not None:
                 drawn = self._cuts(self.cuts, picture, shown, gaze)
             else:
@@ -251,17 +317,40 @@ class FoveatedImages(Recipe):
             more: dict[str, Scalar] = {"draw": draw} if self.draws > 1 else {}
             yield words, more, {"seed": self._seed_of(draw)}
 
+    def _turns(self) -> dict[tuple[float, str, float | None, int], str]:
+        """Return the one picture of every ring, where pictures take turns; else nothing."""
+        if self.rings is None or self.rings.scenes == "each":
+            return {}
+        names: list[str] = []
+        drawn = [
+            (eccentricity, symbol, gap, place)
+            for eccentricity, (symbol, gap) in product(
+                self.rings.eccentricities_deg, _kinds(self.rings)
+            )
+            for place in range(self.rings.places)
+        ]
+        while len(names) < len(drawn):
+            chance = Chance(self.texture_seed, "scenes", len(names))
+            names += chance.shuffled([picture.name for picture in self.pictures])
+        return dict(zip(drawn, names, strict=False))
+
     def _rings(
-        self, rings: Rings, picture: Picture, gaze: GazePoint
+        self,
+        rings: Rings,
+        picture: Picture,
+        gaze: GazePoint,
+        turns: Mapping[tuple[float, str, float | None, int], str],
     ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
-        kinds: list[tuple[str, float | None]] = [(OPEN, gap) for gap in rings.gaps_deg]
-        if rings.closed:
-            kinds.append((CLOSED, None))
+        kinds = _kinds(rings)
         for eccentricity, (symbol, gap) in product(rings.eccentricities_deg, kinds):
             for place in range(rings.places):
+                of_ring = turns.get((eccentricity, symbol, gap, place), picture.name)
+                if of_ring != picture.name:
+                    continue
                 chance = Chance(self.texture_seed, "polar", eccentricity, symbol, gap, place)
                 within = chance.below(_FINER) / _FINER
-                polar = round((place + within) * _TURN / rings.places * _FINER) / _FINER
+                share = (place + within) / rings.places
+                polar = round(rings.polar_deg(eccentricity, share) * _FINER) / _FINER
                 words = [f"e{_word(eccentricity)}", symbol]
                 if len(rings.gaps_deg) > 1 and gap is not None:
                     words.append(f"g{_word(gap)}")
@@ -298,7 +387,8 @@ class FoveatedImages(Recipe):
             )
             angle = chance.below(_TURN * _FINER) / _FINER
             more: dict[str, Scalar] = {"cut": cut, "draw": draw, "cut_deg": angle}
-            seed = self._seed_of(picture.name, gaze.name, cut, draw)
+            own = (cut, draw) if cuts.own_seeds else ()
+            seed = self._seed_of(picture.name, gaze.name, *own)
             yield (
                 [cut, f"d{draw}"],
                 more,
@@ -341,11 +431,18 @@ class FoveatedImages(Recipe):
                 f" gaze, {self.rings.places} of each kind"
                 + (", open and closed." if self.rings.closed else ".")
                 + self.rings.around
+                + "".join(f" {one[0].upper()}{one[1:]}." for one in self.rings.cut_away())
+                + (
+                    " Every ring is in one scene, and scenes take turns."
+                    if self.rings.scenes == "in-turn"
+                    else ""
+                )
             )
         if self.cuts is not None:
             drawn.append(
                 "Cut by a line through the gaze at a random angle, blended over"
                 f" {self.cuts.ramp_deg:g} degrees, {self.cuts.draws} of each kind."
+                + ("" if self.cuts.own_seeds else " All of a kind cut one picture.")
             )
         return (
             f"{len(self.stimuli())} pictures, {self.width_px} x {self.height_px} px, on"
@@ -383,8 +480,57 @@ class FoveatedImages(Recipe):
                 " 'metamerlab stimuli build' needs it",
             )
             for index, one in enumerate(self.pictures)
-            if not (folder / one.file).exists()
+            if not one.file.startswith(BUILTIN) and not (folder / one.file).exists()
         ]
+
+    def unseen(self, display: Display) -> list[Problem]:
+        """Return a problem where rings leave the picture as this display shows it."""
+        rings = self.rings
+        if rings is None or any(gaze.x_deg or gaze.y_deg for gaze in self.gazes):
+            return []  # off the middle: the builder tries each ring
+        angles = tuple(
+            2 * math.degrees(math.atan(pixels * pitch_mm / 2 / display.distance_mm))
+            for pixels, pitch_mm in (
+                (self.width_px, display.pitch_x_mm),
+                (self.height_px, display.pitch_y_mm),
+            )
+        )
+        whole = Rings(**{**rings.model_dump(), "field_deg": angles})
+        for one in self.stimuli():
+            assert one.eccentricity_deg is not None
+            assert one.polar_deg is not None
+            first, last = whole.arcs(one.eccentricity_deg)
+            off = one.polar_deg % (_TURN / 2)
+            off = min(off, _TURN / 2 - off)
+            if not first - 1 / _FINER <= off <= last + 1 / _FINER or first == last:
+                fits = [math.floor(10 * angle) / 10 for angle in angles]
+                return [
+                    Problem(
+                        "stimuli.rings.field_deg",
+                        f"every ring must lie on the picture, {angles[0]:.1f} x {angles[1]:.1f} deg"
+                        f" on this display (one lies {one.eccentricity_deg:g} deg from the gaze at"
+                        f" {one.polar_deg:g} deg); write field_deg = {fits}, so that angles are"
+                        " uniform on the arcs that fit, or choose smaller eccentricities",
+                    )
+                ]
+        return []
+
+    def cut_away(self) -> tuple[str, ...]:
+        """Return which parts of a circle have no rings."""
+        return () if self.rings is None else tuple(self.rings.cut_away())
+
+
+def _kinds(rings: Rings) -> list[tuple[str, float | None]]:
+    """The symbols of a place: each direction of the gap, and the closed ring."""
+    kinds: list[tuple[str, float | None]] = [(OPEN, gap) for gap in rings.gaps_deg]
+    return [*kinds, (CLOSED, None)] if rings.closed else kinds
+
+
+def _reach(field_deg: float, eccentricity_deg: float, height_deg: float) -> float:
+    """Largest cosine (sine) of the polar angle at which a ring stays in the width (height)."""
+    half, away = math.radians(field_deg / 2), math.radians(eccentricity_deg)
+    room = math.cos(away) * math.sin(half) - math.sin(math.radians(height_deg / 2))
+    return room / (math.sin(away) * math.cos(half))
 
 
 def _word(value: float) -> str:

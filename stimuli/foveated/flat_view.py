@@ -53,7 +53,7 @@ def flat_view(
     finest = math.radians(1) * geometry.distance_px  # px per degree in the middle: the least
     samples = min(max(1, math.ceil(width / 360 / finest - 0.01)), _MOST_SAMPLES)
     padded = _padded(np.asarray(panorama, np.float32))
-    turned = _turn(right_deg, down_deg)
+    turned = turn(right_deg, down_deg)
     total = np.zeros((geometry.height_px, geometry.width_px, 3), np.float64)
     inside = (np.arange(samples) + 0.5) / samples
     columns = np.arange(geometry.width_px)[None, :]
@@ -97,7 +97,7 @@ def around_gaze(
     )
 
 
-def _turn(right_deg: float, down_deg: float) -> NDArray[np.float64]:
+def turn(right_deg: float, down_deg: float) -> NDArray[np.float64]:
     """The rotation that takes (0, 0, 1) to that direction; level stays level."""
     right, down = math.radians(right_deg), math.radians(down_deg)
     nod = np.array(

@@ -46,6 +46,13 @@ class Builder:
         """Return what the recipe asks for and this installation does not have."""
         return []
 
+    def lacking(self) -> list[Problem]:
+        """Return what a build needs and this installation lacks, though it could be had.
+
+        No mistake of the study: where sittings run, built stimuli are enough.
+        """
+        return []
+
     def estimate(self, out: Path, workers: int) -> Estimate:
         """Say what a build would cost.
 

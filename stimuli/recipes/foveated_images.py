@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, MissingExtraError
 from pipeline.foveation.conditions import check_condition_name, create_condition
 from pipeline.foveation.drawn import ring_pixels
 from pipeline.foveation.geometry import FlatGeometry
@@ -27,9 +27,16 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import Json
 from protocols.manifest import Clip, cache_key
-from protocols.recipes.foveated_images import FoveatedImages, FoveatedStimulus, Rings, Shown
+from protocols.recipes.foveated_images import (
+    BUILTIN,
+    FoveatedImages,
+    FoveatedStimulus,
+    Rings,
+    Shown,
+)
 from protocols.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
+from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.read_file import file_sha256
 from stimuli.recipes.base import Estimate, Where
 from stimuli.recipes.foveated_work import (
@@ -83,6 +90,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             where = f"stimuli.methods[{index}]"
             try:
                 create_condition(self.order.condition(shown), shown.parameters)
+            except MissingExtraError:
+                continue  # see `lacking`
             except (InputError, OSError) as error:
                 found.append(Problem(where, str(error)))
                 continue
@@ -99,18 +108,50 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 found.append(
                     Problem(f"stimuli.pictures[{index}].name", f"must not be {picture.name!r}")
                 )
+        found += self._unknown_pictures()
         if self.recipe.fit == "exact":
             found += self._wrong_sizes()
         if self.recipe.rings is not None:
             found += self._rings_off(self.recipe.rings)
         return found
 
+    def lacking(self) -> list[Problem]:
+        """Return the conditions that need a package which is not installed."""
+        found = []
+        for index, shown in enumerate(self.recipe.methods):
+            try:
+                create_condition(self.order.condition(shown), shown.parameters)
+            except MissingExtraError as error:
+                found.append(
+                    Problem(
+                        f"stimuli.methods[{index}]",
+                        f"{error}; to do without, leave {shown.name!r} out, here and where the"
+                        " study names it",
+                    )
+                )
+            except (InputError, OSError):
+                continue  # see `problems`
+        return found
+
+    def _unknown_pictures(self) -> Iterator[Problem]:
+        """Yield a problem for every built-in picture that does not exist."""
+        for index, picture in enumerate(self.recipe.pictures):
+            name = picture.file.removeprefix(BUILTIN)
+            if name == picture.file:
+                continue
+            try:
+                check_picture_name(name)
+                if name == NOTICES and picture.view is not None:
+                    raise InputError(f"{NOTICES!r} is a flat picture; leave view out")
+            except InputError as error:
+                yield Problem(f"stimuli.pictures[{index}].file", str(error))
+
     def _wrong_sizes(self) -> Iterator[Problem]:
         """Yield a problem for every picture whose header says another size."""
         wanted = self.recipe.width_px, self.recipe.height_px
         for index, picture in enumerate(self.recipe.pictures):
-            if picture.view is not None:
-                continue  # a view is drawn in the study's size
+            if picture.view is not None or picture.file.startswith(BUILTIN):
+                continue  # it is drawn in the study's size
             path = self.folder / picture.file
             got = stated_size_px(path)
             # Sides the other way around: it may be stored turned, which reading it settles.
@@ -170,7 +211,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
 
     def check_inputs(self) -> None:
         """Refuse unknown conditions, files that are missing, rings that lie off the picture."""
-        wrong = [*self.recipe.problems(self.folder), *self.problems()]
+        wrong = [*self.recipe.problems(self.folder), *self.problems(), *self.lacking()]
         if wrong:
             raise StudyError("\n".join(map(str, wrong)))
 
@@ -206,7 +247,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         view = entry.picture.view
         return cache_key(
             {
-                "file": _file_hash(self.folder / entry.picture.file),
+                "file": self._picture_hash(entry),
                 "view": None if view is None else [view.right_deg, view.down_deg],
                 "size_px": [recipe.width_px, recipe.height_px],
                 "fit": recipe.fit,
@@ -226,6 +267,13 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 "sources": source_sha256(*_SOURCES),
             }
         )  # fmt: skip
+
+    def _picture_hash(self, entry: FoveatedStimulus) -> str:
+        """What decides the scene: the file's bytes, or our sources of a picture made here."""
+        name = entry.picture.file.removeprefix(BUILTIN)
+        if name == entry.picture.file:
+            return _file_hash(self.folder / entry.picture.file)
+        return f"{name} {source_sha256(*picture_modules(name))}"
 
     def colour(self, entry: FoveatedStimulus) -> NDArray[np.float32]:
         """Return the still: encoded R'G'B', shape (H, W, 3)."""

@@ -27,13 +27,16 @@ from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.recipes.foveated_images import (
+    BUILTIN,
     REFERENCE,
     FoveatedImages,
     FoveatedStimulus,
     Picture,
     Shown,
+    View,
 )
 from stimuli.foveated.any_picture import read_any
+from stimuli.foveated.builtin_pictures import builtin_picture
 from stimuli.foveated.flat_view import flat_view
 from stimuli.foveated.looking import read_gaze
 from stimuli.png import encode_frame
@@ -83,14 +86,25 @@ class Order:
             entry.gaze
         )
 
-    def picture(self, picture: Picture) -> Colour:
+    def picture(self, picture: Picture, ctx: moderngl.Context | None = None) -> Colour:
         """Return a scene in the size of the stills: (H, W, 3).
+
+        Parameters
+        ----------
+        ctx : moderngl.Context, optional
+            Draws built-in scenes.
 
         Raises
         ------
         InputError
             If it has another size and the recipe says so, or is no panorama where one is looked at.
         """
+        if picture.file.startswith(BUILTIN):
+            view = View() if picture.view is None else picture.view
+            return builtin_picture(
+                picture.file.removeprefix(BUILTIN), self.geometry, ctx,
+                right_deg=view.right_deg, down_deg=view.down_deg,
+            )  # fmt: skip
         path = self.folder / picture.file
         colour = read_any(path).colour
         if picture.view is not None:
@@ -145,6 +159,7 @@ class Bench:
             self.renderer = RendererInfo(found.vendor, found.name, found.version)
         self._foveators: dict[str, Foveator] = {}
         self._picture: tuple[str, Colour] | None = None
+        self._last: tuple[tuple[str, str, str, int], Colour] | None = None
 
     def colour(self, entry: FoveatedStimulus, state: Path | None = None) -> Colour:
         """Return a still: encoded R'G'B', shape (H, W, 3).
@@ -160,7 +175,7 @@ class Bench:
         plain = self._with_ring(scene, entry)
         if entry.shown.condition == REFERENCE:
             return plain
-        shown = self._foveated(plain, entry, state)
+        shown = self._shown(plain, entry, state)
         rings, cuts = order.recipe.rings, order.recipe.cuts
         if entry.cut_deg is not None and cuts is not None:
             return bisected(
@@ -188,7 +203,7 @@ class Bench:
 
     def _scene(self, picture: Picture) -> Colour:
         if self._picture is None or self._picture[0] != picture.name:
-            self._picture = picture.name, self.order.picture(picture)  # scene by scene
+            self._picture = picture.name, self.order.picture(picture, self._ctx)  # scene by scene
         return self._picture[1]
 
     def _with_ring(self, picture: Colour, entry: FoveatedStimulus) -> Colour:
@@ -200,6 +215,15 @@ class Bench:
             eccentricity_deg=entry.eccentricity_deg, polar_deg=entry.polar_deg,
             height_deg=rings.height_deg, gap_deg=entry.gap_deg, grey=rings.grey,
         )  # fmt: skip
+
+    def _shown(self, plain: Colour, entry: FoveatedStimulus, state: Path | None) -> Colour:
+        """Foveate a picture; once for all that cut the same one, which come in a row."""
+        if entry.eccentricity_deg is not None:
+            return self._foveated(plain, entry, state)
+        asked = (entry.picture.name, entry.shown.name, entry.gaze.name, entry.seed)
+        if self._last is None or self._last[0] != asked:
+            self._last = asked, self._foveated(plain, entry, state)
+        return self._last[1]
 
     def _foveated(self, picture: Colour, entry: FoveatedStimulus, state: Path | None) -> Colour:
         foveator = self._foveator(entry.shown)

@@ -36,7 +36,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="""Write, check and plan a study.
 
-    A protocol is a TOML file; `demo` and `inpainting-2afc` come with metamerlab.
+    A protocol is a TOML file; `demo`, `inpainting-2afc` and `beyond-blur-task`, `-preference` and
+    `-detection` come with metamerlab.
 
     Examples:
 
@@ -69,6 +70,7 @@ def check(
         study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
         # Imported here: it brings the renderer along.
+        from stimuli.recipes import builder_of
         from study_app.cli.checked_study import require_buildable
 
         require_buildable(protocol, study, screen, manifest)
@@ -77,9 +79,15 @@ def check(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
             f" protocol {study.sha256[:12]}."
         )
+        for line in study.stimuli.cut_away():
+            print(f"note: {line}")
         # No mistake of the protocol: where sittings run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
+                say(f"note: {missing}")
+        if stimuli is None:
+            folder = protocol.absolute().parent
+            for missing in builder_of(study, screen, folder).lacking():
                 say(f"note: {missing}")
 
 
@@ -240,6 +248,7 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
         ("blocks", str(study.design.blocks)),
         ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
         ("stimuli", f"{len(study.shown())}{frames}, {width} x {height} px"),
+        *(("cut away", line) for line in study.stimuli.cut_away()),
         ("memory", f"{max(1, memory):.0f} MiB for two trials"),
         ("gaze", study.gaze.mode),
         ("languages", ", ".join(study.text.languages)),
