@@ -91,9 +91,11 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     if old:
         raw = upgraded_protocol(raw)
     problems: list[Problem] = list(_control_characters(raw))
+    if not problems:
+        raw = _with_tables(raw, path.parent)
+        problems += _control_characters(raw)
     if problems:
         raise _study_error(path, problems)
-    raw = _with_tables(raw, path.parent)
     try:
         study = StudyProtocol.model_validate(raw)
     except ValidationError as error:

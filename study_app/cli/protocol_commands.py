@@ -80,7 +80,7 @@ def check(
             f" protocol {study.sha256[:12]}."
         )
         for line in study.stimuli.cut_away():
-            print(f"note: {line}")
+            say(f"note: {line}")
         # No mistake of the protocol: where sittings run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
