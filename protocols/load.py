@@ -16,6 +16,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
 from protocols.hashing import sha256_bytes
+from protocols.limits import reading
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -187,7 +188,7 @@ def parse_view(text: str) -> View:
     must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
     try:
         raw = {key: _tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
     try:
         return View.model_validate(raw["view"])
@@ -241,10 +242,8 @@ def _shipped(path: Path, folder: str) -> Path:
 def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
-    try:
+    with reading(path, "valid TOML"):
         return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{path}: must be valid TOML ({error})") from None
 
 
 def _tuples(value: object) -> object:

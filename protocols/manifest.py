@@ -187,6 +187,8 @@ def read_manifest(folder: Path) -> Manifest:
         raise StudyError(
             f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
         ) from None
+    except (ValueError, RecursionError):  # numbers of 5,000 digits, brackets 3,000 deep
+        raise StudyError(f"{path}: must be the manifest of a build; build again") from None
     try:
         return Manifest.model_validate_json(json.dumps(_of_format_2(raw)))
     except ValidationError as error:
