@@ -54,16 +54,16 @@ def load_protocol(path: Path) -> StudyProtocol:
     return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
 
 
-def _control_characters(value: object, place: str = "") -> Iterator[Problem]:
+def control_characters(value: object, place: str = "") -> Iterator[Problem]:
     """Yield every text with a character that no page, figure or terminal can show."""
     if isinstance(value, str) and (found := _CONTROL.search(value)):
         yield Problem(place, f"must hold no control characters (got {found.group()!a})")
     elif isinstance(value, dict):
         for key, entry in value.items():
-            yield from _control_characters(entry, f"{place}.{key}".lstrip("."))
+            yield from control_characters(entry, f"{place}.{key}".lstrip("."))
     elif isinstance(value, list | tuple):
         for index, entry in enumerate(value):
-            yield from _control_characters(entry, f"{place}[{index}]")
+            yield from control_characters(entry, f"{place}[{index}]")
 
 
 def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
@@ -91,7 +91,7 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
-    problems: list[Problem] = list(_control_characters(raw))
+    problems: list[Problem] = list(control_characters(raw))
     if problems:
         raise _study_error(path, problems)
     raw = _with_tables(raw, path.parent)
