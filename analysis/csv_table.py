@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from protocols.errors import StudyError
+from protocols.limits import check_rows
 from protocols.load import decode_utf8, read_bytes
 from protocols.suggest import did_you_mean
 
@@ -38,6 +39,7 @@ def read_table(path: Path) -> pd.DataFrame:
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
     text = decode_utf8(read_bytes(path, "the table"), path)
+    check_rows(path, text)
     if found := _CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise StudyError(

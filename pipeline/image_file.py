@@ -11,7 +11,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.limits import check_values, reading
 
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
@@ -50,16 +50,21 @@ def read_pixels(path: Path) -> Pixels:
     """
     if not path.exists():
         raise FileNotFoundError(2, "No such file", str(path))
+    with reading(path, "a whole image"):  # names and texts in its header may be no UTF-8
+        return _read_pixels(path)
+
+
+def _read_pixels(path: Path) -> Pixels:
     config = oiio.ImageSpec()  # without one, PFM files come out upside down
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
     if source is None:
         reason = _one_line(oiio.geterror()) if path.is_file() else "it is a folder"
         raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
-    spec = source.spec()
     try:
+        spec = source.spec()
         check_values(path, spec.width, spec.height, spec.nchannels)
-    except InputError:
+    except Exception:
         source.close()
         raise
     stored = str(spec.format) if not spec.channelformats else "float"

@@ -16,6 +16,11 @@ from pipeline.errors import InputError
 VARIABLE = "METAMERLAB_LIMITS"
 VALUES = 1_000_000_000
 """Numbers in a picture or an array: pixels times channels."""
+RATIO = 400
+"""Numbers for each byte of the file, beyond `RATIO_FROM` of them: flat colour alone has more."""
+RATIO_FROM = 100_000_000
+VERTICES = 50_000_000
+"""Entries of a mesh's lists: of its positions, of its indices, and so on."""
 
 
 def limit(name: str, default: int) -> int:
@@ -54,6 +59,30 @@ def check_values(path: Path, *shape: int) -> None:
             f"{path}: must hold at most {most:,} numbers (says that it holds"
             f" {' x '.join(map(str, shape))}); if it is right, raise the limit with"
             f" {VARIABLE}=values={max(count, 0)}"
+        )
+    if count > RATIO_FROM and path.is_file():
+        packed = max(path.stat().st_size, 1)
+        if count > packed * limit("ratio", RATIO):
+            raise InputError(
+                f"{path}: must hold at most {limit('ratio', RATIO):,} numbers in each byte (says"
+                f" that it holds {count:,} in {packed:,} bytes); if it is right, raise the limit"
+                f" with {VARIABLE}=ratio={-(-count // packed)}"
+            )
+
+
+def check_vertices(path: Path, count: int) -> None:
+    """Refuse a mesh with longer lists than the limit allows.
+
+    Raises
+    ------
+    InputError
+        With the count, the limit and how to raise it.
+    """
+    most = limit("vertices", VERTICES)
+    if count > most:
+        raise InputError(
+            f"{path}: no list of a mesh must be longer than {most:,} (one has {count:,}); simplify"
+            f" it, or raise the limit with {VARIABLE}=vertices={count}"
         )
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from protocols.errors import StudyError
@@ -17,6 +19,8 @@ TRIALS = 100_000
 """Trials of one participant, practice and catch trials included."""
 UNPACKED = 2_000_000_000
 """Bytes that a packed file may hold."""
+ROWS = 10_000_000
+"""Lines of a table or a recording."""
 _PIECE = 1 << 20
 
 
@@ -54,6 +58,54 @@ def check_trials(count: int) -> None:
             f"design: a participant must have at most {most:,} trials (got {count:,}); take fewer"
             f" repeats, or raise the limit with {VARIABLE}=trials={count}"
         )
+
+
+def check_rows(path: Path, text: str) -> None:
+    """Refuse a table of more lines than the limit allows.
+
+    Raises
+    ------
+    StudyError
+        With the count, the limit and how to raise it.
+    """
+    most, count = limit("rows", ROWS), text.count("\n")
+    if count > most:
+        raise StudyError(
+            f"{path}: must have at most {most:,} lines (has {count:,}); if it is right, raise the"
+            f" limit with {VARIABLE}=rows={count}"
+        )
+
+
+@contextmanager
+def reading(path: Path, what: str) -> Iterator[None]:
+    """Turn whatever a library raises about a user's file into one message.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it must be: ``valid TOML``.
+
+    Raises
+    ------
+    StudyError
+        In place of everything but what says enough by itself: our own errors, and those of the
+        file system.
+    """
+    try:
+        yield
+    except StudyError:
+        raise
+    except RecursionError:
+        raise StudyError(f"{path}: must be {what} (its brackets lie too deep)") from None
+    except MemoryError:
+        raise StudyError(f"{path}: is too large for this machine's memory") from None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # Pillow's and gzip's own ones have no number
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+        raise StudyError(f"{path}: must be {what} ({reason})") from error
 
 
 def unpacked(data: bytes, path: Path) -> bytes:

@@ -16,6 +16,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
 from protocols.hashing import sha256_bytes
+from protocols.limits import reading
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -53,16 +54,16 @@ def load_protocol(path: Path) -> StudyProtocol:
     return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
 
 
-def _control_characters(value: object, place: str = "") -> Iterator[Problem]:
+def control_characters(value: object, place: str = "") -> Iterator[Problem]:
     """Yield every text with a character that no page, figure or terminal can show."""
     if isinstance(value, str) and (found := _CONTROL.search(value)):
         yield Problem(place, f"must hold no control characters (got {found.group()!a})")
     elif isinstance(value, dict):
         for key, entry in value.items():
-            yield from _control_characters(entry, f"{place}.{key}".lstrip("."))
+            yield from control_characters(entry, f"{place}.{key}".lstrip("."))
     elif isinstance(value, list | tuple):
         for index, entry in enumerate(value):
-            yield from _control_characters(entry, f"{place}[{index}]")
+            yield from control_characters(entry, f"{place}[{index}]")
 
 
 def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
@@ -90,10 +91,10 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
-    problems: list[Problem] = list(_control_characters(raw))
+    problems: list[Problem] = list(control_characters(raw))
     if not problems:
         raw = _with_tables(raw, path.parent)
-        problems += _control_characters(raw)
+        problems += control_characters(raw)
     if problems:
         raise _study_error(path, problems)
     try:
@@ -189,7 +190,7 @@ def parse_view(text: str) -> View:
     must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
     try:
         raw = {key: _tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
     try:
         return View.model_validate(raw["view"])
@@ -243,10 +244,8 @@ def _shipped(path: Path, folder: str) -> Path:
 def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
-    try:
+    with reading(path, "valid TOML"):
         return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{path}: must be valid TOML ({error})") from None
 
 
 def _tuples(value: object) -> object:

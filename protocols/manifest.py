@@ -19,7 +19,7 @@ from pydantic import Field, StringConstraints, ValidationError, model_validator
 from protocols.errors import StudyError
 from protocols.format1 import clip_as_written, upgraded_clip
 from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
-from protocols.load import decode_utf8, read_bytes
+from protocols.load import control_characters, decode_utf8, read_bytes
 from protocols.problems import problems_of
 from protocols.schema import StudyProtocol
 from protocols.units import (
@@ -187,6 +187,10 @@ def read_manifest(folder: Path) -> Manifest:
         raise StudyError(
             f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
         ) from None
+    except (ValueError, RecursionError):  # numbers of 5,000 digits, brackets 3,000 deep
+        raise StudyError(f"{path}: must be the manifest of a build; build again") from None
+    if found := list(control_characters(raw)):
+        raise StudyError("\n".join(f"{path}: {problem}" for problem in found))
     try:
         return Manifest.model_validate_json(json.dumps(_of_format_2(raw)))
     except ValidationError as error:

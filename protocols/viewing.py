@@ -61,10 +61,7 @@ class Viewing:
 
 def angle_between_deg(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     """Return the angle between two vectors; accurate for small angles as well."""
-    cross = (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return math.degrees(math.atan2(math.sqrt(sum(c * c for c in cross)), dot))
+    (ax, ay, az), (bx, by, bz) = a, b
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    cross = math.sqrt(x * x + y * y + z * z)
+    return math.degrees(math.atan2(cross, ax * bx + ay * by + az * bz))

@@ -7,13 +7,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
+from pipeline.errors import InputError
 from protocols.hashing import sha256_bytes, sha256_file
-from protocols.manifest import MANIFEST_NAME, Manifest, read_manifest
+from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import SURVEY_NAME
 from stimuli.contact import SHEET_NAME
+from stimuli.png import decode
 from stimuli.preview import preview_path
+
+_ENDS = ("least", "most")
 
 
 @dataclass
@@ -36,7 +42,8 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
     """Compare every file under `out` with the manifest.
 
     Frames are compared by their SHA-256, hole masks by one hash of all masks of a scene and
-    size. Previews and the contact sheet are made from the frames and only looked for.
+    size. Size and depth of a clip are compared with its first frame, hole shares with the masks.
+    Previews and the contact sheet are made from the frames and only looked for.
 
     Raises
     ------
@@ -90,4 +97,47 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
         complete = not any(m.startswith(f"{HOLES_FOLDER}/{name}/") for m in verdict.missing)
         if complete and sha256_bytes(joined.encode()) != wanted:
             verdict.changed.append(f"{HOLES_FOLDER}/{name} (one or more of its masks)")
+            masks.pop(name)
+        elif not complete:
+            masks.pop(name)
+    damaged = {*verdict.missing, *verdict.changed}
+    shares: dict[str, tuple[float, float, float]] = {}
+    for clip in manifest.clips:
+        if clip.frame_path(0) not in damaged and (said := _wrong_frame(out, clip)):
+            verdict.changed.append(f"{MANIFEST_NAME} ({clip.name}: {said})")
+        name = survey_name(ClipName.of(clip.condition)) if masks else ""
+        if name in masks and "hole_masks_sha256" in clip.parameters:
+            if name not in shares:
+                shares[name] = _hole_shares(out / HOLES_FOLDER / name)
+            stated = (
+                clip.hole_share, *(clip.parameters.get(f"hole_share_{end}") for end in _ENDS),
+            )  # fmt: skip
+            if stated != shares[name]:
+                verdict.changed.append(
+                    f"{MANIFEST_NAME} ({clip.name}: hole_share must be {shares[name][0]:g},"
+                    f" {shares[name][1]:g} to {shares[name][2]:g}, as its masks have it; it says"
+                    f" {', '.join(map(str, stated))})"
+                )
     return verdict
+
+
+def _wrong_frame(out: Path, clip: Clip) -> str | None:
+    """Return what the manifest says of a clip that its first frame contradicts."""
+    try:
+        frame = decode(out / clip.frame_path(0))
+    except InputError:
+        return "its first frame must be a PNG"
+    found = frame.shape[1], frame.shape[0], 8 * frame.dtype.itemsize
+    stated = clip.width_px, clip.height_px, clip.bit_depth
+    if found == stated:
+        return None
+    return "its first frame has {} x {} px of {} bits; it says {} x {} of {}".format(
+        *found, *stated
+    )
+
+
+def _hole_shares(folder: Path) -> tuple[float, float, float]:
+    """Return the mean, least and most share of hole pixels, as a survey writes them."""
+    shares = [float((decode(path) > 0).mean()) for path in sorted(folder.glob("*.png"))]
+    mean = float(np.mean(shares))
+    return float(f"{mean:.6g}"), float(f"{min(shares):.6g}"), float(f"{max(shares):.6g}")

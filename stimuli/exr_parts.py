@@ -13,7 +13,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.limits import check_values, reading
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,11 @@ def read_parts(path: Path) -> Parts:
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
+    with reading(path, "a whole image"):  # names in its header may be no UTF-8
+        return _read_parts(path)
+
+
+def _read_parts(path: Path) -> Parts:
     source = oiio.ImageInput.open(str(path))
     if source is None:
         raise InputError(

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_same_size
+from pipeline.limits import reading
 from stimuli.exr import WarpInput, load_colour
 from stimuli.flow_file import read_flo
 from stimuli.scenes.photo import load_depth
@@ -134,11 +135,9 @@ def read_pose(text: str) -> NDArray[np.float64]:
     """
     name, colon, line = text.rpartition(":")
     if colon and line.isdigit():
-        rows = [
-            row
-            for row in Path(name).read_text(encoding="utf-8").splitlines()
-            if row.strip() and not row.lstrip().startswith("#")
-        ]
+        with reading(Path(name), "a file of poses in UTF-8"):
+            lines = Path(name).read_text(encoding="utf-8").splitlines()
+        rows = [row for row in lines if row.strip() and not row.lstrip().startswith("#")]
         if not 1 <= int(line) <= len(rows):
             raise InputError(f"{name}: must have a pose in line {line} (has {len(rows)} lines)")
         return _pose(rows[int(line) - 1], text)

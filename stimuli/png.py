@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.limits import check_values, reading
 
 # Run lengths find what repeats in a photograph-like frame (flat sky), and nothing more does: zlib's
 # own search takes twice the time for files that are 2 % larger.
@@ -50,8 +51,12 @@ def decode(path: Path) -> NDArray[Any]:
         If it is not a whole PNG.
     """
     data = path.read_bytes()
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if image is None or not is_whole(data):
+    image = None
+    if is_whole(data):
+        check_values(path, *struct.unpack_from(">II", data, 16), 4)  # as its first chunk says
+        with reading(path, "a whole PNG file"):
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
         raise InputError(f"{path}: must be a whole PNG file (it is damaged or cut short)")
     return image[..., ::-1] if image.ndim == 3 else image
 

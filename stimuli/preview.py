@@ -16,6 +16,8 @@ from stimuli.png import decode
 
 PREVIEW_FOLDER = "previews"
 LARGEST_PX = 480
+_TRACK_UID = b"s\xc5\x88"  # of Matroska: the element's name, and that eight bytes follow
+_HEAD = 4096  # bytes that hold everything before the frames
 
 
 def preview_path(out: Path, clip: Clip) -> Path:
@@ -50,10 +52,23 @@ def write_preview(out: Path, clip: Clip, path: Path) -> None:
         writer.release()
         if not temporary.exists() or temporary.stat().st_size == 0:
             raise InputError(f"{path}: the preview could not be written; set clips.preview = false")
+        _without_chance(temporary)
         temporary.replace(path)
     finally:
         writer.release()
         temporary.unlink(missing_ok=True)
+
+
+def _without_chance(path: Path) -> None:
+    """Put 1 for the number that FFmpeg draws for the track: same frames, same bytes."""
+    data = path.read_bytes()
+    at = data.find(_TRACK_UID)
+    if at >= 0:
+        drawn = data[at + len(_TRACK_UID) :][:8]
+        fixed = (1).to_bytes(8, "big")
+        path.write_bytes(
+            data[:_HEAD].replace(b"\xc5\x88" + drawn, b"\xc5\x88" + fixed) + data[_HEAD:]
+        )
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import count_pictures, read_pixels, three_channels
+from pipeline.limits import check_values, reading
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
@@ -167,6 +168,8 @@ def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
                 f"{path}: must be a video that OpenCV reads, or a folder of frames (it is neither,"
                 " or damaged)"
             )
+        edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        check_values(path, *(round(video.get(edge)) for edge in edges), 3)
         stated = float(video.get(cv2.CAP_PROP_FPS))
         if stated > 0 and abs(stated - fps) > RATE_TOLERANCE_SHARE * fps:
             raise InputError(
@@ -175,7 +178,8 @@ def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
             )
         count = 0
         while count <= frames:  # one more than wanted is enough to know
-            done, frame = video.read()
+            with reading(path, "a whole video"):
+                done, frame = video.read()
             if not done:
                 break
             count += 1

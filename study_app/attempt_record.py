@@ -125,12 +125,12 @@ def _phases(
 
 
 def _gaze_csv(samples: Sequence[GazeSample], session_time: Callable[[float], float]) -> bytes:
-    text = io.StringIO()
-    text.write("t_s,raw_t,x_px,y_px\n")
+    lines = ["t_s,raw_t,x_px,y_px\n"]
     for sample in samples:
-        place = f"{sample.x_px:.2f},{sample.y_px:.2f}" if sample.valid else ","
-        text.write(f"{session_time(sample.t_s):.6f},{sample.raw_t!r},{place}\n")
-    return text.getvalue().encode("ascii")
+        t_s, raw_t, x_px, y_px = sample
+        place = f"{x_px:.2f},{y_px:.2f}" if sample.valid else ","
+        lines.append(f"{session_time(t_s):.6f},{raw_t!r},{place}\n")
+    return "".join(lines).encode("ascii")
 
 
 def _flips_csv(

@@ -50,6 +50,9 @@ class Recorder:
         self.path = folder / JOURNAL_NAME
         self.events: list[AnyEvent] = events
         self.torn_file: str | None = None
+        self.waits_for_disk = True
+        """Whether an event is on the disk, and not only handed to the system, when it counts as
+        written. False is for what can be made anew: then a power cut may cost the last seconds."""
         self._descriptor = descriptor
         self._clock, self._wall_clock = clock, wall_clock
         self._start_s = clock()
@@ -147,7 +150,8 @@ class Recorder:
         event, line = sealed(event, self._chain)
         try:
             self._write(line)
-            os.fsync(self._descriptor)
+            if self.waits_for_disk:
+                os.fsync(self._descriptor)
         except OSError as error:
             os.ftruncate(self._descriptor, self._length)
             raise DiskError(
@@ -182,7 +186,8 @@ class Recorder:
                 with file:
                     file.write(data)
                     file.flush()
-                    os.fsync(file.fileno())
+                    if self.waits_for_disk:
+                        os.fsync(file.fileno())
             except OSError:
                 path.unlink(missing_ok=True)
                 raise

@@ -154,6 +154,7 @@ def simulate_sitting(
     else:
         language = language or protocol.text.default_language
         recorder, plan = begin(setting, participant, language, stage, gaze)
+    recorder.waits_for_disk = False  # it can be simulated anew
     with recorder:
         return conduct(setting, plan, recorder, stage, gaze, on_attempt=on_attempt)
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 
 from protocols.display import Display
 from protocols.journal import VoidReason
@@ -97,7 +98,11 @@ class Timeline:
 
     def rests(self, index: int) -> bool:
         """Return whether nothing moves any more, so that the next stimuli may load."""
-        return index > max(i for i, phase in enumerate(self.phases) if phase.watched)
+        return index > self._last_watched
+
+    @cached_property
+    def _last_watched(self) -> int:
+        return max(i for i, phase in enumerate(self.phases) if phase.watched)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.limits import reading
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
 _LEADS: dict[str, dict[int, str]] = {
@@ -37,10 +38,8 @@ def network_files(path: Path) -> list[Path]:
         If it is no protocol buffer, or names a file outside its folder.
     """
     data = memoryview(path.read_bytes())
-    try:
+    with reading(path, "an ONNX model"):
         names = sorted(set(_locations(data, "model", 0)))
-    except (IndexError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{path}: must be an ONNX model ({error})") from None
     found = [path]
     for name in names:
         if Path(name).is_absolute() or Path(os.path.normpath(name)).parts[0] == "..":

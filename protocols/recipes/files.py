@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import TypeAdapter, ValidationError, model_validator
 
 from protocols.errors import Problem, StudyError
+from protocols.limits import check_rows
 from protocols.prose import Block
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
@@ -160,6 +161,7 @@ def read_table(path: Path) -> list[dict[str, object]]:
     from protocols.load import decode_utf8, read_bytes
 
     text = decode_utf8(read_bytes(path, "the table of stimuli"), path)
+    check_rows(path, text)
     reader = csv.DictReader(io.StringIO(text), strict=True)
     try:
         header = [name.strip() for name in reader.fieldnames or ()]

@@ -19,8 +19,14 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import InputError
-from pipeline.limits import reading
-from stimuli.scenes.mesh_inputs import OnlyThese, check_textures, document, words_after
+from pipeline.limits import VARIABLE, limit, reading
+from stimuli.scenes.mesh_inputs import (
+    OnlyThese,
+    check_lists,
+    check_textures,
+    document,
+    words_after,
+)
 from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
 
 MOST_TRIANGLES = 20_000_000
@@ -66,6 +72,7 @@ def load_world(
         If it is damaged, empty, too large, or needs an extension that is not supported.
     """
     files = OnlyThese(path)
+    check_lists(path)
     try:
         scene = trimesh.load_scene(path, process=False, resolver=files)
     except MemoryError:
@@ -95,10 +102,11 @@ def load_world(
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
         triangles += len(geometry.faces)
-        if triangles > MOST_TRIANGLES:
+        if triangles > (most := limit("triangles", MOST_TRIANGLES)):
             raise InputError(
-                f"{path}: must have at most {MOST_TRIANGLES} triangles (has more);"
-                " simplify it, or cut away what the camera does not see"
+                f"{path}: must have at most {most:,} triangles (has more); simplify it, cut away"
+                f" what the camera does not see, or raise the limit with"
+                f" {VARIABLE}=triangles=NUMBER"
             )
         matrix = np.asarray(transform, np.float64).copy()
         matrix[:3] *= scale

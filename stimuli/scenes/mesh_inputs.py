@@ -12,6 +12,7 @@ import json
 import os.path
 import re
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from PIL import Image
 from trimesh.resolvers import Resolver
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.limits import check_values, check_vertices
 
 ENDINGS = (".glb", ".gltf", ".obj")
 KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
@@ -102,7 +103,7 @@ def place_of(folder: Path, name: str) -> Path:
     """Return the file that a mesh means by a name: options before it and %20 are read over."""
     plain = name.strip()
     for text in (plain, unquote(plain), plain.replace("\\", "/"), *plain.split()[-1:]):
-        if text and (folder / text).is_file():
+        if text and _is_file(folder / text):
             return folder / text
     return folder / unquote(plain)
 
@@ -130,6 +131,36 @@ def check_textures(path: Path) -> None:
                 entry = entry.get(key) if isinstance(entry, dict) else None
             if isinstance(entry, dict):
                 _check_texture(path, read, entry, str(material.get("name", number)))
+
+
+def check_lists(path: Path) -> None:
+    """Refuse a mesh whose lists are too long to be made: a few bytes can state any length.
+
+    Raises
+    ------
+    InputError
+        With the length and the limit, or if a length is no whole number.
+    """
+    if path.suffix.lower() == ".obj":
+        check_vertices(path, max(_lines_of(path).values()))
+        return
+    accessors = document(path).get("accessors", [])
+    counts = [entry.get("count", 0) for entry in accessors if isinstance(entry, dict)]
+    if not all(isinstance(count, int) and count >= 0 for count in counts):
+        raise InputError(
+            f"{path}: must be a whole glTF 2.0 file (the length of a list is no whole number);"
+            " export it again"
+        )
+    check_vertices(path, max(counts, default=0))
+
+
+def _lines_of(path: Path) -> Counter[bytes]:
+    """Return how many lines of an .obj file begin with which of its words."""
+    found: Counter[bytes] = Counter({b"v": 0})
+    with path.open("rb") as file:
+        for line in file:
+            found[line[:2].strip()] += 1
+    return found
 
 
 def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
@@ -211,7 +242,15 @@ def document(path: Path) -> dict[str, Any]:
         read = json.loads(data)
         if not isinstance(read, dict) or "asset" not in read:
             raise ValueError("it has no asset entry")
-        for kind in ("buffers", "images", "textures", "materials", "bufferViews", "meshes"):
+        for kind in (
+            "buffers",
+            "images",
+            "textures",
+            "materials",
+            "bufferViews",
+            "meshes",
+            "accessors",
+        ):
             entries = read.get(kind, [])
             if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
                 raise ValueError(f"its {kind} are no list of objects")
@@ -230,6 +269,14 @@ def words_after(path: Path, key: str) -> list[str]:
     return [match[1].strip() for match in found if match and match[1].strip()]
 
 
+def _is_file(path: Path) -> bool:
+    """Whether it is a file; a name that is too long for one is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def _images_of(library: Path) -> list[str]:
     return words_after(library, "map_Kd")
 
@@ -243,9 +290,9 @@ def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
             f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
             f" {what} there, or export the scene as one .glb file"
         )
-    if not place.is_file():
+    if not _is_file(place):
         raise InputError(
-            f"{named_in}: names a {what} that is missing ({place}); put it there, or export the"
-            " scene as one .glb file"
+            f"{named_in}: names a {what} that is missing ({str(place)[:300]}); put it"
+            " there, or export the scene as one .glb file"
         )
     return place

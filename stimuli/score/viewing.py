@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import Json
+from protocols.limits import check_rows, reading
 from protocols.load import load_display
 
 STANDARD_FHD = "standard_fhd"
@@ -152,14 +154,14 @@ def read_gaze(text: str | None) -> Gaze:
         return Gaze((_point(parts, "--gaze"),))
     path = Path(text)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
+        with reading(path, "a CSV file in UTF-8"):
+            text = path.read_bytes().decode("utf-8-sig")
+            check_rows(path, text)
+            rows = list(csv.DictReader(io.StringIO(text, newline=""), restkey="(more)"))
     except (FileNotFoundError, IsADirectoryError):
         raise StudyError(
             f"--gaze: must be X,Y in pixels or a CSV file (there is no file {text!r})"
         ) from None
-    except UnicodeDecodeError:
-        raise StudyError(f"{path}: must be a CSV file in UTF-8") from None
     if not rows or not {"x_px", "y_px"} <= set(rows[0]):
         raise StudyError(
             f"{path}: must have the columns x_px and y_px and one line per frame"

@@ -114,36 +114,39 @@ class FixationMonitor:
         )
 
     def _take(self, sample: GazeSample) -> None:
-        since_s = sample.t_s - max(self._last_s, self._began_s)
-        if math.isfinite(self._last_s):
-            if sample.t_s - self._last_s > self._rules.silence_s:
+        t_s, _, x_px, y_px = sample
+        last_s, rules = self._last_s, self._rules
+        if -math.inf < last_s < math.inf:
+            since_s = t_s - (last_s if last_s > self._began_s else self._began_s)
+            if t_s - last_s > rules.silence_s:
                 self._loss = True
             if since_s > 1.5 * self._interval_s:
                 self._lost_s += since_s - self._interval_s
-        self._last_s = sample.t_s
+        self._last_s = t_s
         self._samples += 1
         if not sample.valid:
-            self._take_lost(sample.t_s)
+            self._take_lost(t_s)
             return
         if self._lost_since_s is not None:
-            if sample.t_s - self._lost_since_s <= self._rules.blink_s + _EPSILON_S:
+            if t_s - self._lost_since_s <= rules.blink_s + _EPSILON_S:
                 self._blinks += 1
             self._lost_since_s = None
-            self._pardoned_until_s = sample.t_s + self._rules.blink_margin_s
-        angle = angle_between_deg(self._viewing.sight(sample.x_px, sample.y_px), self._dot)
+            self._pardoned_until_s = t_s + rules.blink_margin_s
+        angle = angle_between_deg(self._viewing.sight(x_px, y_px), self._dot)
         self._angles += 1
         self._angle_sum_deg += angle
-        self._angle_max_deg = max(self._angle_max_deg, angle)
-        self._inside = angle <= self._rules.window_deg
-        if self._inside or sample.t_s <= self._pardoned_until_s:
+        if angle > self._angle_max_deg:
+            self._angle_max_deg = angle
+        self._inside = angle <= rules.window_deg
+        if self._inside or t_s <= self._pardoned_until_s:
             self._outside_since_s, self._outside_samples, self._counted = None, 0, False
             return
         if self._outside_since_s is None:
-            self._outside_since_s = sample.t_s
+            self._outside_since_s = t_s
         self._outside_samples += 1
         if (
-            self._outside_samples >= self._rules.violation_samples
-            and sample.t_s - self._outside_since_s >= self._rules.violation_s - _EPSILON_S
+            self._outside_samples >= rules.violation_samples
+            and t_s - self._outside_since_s >= rules.violation_s - _EPSILON_S
         ):
             self._violation = True
             self._violations += not self._counted

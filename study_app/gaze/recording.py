@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
-from protocols.limits import unpacked
+from protocols.limits import check_rows, reading, unpacked
 from protocols.load import read_bytes
 
 _SCREEN = re.compile(
@@ -58,11 +58,13 @@ def load_recording(path: Path) -> Recording:
     if path.suffix == ".gz":
         data = unpacked(data, path)
     text = data.decode("utf-8", errors="replace")
+    check_rows(path, text)
     name = path.name.removesuffix(".gz")
-    if name.endswith(".asc"):
-        return _read_asc(path, text)
-    if name.endswith(".csv"):
-        return _read_csv(path, text)
+    with reading(path, "a whole recording of gaze"):
+        if name.endswith(".asc"):
+            return _read_asc(path, text)
+        if name.endswith(".csv"):
+            return _read_csv(path, text)
     raise StudyError(f"{path}: must be an EyeLink .asc or a .csv file (or .gz of one)")
 
 

@@ -86,7 +86,7 @@ class SimulatedGaze:
         self._home = dot_deg
         self._rate_hz, self._behaviour = rate_hz, behaviour
         self._events: tuple[GazeEvent, ...] = ()
-        self._chunk: tuple[int, list[tuple[float, float]]] | None = None
+        self._chunk: tuple[int, list[GazeSample]] | None = None
         self.restart(0)
 
     def restart(self, seed: int, events: Sequence[GazeEvent] | None = None) -> None:
@@ -115,7 +115,12 @@ class SimulatedGaze:
         """Return the samples whose time has come."""
         until = math.floor((self._clock() - self._start_s) * self._rate_hz + 1e-9) + 1
         start, self._next = self._next, max(until, self._next)
-        return [self._sample(number) for number in range(start, min(self._next, self._dead))]
+        end, found = min(self._next, self._dead), list[GazeSample]()
+        while start < end:
+            index, offset = divmod(start, _CHUNK)
+            found += self._samples_of(index)[offset : offset + end - start]
+            start = (index + 1) * _CHUNK
+        return found
 
     def mark(self, text: str) -> None:
         """Markers have nowhere to go."""
@@ -129,12 +134,18 @@ class SimulatedGaze:
     def close(self) -> None:
         """Nothing to close."""
 
-    def _sample(self, number: int) -> GazeSample:
-        index, offset = divmod(number, _CHUNK)
+    def _samples_of(self, index: int) -> list[GazeSample]:
+        """Return a chunk's samples; they are kept until the next one is asked for."""
         if self._chunk is None or self._chunk[0] != index:
-            self._chunk = index, self._chunk_px(index)
-        x_px, y_px = self._chunk[1][offset]
-        return GazeSample(self._start_s + number / self._rate_hz, float(number), x_px, y_px)
+            first = index * _CHUNK
+            self._chunk = (
+                index,
+                [
+                    GazeSample(self._start_s + number / self._rate_hz, float(number), *place)
+                    for number, place in enumerate(self._chunk_px(index), start=first)
+                ],
+            )
+        return self._chunk[1]
 
     def _chunk_px(self, index: int) -> list[tuple[float, float]]:
         """Return the gaze of `_CHUNK` samples in pixels: jitter, drift and what happens."""

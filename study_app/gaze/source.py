@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -23,7 +22,7 @@ class GazeSample(NamedTuple):
     @property
     def valid(self) -> bool:
         """Whether the eye was seen."""
-        return not (math.isnan(self.x_px) or math.isnan(self.y_px))
+        return self.x_px == self.x_px and self.y_px == self.y_px
 
 
 @dataclass(frozen=True)

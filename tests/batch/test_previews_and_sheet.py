@@ -182,3 +182,13 @@ def test_a_preview_that_was_deleted_is_made_again(batch, small_study, read_order
     assert outcome.built == []
     np.testing.assert_array_equal(frames_of(path)[0], before)
     assert not left_over.exists()
+
+
+def test_the_same_frames_give_the_same_bytes_of_a_preview(batch, tmp_path):
+    clip = read_manifest(batch).clips[0]
+    written = []
+    for name in ("a.webm", "b.webm"):
+        write_preview(batch, clip, tmp_path / name)
+        written.append((tmp_path / name).read_bytes())
+    assert written[0] == written[1]
+    assert len(frames_of(tmp_path / "a.webm")[0]) == len(clip.frames_sha256)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import json
 import os
 import random
 import re
@@ -263,6 +264,27 @@ def test_check_names_what_is_missing_changed_and_extra(copy):
 
 
 @pytest.mark.timeout(3600)  # --full on a busy machine
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"hole_share": 0.5}, "hole_share must be"),
+        ({"parameters": {"hole_share_most": 0.9}}, "hole_share must be"),
+        ({"width_px": 8}, "its first frame has"),
+        ({"bit_depth": 16}, "its first frame has"),
+    ],
+)
+def test_check_finds_a_manifest_that_its_own_frames_and_masks_contradict(copy, changes, said):
+    path = copy / "manifest.json"
+    raw = json.loads(path.read_text())
+    clip = next(clip for clip in raw["clips"] if clip["name"] == "box__small__telea")
+    for key, value in changes.items():
+        clip[key] = {**clip[key], **value} if isinstance(value, dict) else value
+    path.write_text(json.dumps(raw))
+    (found,) = check_batch(copy).changed
+    assert found.startswith("manifest.json (box__small__telea: ")
+    assert said in found
+
+
 def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
     """kill -9 after random amounts of work, then the same command until it ends."""
     out = tmp_path / "clips"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import re
 import struct
 import subprocess
@@ -11,15 +12,17 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
+from analysis.csv_table import read_table
 from analysis.export.bids_gaze import read_samples
 from pipeline.errors import InputError
-from pipeline.image_file import read_pixels
+from pipeline.image_file import read_pixels, write_pixels
 from pipeline.limits import VARIABLE, check_values
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -27,10 +30,18 @@ from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
 from protocols.limits import unpacked
 from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import read_manifest
 from protocols.plan import make_plan, planned_trials
+from protocols.recipes.files import read_table as read_stimuli
+from stimuli.exr_parts import read_parts
+from stimuli.one_picture import read_pose
+from stimuli.png import decode
+from stimuli.read_file import read_frames
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.stereo import _load_disparity
+from stimuli.score.viewing import read_gaze
 from study_app.cli import app
+from study_app.clips import read_frame
 from study_app.gaze.recording import load_recording
 from study_app.session import RunTrial, next_step
 
@@ -227,3 +238,133 @@ def test_indices_of_a_gltf_that_lead_nowhere_are_one_message(tmp_path):
         path.write_bytes(bytes(harmed))
         with suppress(InputError):  # and nothing else
             load_world(path)
+
+
+def test_poses_gaze_and_tables_that_no_reader_can_read_are_one_message(tmp_path):
+    bad = tmp_path / "poses.txt"
+    bad.write_bytes(b"0 1 2\xff 3 0 0 0 1\n")
+    with pytest.raises(InputError, match="must be a file of poses in UTF-8"):
+        read_pose(f"{bad}:1")
+    wide = tmp_path / "wide.csv"
+    wide.write_text("t_s,x,y_px\n1,2,3,4\n")
+    with pytest.raises(StudyError, match="must have the columns x_px and y_px"):
+        read_gaze(str(wide))
+    turned = tmp_path / "turned.csv"
+    turned.write_bytes(b"t_s,x_px,y_px\n0.1,1,2\r0.2,1,3\r,,\n")
+    with suppress(StudyError):  # and nothing else
+        load_recording(turned)
+    asc = tmp_path / "far.asc"
+    screen = "MSG 1 GAZE_COORDS 0 0 1" + "0" * 400 + " 10"
+    asc.write_text(f"{screen}\nSTART 1\n1\t1\t1\n2\t1\t1\nEND 2\n")
+    with pytest.raises(StudyError, match="must be a whole recording of gaze"):
+        load_recording(asc)
+
+
+@pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 3000, "x = '''"])
+def test_toml_that_its_parser_cannot_hold_is_one_message(tmp_path, text):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(StudyError, match="must be valid TOML"):
+        load_protocol(path)
+
+
+@pytest.mark.parametrize("text", ['{"format": ' + "9" * 5000 + "}", "[" * 100_000])
+def test_a_manifest_that_its_parser_cannot_hold_is_one_message(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(StudyError, match="must be the manifest of a build"):
+        read_manifest(tmp_path)
+
+
+def test_an_exr_header_with_any_byte_harmed_is_read_or_is_one_message(tmp_path):
+    path = tmp_path / "p.exr"
+    write_pixels(path, np.ones((4, 5, 4), np.float32), ("R", "G", "B", "Z"))
+    data = path.read_bytes()
+    refused = 0
+    for place in range(len(data)):
+        path.write_bytes(data[:place] + b"\xd9" + data[place + 1 :])
+        for read in (read_pixels, read_parts):
+            try:
+                read(path)
+            except InputError:  # and nothing else
+                refused += 1
+    assert refused > 20
+
+
+def test_frames_and_videos_are_looked_at_before_they_are_decoded(tmp_path, monkeypatch):
+    huge = tmp_path / "huge.png"
+    small_file_of_a_huge_picture(huge)
+    with pytest.raises(InputError, match="must hold at most"):
+        decode(huge)
+    video = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
+    for _ in range(3):
+        writer.write(np.zeros((12, 16, 3), np.uint8))
+    writer.release()
+    assert len(list(read_frames(video, (16, 12), 3, 30.0))) == 3
+    monkeypatch.setenv(VARIABLE, "values=100")
+    with pytest.raises(InputError, match="16 x 12 x 3"):
+        list(read_frames(video, (16, 12), 3, 30.0))
+
+
+def test_a_picture_of_too_many_numbers_for_its_bytes_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "flat.png"
+    path.write_bytes(b"x" * 1000)
+    check_values(path, 90_000_000)
+    with pytest.raises(InputError, match=r"numbers in each byte.*METAMERLAB_LIMITS=ratio=200000"):
+        check_values(path, 10_000, 5_000, 4)
+    monkeypatch.setenv(VARIABLE, "ratio=200000")
+    check_values(path, 10_000, 5_000, 4)
+
+
+def test_a_list_of_a_mesh_that_is_only_stated_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "s.gltf"
+    entry = {"componentType": 5126, "count": 400_000_000, "type": "VEC3"}  # no bytes behind it
+    mesh = {"primitives": [{"attributes": {"POSITION": 0}, "mode": 4}]}
+    tree = {"asset": {"version": "2.0"}, "accessors": [entry], "meshes": [mesh],
+            "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "scene": 0}  # fmt: skip
+    path.write_text(json.dumps(tree))
+    with pytest.raises(InputError, match=r"400,000,000.*METAMERLAB_LIMITS=vertices="):
+        load_world(path)
+    entry["count"] = "many"
+    path.write_text(json.dumps(tree))
+    with pytest.raises(InputError, match="no whole number"):
+        load_world(path)
+    obj = tmp_path / "s.obj"
+    obj.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert load_world(obj).parts
+    monkeypatch.setenv(VARIABLE, "vertices=2")
+    with pytest.raises(InputError, match="longer than 2"):
+        load_world(obj)
+    monkeypatch.setenv(VARIABLE, "triangles=0")
+    with pytest.raises(InputError, match="at most 0 triangles"):
+        load_world(obj)
+
+
+def test_a_file_name_that_is_too_long_is_a_missing_file(tmp_path):
+    path = tmp_path / "s.obj"
+    path.write_text(f"mtllib {'m' * 5000}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match="that is missing") as caught:
+        load_world(path)
+    assert len(str(caught.value)) < 1000
+
+
+def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    path.write_text("t_s,x_px,y_px\n" + "".join(f"{n},1,1\n" for n in range(5)))
+    readers = (read_table, load_recording, lambda p: read_gaze(str(p)), read_stimuli)
+    assert len(read_table(path)) == 5
+    monkeypatch.setenv(VARIABLE, "rows=5")
+    for read in readers:
+        with pytest.raises(StudyError, match=r"at most 5 lines.*METAMERLAB_LIMITS=rows=6"):
+            read(path)
+
+
+def test_a_frame_that_no_reader_reads_is_one_message(tmp_path):
+    clip = virtual_manifest(DEMO, load_display(DEMO.display.display)).clips[0]
+    data = b"\x89PNG\r\n\x1a\nnothing"
+    clip = clip.model_copy(update={"frames_sha256": (sha256_bytes(data),)})
+    place = tmp_path / clip.frame_path(0)
+    place.parent.mkdir(parents=True)
+    place.write_bytes(data)
+    with pytest.raises(StudyError, match="must be a PNG frame that can be read"):
+        read_frame(tmp_path, clip, 0)

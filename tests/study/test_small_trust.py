@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 import signal
 from pathlib import Path
@@ -10,9 +12,14 @@ import pytest
 
 from analysis.csv_table import read_table
 from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from study_app import run
+from protocols.manifest import read_manifest, write_manifest
+from protocols.side_files import check_side_files
+from study_app import conduct, run
+from study_app.recorder import Recorder
+from study_app.session import RunTrial, next_step
 from study_app.simulate import Simulation, simulate_sitting
 
 DEMO = load_protocol(Path("demo"))
@@ -71,3 +78,46 @@ def test_a_table_holds_no_control_characters(tmp_path):
     path.write_text("a,b\n1,2\n3,x\x1by\n")
     with pytest.raises(StudyError, match=r"line 3: must hold no control characters"):
         read_table(path)
+
+
+def test_only_what_can_be_simulated_anew_does_not_wait_for_the_disk(tmp_path, monkeypatch):
+    real, synced = os.fsync, []
+    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(handle), real(handle))[1])
+    simulate_sitting(Simulation(DEMO, DISPLAY), tmp_path, "S001")
+    whole = read_journal(tmp_path / "demo" / "S001" / "journal.jsonl")
+    assert len(synced) < 5 < len(whole.attempts)
+
+    synced.clear()
+    with Recorder.create(tmp_path / "real", lambda: 0.0, lambda: whole.events[0].at) as recorder:
+        before = len(synced)
+        recorder.append(whole.events[0])
+        recorder.side_file("gaze/0001", ".csv", b"t_s\n")
+    assert len(synced) == before + 2
+
+
+def test_files_of_more_than_9999_attempts_have_names_of_their_own(tmp_path, monkeypatch):
+    def later(*arguments):
+        step = next_step(*arguments)
+        if isinstance(step, RunTrial):
+            return dataclasses.replace(step, position=step.position + 9_995)
+        return step
+
+    monkeypatch.setattr(conduct, "next_step", later)
+    simulate_sitting(Simulation(DEMO, DISPLAY), tmp_path, "S001")
+    folder = tmp_path / "demo" / "S001"
+    journal = read_journal(folder / "journal.jsonl")
+    attempts = journal.attempts
+    files = [attempt.flips_file.file for attempt in attempts]
+    assert {"flips/9999.csv", "flips/10000.csv", "flips/10001.csv"} <= set(files)
+    assert len(set(files)) == len(attempts)
+    assert not check_side_files(journal).wrong
+
+
+def test_a_manifest_holds_no_control_characters(tmp_path):
+    manifest = virtual_manifest(DEMO, DISPLAY)
+    path = write_manifest(tmp_path, manifest)
+    raw = json.loads(path.read_text())
+    raw["clips"][0]["condition"]["scene"] = "bo\x1bx"
+    path.write_text(json.dumps(raw))
+    with pytest.raises(StudyError, match="must hold no control characters"):
+        read_manifest(tmp_path)
