@@ -312,6 +312,13 @@ def test_names_of_the_batchs_own_folders_are_refused(metamerlab, stills, name):
     assert "stimuli.entries[1].name: must not be holes or previews" in done.stderr
 
 
+def test_a_table_of_stimuli_holds_no_control_characters(stills):
+    table = stills.folder / "stimuli.csv"
+    table.write_text(table.read_text().replace(",fine,", ",fi\x1bne,", 1))
+    with pytest.raises(StudyError, match=r"entries\[0\].*must hold no control characters"):
+        load_study(stills.path)
+
+
 def write_video(path: Path, frames: list[np.ndarray], fps: float) -> None:
     """Write a lossless video: FFV1 in Matroska."""
     height, width, _ = frames[0].shape
