@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from protocols.display import Display
 
 COLUMNS = ("stimulus", "file")
+_FIRST_LINE = 2  # of the rows: the header is before it
 """What the table must have; every other column is one of the condition."""
 _TOLD = 3
 """How many missing files are named one by one."""
@@ -123,6 +124,13 @@ class Files(Recipe):
         """Frames of every video; 1 for stills."""
         return 1 if self.duration_s is None else max(1, round(self.duration_s * self.frame_hz))
 
+    def place(self, index: int, key: str) -> str:
+        """Say where an entry's key was written: in the table or in the study."""
+        if self.table is None:
+            return f"stimuli.entries[{index}].{key}"
+        column = "stimulus" if key == "name" else key
+        return f"{self.table}: line {index + _FIRST_LINE}: {column}"
+
     def problems(self, folder: Path) -> list[Problem]:
         """Return a problem for every file that is not below `folder`."""
         missing = [
@@ -132,7 +140,7 @@ class Files(Recipe):
         ]
         found = [
             Problem(
-                f"stimuli.entries[{index}].file",
+                self.place(index, "file"),
                 f"the file of {entry.name!r} is not there (looked for {folder / entry.file});"
                 " 'metamerlab stimuli build' needs it",
             )
@@ -190,7 +198,7 @@ def read_table(path: Path) -> list[dict[str, object]]:
     for column in columns:
         _check_name(column, f"{path}: line 1: every column's name")
     seen: dict[tuple[str, str], int] = {}
-    for number, row in enumerate(rows, start=2):
+    for number, row in enumerate(rows, start=_FIRST_LINE):
         _check_row(path, number, row, header)
         for column in COLUMNS:
             key = column, str(row[column]).strip()

@@ -52,16 +52,15 @@ class FileBuilder(TakingBuilder[FileEntry]):
                 continue
             wrong += 1
             if wrong <= _TOLD:
-                yield Problem(
-                    f"stimuli.entries[{index}].file", f"{path}: {wrong_size(size_px, got)}"
-                )
+                place = self.recipe.place(index, "file")
+                yield Problem(place, f"{path}: {wrong_size(size_px, got)}")
         if wrong > _TOLD:
             yield Problem("stimuli", f"{wrong - _TOLD} more files are of another size")
 
     def _reserved(self) -> list[Problem]:
         return [
             Problem(
-                f"stimuli.entries[{index}].name",
+                self.recipe.place(index, "name"),
                 f"must not be {' or '.join(RESERVED)}, as a folder of every build is called (got"
                 f" {entry.name!r}); rename the stimulus",
             )

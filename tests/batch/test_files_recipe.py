@@ -203,9 +203,9 @@ def test_check_finds_a_picture_of_another_size_without_decoding_it(metamerlab, s
 
     assert done.exit_code == 2, done.output
     said = " ".join(done.stderr.split())
-    assert "stimuli.entries[1].file" in said
+    assert "stimuli.csv: line 3: file" in said
     assert "must be 32 x 24 px, as the study says (got 33 x 25 px)" in said
-    assert "entries[2]" not in said
+    assert "line 4" not in said
     for name in ("0", "2", "3"):
         Image.fromarray(picture(1, (25, 33))).save(tmp_path / f"{name}.png")
     said = " ".join(metamerlab("protocol", "check", stills.path).stderr.split())
@@ -227,7 +227,7 @@ def test_every_bad_file_has_its_line(stills, tmp_path):
 def test_missing_files_are_told_before_anything_is_written(stills, tmp_path):
     (tmp_path / "2.png").unlink()
 
-    with pytest.raises(StudyError, match=r"stimuli.entries\[2\].file: the file of 's2' is not"):
+    with pytest.raises(StudyError, match=r"stimuli.csv: line 4: file: the file of 's2' is not"):
         stills.build()
     assert not stills.clips.exists()
 
@@ -309,7 +309,7 @@ def test_names_of_the_batchs_own_folders_are_refused(metamerlab, stills, name):
     stills.table({"s0": "0.png", name: "1.png"})
     done = metamerlab("stimuli", "build", stills.path, "--out", stills.clips)
     assert done.exit_code == 2
-    assert "stimuli.entries[1].name: must not be holes or previews" in done.stderr
+    assert "stimuli.csv: line 3: stimulus: must not be holes or previews" in done.stderr
 
 
 def test_a_table_of_stimuli_holds_no_control_characters(stills):
