@@ -129,7 +129,7 @@ class Task(Model):
         if rule is not None:
             return rule.sentence(study)
         cells = len(self.cells(study, study.main_scenes()))
-        return f"{cells} conditions, each {study.design.repeats} times"
+        return f"{cells} conditions, each {times(study.design.repeats)}"
 
     def right_answer(self) -> str:
         """Return which answer is right, in a sentence; empty where none is."""
@@ -269,6 +269,11 @@ def trial_phases(study: StudyProtocol, display: Display, *, practice: bool) -> t
         feedback = whole_frames(display, timing.feedback_s)
         phases.append(Phase("feedback", feedback, (Text("feedback"),)))
     return tuple(phases)
+
+
+def times(count: int) -> str:
+    """Return how often: once, or so many times."""
+    return "once" if count == 1 else f"{count} times"
 
 
 def matches(condition: Condition, where: Mapping[str, Scalar]) -> bool:

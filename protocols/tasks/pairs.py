@@ -19,6 +19,7 @@ from protocols.tasks.base import (
     Task,
     all_pairs,
     matches,
+    times,
 )
 from protocols.units import Condition, Model, Name, Positive, Scalar
 
@@ -230,10 +231,9 @@ class PairTask(Task):
         if self.sampling is not None:
             return self.sampling.sentence(study)
         pairs = ", ".join(f"{a} / {b}" for a, b in self.paired(study))
-        return (
-            f"pairings {pairs}, each in every scene and size {study.design.repeats} times, in both"
-            " orders"
-        )
+        where = "scene and size" if "size" in study.stimuli.columns() else "scene"
+        often = times(study.design.repeats)
+        return f"pairings {pairs}, each in every {where} {often}, in both orders"
 
     def catch_sentence(self) -> str:
         """Return what the catch trials show."""
