@@ -222,7 +222,7 @@ def test_without_a_window_all_sit_before_a_virtual_display(made, tmp_path):
 
 
 def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(
-    made, tmp_path, monkeypatch
+    made, tmp_path, monkeypatch, reseal
 ):
     copy = replace(made, out=tmp_path / "out", window=False, seed=1)
     shutil.copytree(made.out, copy.out, ignore=shutil.ignore_patterns("trial"))
@@ -236,9 +236,12 @@ def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(
     simulated = journal.read_bytes()
     journal.write_bytes(simulated.replace(b'"simulated":true', b'"simulated":false'))
 
-    with pytest.raises(StudyError, match=r"must hold simulated sittings alone .*S001"):
-        run_demo(copy, quiet_console())
-    assert journal.exists()
+    for change in (lambda _: None, reseal):  # damaged, then a whole sitting of a person
+        change(journal)
+        before = journal.read_bytes()
+        with pytest.raises(StudyError, match=r"must hold simulated sittings alone .*S001"):
+            run_demo(copy, quiet_console())
+        assert journal.read_bytes() == before
 
     journal.write_bytes(simulated)
     run_demo(copy, quiet_console())

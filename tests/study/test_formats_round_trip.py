@@ -77,7 +77,8 @@ def values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
             )
             texts = st.from_regex(pattern, fullmatch=True)
             return texts.filter(lambda text: len(text) <= longest and text.isascii())
-        return st.text(min_size=1, max_size=20)
+        # Control characters are refused wherever text comes from outside.
+        return st.text(st.characters(exclude_categories=["Cc", "Cs"]), min_size=1, max_size=20)
     if annotation is bool:
         return st.booleans()
     if annotation is type(None):

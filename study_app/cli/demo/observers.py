@@ -91,13 +91,18 @@ class Observers:
             real = [
                 sitting.participant
                 for sitting in find_sittings(layout.sessions)
-                if sitting.state not in {"damaged", "stillborn", "withdrawn"}
-                and not sitting.journal.start.simulated
+                # A damaged journal may be a person's as well.
+                if sitting.state == "damaged"
+                or (
+                    sitting.state not in {"stillborn", "withdrawn"}
+                    and not sitting.journal.start.simulated
+                )
             ]
             if real:
                 raise StudyError(
                     f"{layout.sessions}: must hold simulated sittings alone (it holds recorded"
-                    f" ones: {', '.join(real)}); move that folder away, or choose another --out"
+                    f" or damaged ones: {', '.join(real)}); move that folder away, or choose"
+                    " another --out"
                 )
             self.console.print("clips or options changed: the simulated sittings are made again")
             shutil.rmtree(layout.sessions)
