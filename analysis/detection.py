@@ -228,13 +228,13 @@ def abx(
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of an ABX task by condition; what is corrected: `ideal_observer.abx_d_prime`."""
+    """Return d' of an ABX or which-half task by condition; what is corrected: `ideal_observer.abx_d_prime`."""
     return _discriminate(
         trials,
         by,
         lambda share: abx_d_prime(share, rule),
         0.5,
-        f"ABX, {rule} rule",
+        f"{rule} rule" if rule == "dual-pair" else f"ABX, {rule} rule",
         correction,
         reference,
         level,

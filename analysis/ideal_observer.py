@@ -13,10 +13,17 @@ from scipy import stats
 from scipy.special import ndtr, ndtri
 
 Floats = NDArray[np.float64]
-AbxRule = Literal["differencing", "independent"]
+AbxRule = Literal["differencing", "independent", "dual-pair"]
 Correction = Literal["log-linear", "none"]
 
 ROOT_2, ROOT_6 = np.sqrt(2.0), np.sqrt(6.0)
+
+SCALES: dict[AbxRule, tuple[float, float]] = {
+    "differencing": (float(ROOT_2), float(ROOT_6)),
+    "independent": (float(ROOT_2), 2.0),
+    "dual-pair": (2.0, 2.0),
+}
+"""Deviations of the two quantities of which an answer is right where both have one sign."""
 
 LARGEST_D_PRIME = 12.0
 
@@ -37,29 +44,36 @@ def corrected_share(
 
 
 def abx_share(d_prime: Floats | float, rule: AbxRule = "differencing") -> Floats:
-    """Return the share of right answers of an unbiased observer in ABX.
+    """Return the share of right answers of an unbiased observer in ABX, or of two pairs.
 
     Parameters
     ----------
     d_prime : ndarray or float
         Distance of A and B in standard deviations. Negative: answers are wrong as often as they
         would be right at its size.
-    rule : {"differencing", "independent"}
+    rule : {"differencing", "independent", "dual-pair"}
         ``differencing``: X is called A where |X - A| < |X - B|, so the observer compares
         distances of single observations:
         p = Phi(d / sqrt 2) Phi(d / sqrt 6) + Phi(-d / sqrt 2) Phi(-d / sqrt 6).
         ``independent``: the optimal rule for two fixed stimuli; X and the difference A - B are
         judged apart: p = Phi(d / sqrt 2) Phi(d / 2) + Phi(-d / sqrt 2) Phi(-d / 2).
+        ``dual-pair``: not ABX; of two pairs of observations one differs, and the pair with the
+        larger difference is chosen, as where one half of a picture changes and the other does
+        not: p = Phi(d / 2)^2 + Phi(-d / 2)^2.
 
     Notes
     -----
     Macmillan and Creelman 2005, "Detection Theory", 2nd ed., chapter 9; Hautus and Meng 2002,
     Perception and Psychophysics 64(1), who found observers to take differences. Freeman and
-    Simoncelli 2011 use the independent rule.
+    Simoncelli 2011 use the independent rule. Dual pair: Rousseau and Ennis 2001, Perception and
+    Psychophysics 63(6); the sum and the difference of the two differences are independent, each of
+    deviation 2.
     """
     size = np.abs(np.asarray(d_prime, dtype=np.float64))
-    other = size / _second_scale(rule)
-    first = ndtr(size / ROOT_2)
+    if rule not in SCALES:
+        raise ValueError(f"rule must be one of {get_args(AbxRule)} (got {rule!r})")
+    scales = SCALES[rule]
+    first, other = ndtr(size / scales[0]), size / scales[1]
     share = first * ndtr(other) + (1.0 - first) * ndtr(-other)
     return np.asarray(0.5 + np.sign(d_prime) * (share - 0.5))
 
@@ -110,12 +124,6 @@ def forced_choice_d_prime(share: Floats | float, alternatives: int) -> Floats:
         -LARGEST_D_PRIME,
         LARGEST_D_PRIME,
     )
-
-
-def _second_scale(rule: AbxRule) -> float:
-    if rule not in get_args(AbxRule):
-        raise ValueError(f"rule must be one of {get_args(AbxRule)} (got {rule!r})")
-    return float(ROOT_6) if rule == "differencing" else 2.0
 
 
 def _inverse(

@@ -209,11 +209,16 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
     width, height = clip_size_px(protocol, display)
     viewing = Viewing.of(display)
     for phase in protocol.task.phases(protocol, display):
-        centres = [
-            viewing.to_px(entry.x_deg, entry.y_deg)
-            for entry in phase.show
-            if isinstance(entry, Clip | Image)
-        ]
+        shown = [entry for entry in phase.show if isinstance(entry, Clip | Image)]
+        centres = [viewing.to_px(entry.x_deg, entry.y_deg) for entry in shown]
+        halves = {entry.half for entry in shown if isinstance(entry, Image)} - {None}
+        if halves and width % 2:
+            return [
+                Problem(
+                    "stimuli.width_px",
+                    f"must be even: halves of the stimuli are shown (got {width} px)",
+                )
+            ]
         for x, y in centres:
             if not (
                 width / 2 <= x + 1 <= display.width_px + 2 - width / 2
@@ -229,7 +234,9 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
                     )
                 ]
         for index, (x, y) in enumerate(centres):
-            for other_x, other_y in centres[:index]:
+            for place, (other_x, other_y) in enumerate(centres[:index]):
+                if {getattr(shown[k], "half", None) for k in (index, place)} == {"left", "right"}:
+                    continue  # halves of one place share no pixel
                 if abs(x - other_x) < width and abs(y - other_y) < height:
                     return [
                         Problem(

@@ -36,12 +36,14 @@ PARTS: dict[str, tuple[str, str]] = {
     "yes-no": ("files", "pictures"),
     "identification": ("files", "pictures"),
     "abx": ("files", "pictures"),
+    "which-half": ("files", "pictures"),
 }
 """Tasks that a new study may have: the recipe that each starts from, and its folder of inputs."""
 PICTURES = {
     "yes-no": "Here: a grating, or none, in fine or coarse noise.",
     "identification": "Here: thick and thin rings with a gap on one of four sides.",
     "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
+    "which-half": "Here: fine and coarse textures, sharp (the standard) and blurred.",
 }
 CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75}
 """Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even

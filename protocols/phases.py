@@ -6,7 +6,7 @@ The trial machine interprets the list and the presenter draws it; neither knows 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class Image:
     """Place of its middle, right of the screen's centre."""
     y_deg: float = 0.0
     """Place of its middle, below the screen's centre."""
+    half: Literal["left", "right"] | None = None
+    """Only this half of it is shown, at its place; None: all of it."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,13 @@ class Optotype:
 
 
 @dataclass(frozen=True)
+class Bar:
+    """An upright bar of the background's grey in the middle of the screen, as high as that."""
+
+    width_deg: float
+
+
+@dataclass(frozen=True)
 class Text:
     """A text of the protocol, laid out by the presenter."""
 
@@ -57,7 +66,7 @@ class Text:
     """`answer`: the question, with each answer's label over its key; `feedback`."""
 
 
-Drawable: TypeAlias = Fixation | Image | Clip | Optotype | Text
+Drawable: TypeAlias = Fixation | Image | Clip | Optotype | Bar | Text
 """What a flip can show; a phase that draws nothing is blank."""
 
 ITI = "iti"

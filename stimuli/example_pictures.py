@@ -92,6 +92,7 @@ EXAMPLES = {
     "yes-no": gratings_in_noise,
     "identification": rings,
     "abx": blurred_textures,
+    "which-half": blurred_textures,
 }
 """By task."""
 

@@ -97,6 +97,22 @@ class Painter:
         self._layer_index.value = layer
         self._layer.render(moderngl.TRIANGLE_STRIP, vertices=4)
 
+    def half_frame(
+        self, clip: moderngl.TextureArray, layer: int, place: tuple[int, int], half: str
+    ) -> None:
+        """Draw the left or the right half of a layer where `clip_frame` would draw it."""
+        width = clip.width // 2
+        left = place[0] if half == "left" else place[0] + width
+        self._ctx.scissor = (left, self._size[1] - place[1] - clip.height, width, clip.height)
+        self.clip_frame(clip, layer, place)
+        self._ctx.scissor = None
+
+    def bar(self, left: int, width: int) -> None:
+        """Fill columns with the background, from the upper to the lower edge."""
+        self._ctx.scissor = (left, 0, width, self._size[1])
+        self._ctx.clear(self._grey, self._grey, self._grey, 1.0)
+        self._ctx.scissor = None
+
     def image(self, texture: moderngl.Texture, place: tuple[int, int]) -> None:
         """Draw an RGBA image over what is there, one to one."""
         texture.use(0)

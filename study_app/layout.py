@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.manifest import Manifest
-from protocols.phases import Clip, Image
+from protocols.phases import Bar, Clip, Image
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.strip import BLOCK_PX, BLOCKS
@@ -36,6 +36,8 @@ class Layout:
     """Width and height of every stimulus."""
     places: Mapping[tuple[float, float], tuple[int, int]]
     """Of stimuli, by the angles of their middles."""
+    bars: Mapping[float, tuple[int, int]]
+    """First column and width of bars, by their width in degrees."""
     patch: tuple[int, int]
     dot_px: tuple[float, float]
     """The middle of the fixation target."""
@@ -55,10 +57,13 @@ class Layout:
         across, down = display.width_px, display.height_px
         width, height = manifest.clips[0].width_px, manifest.clips[0].height_px
         viewing = Viewing.of(display)
-        places = {}
+        places, bars = {}, {}
         for phase in protocol.task.phases(protocol, display):
             for entry in phase.show:
-                if isinstance(entry, Clip | Image):
+                if isinstance(entry, Bar):
+                    left = math.floor(viewing.to_px(-entry.width_deg / 2, 0.0)[0] + 0.5)
+                    bars[entry.width_deg] = left, across - 2 * left
+                elif isinstance(entry, Clip | Image):
                     x_px, y_px = viewing.to_px(entry.x_deg, entry.y_deg)
                     places[entry.x_deg, entry.y_deg] = (
                         math.floor(x_px - width / 2 + 1e-6),
@@ -81,7 +86,7 @@ class Layout:
         x_deg, y_deg = timing.fixation_x_deg, timing.fixation_y_deg
         left, _ = viewing.to_px(x_deg - timing.dot_deg / 2, y_deg)
         right, _ = viewing.to_px(x_deg + timing.dot_deg / 2, y_deg)
-        return cls((width, height), places, patch, viewing.to_px(x_deg, y_deg), right - left)
+        return cls((width, height), places, bars, patch, viewing.to_px(x_deg, y_deg), right - left)
 
     def beside(self, places: Iterable[tuple[int, int]], reach_px: int) -> bool:
         """Return whether a target of this reach around the dot leaves stimuli uncovered.

@@ -13,7 +13,7 @@ from pathlib import Path
 import moderngl
 
 from protocols.manifest import Manifest
-from protocols.phases import Clip, Image, Optotype, Text
+from protocols.phases import Bar, Clip, Image, Optotype, Text
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
@@ -250,10 +250,16 @@ class Presenter:
             if isinstance(entry, Clip | Image):
                 frame = phase.clip_frame(entry, picture.refreshes)
                 places.append(self._layout.places[entry.x_deg, entry.y_deg])
-                painter.clip_frame(self._stimuli[entry.stimulus], frame, places[-1])
+                shown = self._stimuli[entry.stimulus], frame, places[-1]
+                if isinstance(entry, Image) and entry.half is not None:
+                    painter.half_frame(*shown, entry.half)
+                else:
+                    painter.clip_frame(*shown)
                 light = 1.0 - frame % 2
             elif isinstance(entry, Text):
                 painter.image(self._statics[self._text_name(entry, picture)], (0, 0))
+            elif isinstance(entry, Bar):
+                painter.bar(*self._layout.bars[entry.width_deg])
             elif isinstance(entry, Optotype):
                 painter.image(*self._ring(entry))
             elif self._dot_shows(places):

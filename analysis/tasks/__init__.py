@@ -38,6 +38,12 @@ def _abx() -> AnyAnalysis:
     return Abx()
 
 
+def _which_half() -> AnyAnalysis:
+    from analysis.tasks.abx import WhichHalf
+
+    return WhichHalf()
+
+
 ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
     "analyses",
     {
@@ -45,6 +51,7 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
         "detection": _detection,
         "identification": _identification,
         "abx": _abx,
+        "which-half": _which_half,
     },
 )
 

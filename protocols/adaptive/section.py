@@ -144,7 +144,7 @@ class AdaptiveLevels(Adaptive):
         task = study.task
         found = [
             *task.check_columns(study, "task.adaptive.column", (self.column,)),
-            *task.check_columns(study, "task.adaptive.by", self.by),
+            *task.check_shown(study, "task.adaptive.by", self.by),
         ]
         yield from found
         if found:

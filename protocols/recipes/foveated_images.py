@@ -237,7 +237,8 @@ class FoveatedImages(Recipe):
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
     """Where the eye looks."""
     draws: Positive = 1
-    """Stimuli of each kind that differ in the seed alone, where nothing is drawn in."""
+    """Stimuli of each kind that differ in the seed alone, where nothing is drawn in; the reference
+    has one."""
     texture_seed: Seed = 0
     """Decides noise, displacements, polar angles and cuts."""
     rings: Rings | None = None
@@ -299,7 +300,7 @@ class FoveatedImages(Recipe):
             elif self.cuts is not None:
                 drawn = self._cuts(self.cuts, picture, shown, gaze)
             else:
-                drawn = self._plain()
+                drawn = self._plain(shown)
             for words, more, extra in drawn:
                 name = "__".join([*named, *words])
                 yield FoveatedStimulus(
@@ -311,10 +312,11 @@ class FoveatedImages(Recipe):
                     **extra,
                 )
 
-    def _plain(self) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
-        for draw in range(self.draws):
-            words = [f"d{draw}"] if self.draws > 1 else []
-            more: dict[str, Scalar] = {"draw": draw} if self.draws > 1 else {}
+    def _plain(self, shown: Shown) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
+        several = self.draws > 1 and shown.condition != REFERENCE  # which has no seed
+        for draw in range(self.draws if several else 1):
+            words = [f"d{draw}"] if several else []
+            more: dict[str, Scalar] = {"draw": draw} if several else {}
             yield words, more, {"seed": self._seed_of(draw)}
 
     def _turns(self) -> dict[tuple[float, str, float | None, int], str]:

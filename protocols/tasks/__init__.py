@@ -17,6 +17,7 @@ def __getattr__(name: str) -> object:
     from protocols.tasks.identification import Identification
     from protocols.tasks.two_alternative import TwoAlternative
     from protocols.tasks.two_interval import TwoInterval
+    from protocols.tasks.which_half import WhichHalf
     from protocols.tasks.yes_no import YesNo
 
     shipped: dict[str, type[Task]] = {
@@ -25,5 +26,6 @@ def __getattr__(name: str) -> object:
         "yes-no": YesNo,
         "identification": Identification,
         "abx": Abx,
+        "which-half": WhichHalf,
     }
     return globals().setdefault(name, registered("tasks", shipped))

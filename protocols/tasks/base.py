@@ -165,6 +165,22 @@ class Task(Model):
                 f"must be left out: the stimuli are clips of {study.stimuli.clip_s:g} s",
             )
 
+    def own_columns(self) -> Mapping[str, tuple[Scalar, ...]]:
+        """Return the columns of a condition that are the task's and not the stimuli's, and their
+        values: what analyses and adaptive rules may name beside the stimuli's."""
+        return {}
+
+    def labels(self) -> Mapping[str, str]:
+        """Return what reports print for values of its own columns."""
+        return {}
+
+    def check_shown(
+        self, study: StudyProtocol, place: str, names: Iterable[str]
+    ) -> Iterator[Problem]:
+        """Yield a problem for every name that is no column of a trial's condition."""
+        own = self.own_columns()
+        yield from self.check_columns(study, place, [name for name in names if name not in own])
+
     def check_columns(
         self, study: StudyProtocol, place: str, names: Iterable[str]
     ) -> Iterator[Problem]:

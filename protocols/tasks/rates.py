@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
 
 from protocols.errors import Problem
 from protocols.session_schema import Analysis
 from protocols.suggest import did_you_mean
-from protocols.units import Name, Scalar
+from protocols.units import Condition, Name, Scalar
 
 if TYPE_CHECKING:
     from protocols.schema import StudyProtocol
+
+BETWEEN = ", "
+"""Between the values of several columns that are compared together."""
+
+
+def name_of(value: object) -> str:
+    """Return a condition's value as text: ``5`` for 5 and for 5.0."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def value_of(condition: Condition, columns: Sequence[str]) -> str:
+    """Return what a condition is compared as, by the columns of `by`."""
+    if len(columns) == 1:
+        return str(condition.get(columns[0], ""))
+    return BETWEEN.join(name_of(condition.get(column, "")) for column in columns)
 
 
 class RatesAnalysis(Analysis):
     """Right answers by condition and level: rates, psychometric functions, models, learning."""
 
-    by: Name = "method"
-    """The column whose values are compared."""
+    by: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = "method"
+    """The column whose values are compared, or several: then every combination is, and is written
+    with a comma, such as `"noise, standard"`."""
     baseline: Scalar | None = None
     """The value of `by` that the others are compared with; left out: the first declared."""
     level: Name | None = None
@@ -33,13 +53,14 @@ class RatesAnalysis(Analysis):
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield columns and values that the stimuli do not have."""
         task = study.task
-        yield from task.check_columns(study, "analysis.by", (self.by,))
-        known = study.stimuli.values(self.by)
+        wrong = list(task.check_shown(study, "analysis.by", self.by_columns))
+        yield from wrong
+        known = () if wrong else self.known(study)
         if self.baseline is not None and known and self.baseline not in known:
             listed = ", ".join(map(str, known))
             yield Problem(
                 "analysis.baseline",
-                f"must be a value of {self.by!r} ({listed}) (got {self.baseline!r})"
+                f"must be a value of {self.by_name!r} ({listed}) (got {self.baseline!r})"
                 f"{did_you_mean(str(self.baseline), map(str, known))}",
             )
         adapted = getattr(task.adaptation, "column", None)
@@ -60,9 +81,29 @@ class RatesAnalysis(Analysis):
                 f"must be a column of numbers (got {found!r} in {self.level})",
             )
 
+    @property
+    def by_columns(self) -> tuple[str, ...]:
+        """The columns that `by` names."""
+        return (self.by,) if isinstance(self.by, str) else self.by
+
+    @property
+    def by_name(self) -> str:
+        """What `by` is called in a sentence."""
+        return BETWEEN.join(self.by_columns)
+
+    def known(self, study: StudyProtocol) -> tuple[Scalar, ...]:
+        """Return the values of `by`, or every combination that a trial shows, as declared."""
+        own = study.task.own_columns()
+        if len(self.by_columns) == 1:
+            (column,) = self.by_columns
+            return own.get(column) or study.stimuli.values(column)
+        cells = study.task.cells(study, study.main_scenes())
+        shown = (cell.arrangements[0].condition for cell in cells)
+        return tuple(dict.fromkeys(value_of(condition, self.by_columns) for condition in shown))
+
     def compared(self, study: StudyProtocol) -> tuple[str, ...]:
         """Return the values of `by`, the baseline first."""
-        values = list(dict.fromkeys(map(str, study.stimuli.values(self.by))))
+        values = list(dict.fromkeys(map(str, self.known(study))))
         if self.baseline is not None:
             values.sort(key=lambda value: value != str(self.baseline))
         return tuple(values)
@@ -75,14 +116,14 @@ class RatesAnalysis(Analysis):
             "participant": "participants",
         }[self.test]
         found = [
-            f"Answers are compared between values of {self.by}: {', '.join(others) or 'none'}, each"
+            f"Answers are compared between values of {self.by_name}: {', '.join(others) or 'none'}, each"
             f" against {baseline}, two-sided, alpha {self.alpha:g}, respecting variation of"
             f" {respected}; correction {self.correction}."
         ]
         if self.level is not None:
             found.append(
-                f"A logistic model of right answers has the terms {self.level} and {self.by};"
-                f" psychometric functions over {self.level} are fitted for each {self.by}."
+                f"A logistic model of right answers has the terms {self.level} and {self.by_name};"
+                f" psychometric functions over {self.level} are fitted for each {self.by_name}."
             )
         return found
 

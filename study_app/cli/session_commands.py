@@ -75,6 +75,13 @@ def simulate(
             " the middle level; may be given more than once."
         ),
     ] = None,
+    critical: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by"
+            " cannot be told; may be given more than once."
+        ),
+    ] = None,
     slope: Annotated[
         float | None, typer.Option(help="Change of the sensitivity over the range of levels.")
     ] = None,
@@ -83,10 +90,11 @@ def simulate(
     ] = None,
     participant_sd: Annotated[
         float | None,
-        typer.Option(min=0, help="Deviation between participants, in logits or d'."),
+        typer.Option(min=0, help="Deviation between participants, in logits, d' or ln critical."),
     ] = None,
     scene_sd: Annotated[
-        float | None, typer.Option(min=0, help="Deviation between scenes, in logits or d'.")
+        float | None,
+        typer.Option(min=0, help="Deviation between scenes, in logits, d' or ln critical."),
     ] = None,
     lapse: Annotated[
         float | None, typer.Option(min=0, max=1, help="Share of blind answers. Default: .02.")
@@ -128,6 +136,7 @@ def simulate(
                 study,
                 utilities=utility,
                 strength=strength,
+                critical=critical,
                 slope=slope,
                 criterion=criterion,
                 participant_sd=participant_sd,
@@ -233,6 +242,7 @@ def _model(
     *,
     utilities: list[str] | None,
     strength: list[str] | None,
+    critical: list[str] | None,
     **given: Any,
 ) -> ObserverModel:
     """Return the default population of the task with what was asked for in its place."""
@@ -242,10 +252,13 @@ def _model(
     if utilities:
         known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
         options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", utilities, known)
-    if strength:
-        analysis = study.analysis
-        known = study.stimuli.values(analysis.by) if isinstance(analysis, RatesAnalysis) else ()
-        options["strength"] = _numbers("--strength", strength, known)
+    for name, named in (("strength", strength), ("critical", critical)):
+        if named:
+            analysis = study.analysis
+            known = analysis.known(study) if isinstance(analysis, RatesAnalysis) else ()
+            options[name] = _numbers(f"--{name}", named, known)
+    if (options.keys() & {"strength", "slope"}) and hasattr(model, "critical"):
+        options.setdefault("critical", {})  # they are for what has no critical level
     fields = {field.name for field in dataclasses.fields(model)}
     for name in options:
         if name not in fields:
@@ -258,7 +271,7 @@ def _model(
 
 
 _OPTIONS = {
-    "utilities", "strength", "slope", "criterion", "participant_sd", "scene_sd", "lapse",
+    "utilities", "strength", "critical", "slope", "criterion", "participant_sd", "scene_sd", "lapse",
     "order_bias",
 }  # fmt: skip
 

@@ -8,7 +8,7 @@ from protocols.errors import StudyError
 from protocols.plugins import registered
 from protocols.schema import StudyProtocol
 from study_app.observers.base import ArtificialObserver, ObserverModel, rng_of
-from study_app.observers.right_or_wrong import AbxModel, DetectionModel, SensitivityModel
+from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
 from study_app.observers.two_interval import DEFAULT_UTILITIES, PreferenceModel
 
 Maker = Callable[[StudyProtocol], ObserverModel]
@@ -20,7 +20,8 @@ OBSERVERS: Mapping[str, Maker] = registered(
         "two-alternative": PreferenceModel.of,
         "yes-no": DetectionModel.of,
         "identification": SensitivityModel.of,
-        "abx": AbxModel.of,
+        "abx": DifferenceModel.of,
+        "which-half": DifferenceModel.of,
     },
 )
 

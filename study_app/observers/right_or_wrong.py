@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
+from typing import Self
 
 import numpy as np
 
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
-from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.rates import RatesAnalysis, value_of
 from study_app.observers.base import Decision, ObserverModel, deviation
 
 PLAIN = 10.0
@@ -36,8 +37,8 @@ class SensitivityModel(ObserverModel):
     """The same between scenes."""
     criterion: float = 0.0
     """Tendency to say no (yes-no), in units of the noise."""
-    by: str = "method"
-    """The column of the condition that names what is compared."""
+    by: tuple[str, ...] = ("method",)
+    """The columns of the condition that name what is compared."""
     level: str | None = None
     """The column of levels."""
     levels: tuple[float, float] = (0.0, 1.0)
@@ -46,7 +47,7 @@ class SensitivityModel(ObserverModel):
     """The task's answers."""
 
     @classmethod
-    def of(cls, study: StudyProtocol) -> SensitivityModel:
+    def of(cls, study: StudyProtocol) -> Self:
         """Return the default population for a study: harder towards the hard end of the levels."""
         analysis = study.analysis
         assert isinstance(analysis, RatesAnalysis)
@@ -61,7 +62,7 @@ class SensitivityModel(ObserverModel):
                 name: 1.0 + 0.6 * (place % 3) for place, name in enumerate(analysis.compared(study))
             },
             slope=slope,
-            by=analysis.by,
+            by=analysis.by_columns,
             level=analysis.level,
             levels=(min(numbers), max(numbers)),
             alternatives=study.task.answers(),
@@ -73,7 +74,7 @@ class SensitivityModel(ObserverModel):
             return PLAIN
         condition = trial.condition
         scene = str(condition.get("scene", ""))
-        found = self.strength.get(str(condition.get(self.by, "")), 1.5)
+        found = self.strength.get(value_of(condition, self.by), 1.5)
         if self.level is not None and self.level in condition:
             low, high = self.levels
             share = (float(condition[self.level]) - low) / ((high - low) or 1.0)
@@ -118,13 +119,52 @@ class DetectionModel(SensitivityModel):
 
 
 @dataclass(frozen=True)
-class AbxModel(SensitivityModel):
-    """X is the one that looks more alike: the differencing rule (Macmillan and Creelman 2005)."""
+class DifferenceModel(SensitivityModel):
+    """Two stimuli are told apart by how much they differ (`abx`, `which-half`).
+
+    Along a rising level above 0, such as the scaling of pools, sensitivity is 0 up to a critical
+    level and ``gain sqrt(1 - critical^2 / level^2)`` above it (Freeman and Simoncelli 2011).
+    Deviations between participants and scenes are then those of its natural logarithm.
+    """
+
+    critical: Mapping[str, float] = field(default_factory=dict)
+    """Level at which the sensitivity leaves 0, by value of `by`; a value that is not named has the
+    sensitivity of `strength` and `slope`."""
+    gain: float = 4.0
+    """Sensitivity far above the critical level."""
+    deviations: tuple[float, float] = (math.sqrt(2), math.sqrt(6))
+    """Of the two quantities that must have one sign: ABX by differencing."""
+
+    @classmethod
+    def of(cls, study: StudyProtocol) -> Self:
+        """Return the default population: critical levels in the lower half of those shown."""
+        model = super().of(study)
+        found = [x for x in study.stimuli.values(model.level or "") if isinstance(x, int | float)]
+        positive = [float(x) for x in found if x > 0]
+        if positive and not getattr(study.analysis, "falling", False):
+            low, high = min(positive), max(positive)
+            critical = {
+                name: low * (high / low) ** (0.3 + 0.12 * (place % 3))
+                for place, name in enumerate(model.strength)
+            }
+            model = replace(model, critical=critical, participant_sd=0.25, scene_sd=0.1)
+        if study.task.kind == "which-half":
+            model = replace(model, deviations=(2.0, 2.0))
+        return model
+
+    def sensitivity(self, trial: PlannedTrial, seed: int, participant: str) -> float:
+        """Return the distance of the two stimuli, in deviations of the noise."""
+        critical = self.critical.get(value_of(trial.condition, self.by))
+        if critical is None or trial.role == "catch":
+            return super().sensitivity(trial, seed, participant)
+        scene = str(trial.condition.get("scene", ""))
+        away = self.participant_sd * deviation(seed, "participant", participant)
+        own = critical * math.exp(away + self.scene_sd * deviation(seed, "scene", scene))
+        level = float(trial.condition[str(self.level)])
+        return self.gain * math.sqrt(max(0.0, 1 - (own / level) ** 2))
 
     def right_probability(self, sensitivity: float) -> float:
-        """Return ``F(d / sqrt 2) F(d / sqrt 6) + F(-d / sqrt 2) F(-d / sqrt 6)``."""
+        """Return ``F(d / a) F(d / b) + F(-d / a) F(-d / b)`` (Macmillan and Creelman 2005)."""
         normal, d_prime = NormalDist().cdf, max(0.0, sensitivity)
-        return sum(
-            normal(sign * d_prime / math.sqrt(2)) * normal(sign * d_prime / math.sqrt(6))
-            for sign in (1, -1)
-        )
+        one, other = self.deviations
+        return sum(normal(sign * d_prime / one) * normal(sign * d_prime / other) for sign in (1, -1))

@@ -1,6 +1,6 @@
-"""The analysis of ABX tasks, kind `abx`: d', and critical scalings."""
+"""The analyses of tasks that tell two stimuli apart, `abx` and `which-half`: d', critical scalings."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import pandas as pd
 
@@ -13,8 +13,7 @@ from analysis.tasks.rates.settings import RateSettings, RatesOptions, common_set
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
 from protocols.tasks.abx import AbxAnalysis
-
-ANSWERS = ("a", "b")
+from protocols.tasks.which_half import WhichHalfAnalysis
 
 
 class AbxOptions(RatesOptions):
@@ -30,11 +29,13 @@ class Abx(RatesTask):
     kind: ClassVar[str] = "abx"
     options: ClassVar[type[TableOptions]] = AbxOptions
     task: ClassVar[str] = "ABX answers"
+    named: ClassVar[tuple[str, str]] = ("a", "b")
+    """The task's answers."""
 
     def settings(self, study: StudyProtocol) -> RateSettings:
         """Return columns, values and rules of a protocol."""
         analysis = study.analysis
-        assert isinstance(analysis, AbxAnalysis)
+        assert isinstance(analysis, AbxAnalysis | WhichHalfAnalysis)
         return RateSettings(**{**vars(common_settings(study)), "rule": analysis.rule})
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RateSettings:
@@ -42,17 +43,18 @@ class Abx(RatesTask):
         found = super().settings_of_table(decisions, name, options)
         return RateSettings(**{**vars(found), "rule": options.rule})
 
-    def options_of(self, settings: RateSettings) -> AbxOptions:
+    def options_of(self, settings: RateSettings) -> TableOptions:
         """Return the options that say the same."""
-        return AbxOptions(rule=settings.rule, **self._shared_options(settings))
+        same = {"rule": settings.rule, **self._shared_options(settings)}
+        return self.options(**same)
 
     def table_answers(self, decisions: pd.DataFrame, _options: Any) -> tuple[str, ...]:
         """Return the two answers: as the table names them, if it does."""
         if "answer" in decisions:
             found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
-            if len(found) == len(ANSWERS):
+            if len(found) == len(self.named):
                 return found
-        return ANSWERS
+        return self.named
 
     def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
         """Return d', critical scalings, and what all tasks with right answers have."""
@@ -71,10 +73,25 @@ class Abx(RatesTask):
         return analyse_rates(decisions, settings, step, sense, scaling=settings.rule)
 
     def draw(self, settings: RateSettings) -> Draw:
-        """Return the chance that X is told from the other, by the study's decision rule."""
+        """Return the chance of a right answer, by the study's decision rule."""
         share = tabulated(lambda d: abx_share(d, settings.rule))
         return lambda d_prime, _criterion, _design, _typical: share(d_prime)
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""
         return judge_shares
+
+
+class WhichHalfOptions(AbxOptions):
+    """What a table of a which-half task may be told."""
+
+    rule: Literal["dual-pair"] = "dual-pair"
+
+
+class WhichHalf(Abx):
+    """The same of halves that change: task `which-half`."""
+
+    kind: ClassVar[str] = "which-half"
+    options: ClassVar[type[TableOptions]] = WhichHalfOptions
+    task: ClassVar[str] = "answers which half had changed"
+    named: ClassVar[tuple[str, str]] = ("left", "right")

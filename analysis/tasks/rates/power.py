@@ -13,7 +13,7 @@ from analysis.power import default_participants, first_reaching
 from analysis.psychometric import sigmoid
 from analysis.rates import Influence, contrasts, share_influence, share_limits
 from analysis.tasks.base import Assumption, Counted, PowerReport
-from analysis.tasks.rates.settings import RateSettings, name_of
+from analysis.tasks.rates.settings import RateSettings, by_columns, combined
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
@@ -157,7 +157,8 @@ def cell_design(cells: Sequence[Cell], settings: RateSettings, repeats: int) -> 
     if not cells:
         raise StudyError("task: must show at least one condition (there is no stimulus for it)")
     conditions = [cell.arrangements[0].condition for cell in cells]
-    names = [name_of(one.get(settings.by or "")) for one in conditions]
+    columns = by_columns(settings.by)
+    names = [combined(one.get(column) for column in columns) for one in conditions]
     levels = np.array([_number(one.get(settings.level or "")) for one in conditions])
     span = float(np.ptp(levels)) or 1.0
     place = (levels - levels.min()) / span if settings.level is not None else 0.5 + 0.0 * levels

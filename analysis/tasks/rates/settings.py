@@ -1,6 +1,6 @@
 """What the analyses of tasks with right answers need to know of a study."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -14,7 +14,7 @@ from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
-from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.rates import BETWEEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Scalar
 
@@ -27,7 +27,8 @@ class RatesOptions(TableOptions):
     """What a table of right and wrong answers may be told."""
 
     by: str | None = None
-    """The column whose values are compared; left out: `method`, if there is one."""
+    """The column whose values are compared, or several with commas between, whose combinations
+    are; left out: `method`, if there is one."""
     baseline: Scalar | None = None
     """The value of `by` that the others are compared with; left out: the first in order."""
     level: str | None = None
@@ -51,7 +52,8 @@ class RateSettings:
     Attributes
     ----------
     by : str or None
-        The column whose values are compared, and `values` in order, the baseline first.
+        The column whose values are compared, or several with commas between; and `values` in
+        order, the baseline first.
     answers : tuple of str
         All that can be answered; empty where a table does not say.
     alternatives : int
@@ -101,14 +103,19 @@ class RateSettings:
 
     def label(self, name: str) -> str:
         """Return what reports print for a value of a condition."""
-        return self.labels.get(name, name)
+        if name in self.labels:
+            return self.labels[name]
+        return BETWEEN.join(self.labels.get(part, part) for part in name.split(BETWEEN))
 
 
-def name_of(value: object) -> str:
-    """Return a condition's value as text: ``5`` for 5 and for 5.0."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
+def by_columns(by: str | None) -> tuple[str, ...]:
+    """Return the columns that `by` names."""
+    return () if by is None else tuple(by.replace(BETWEEN, ",").split(","))
+
+
+def combined(values: Iterable[object]) -> str:
+    """Return the values of these columns as the name of a condition."""
+    return BETWEEN.join(map(name_of, values))
 
 
 def common_settings(study: StudyProtocol) -> RateSettings:
@@ -120,8 +127,12 @@ def common_settings(study: StudyProtocol) -> RateSettings:
     if not (isinstance(analysis, RatesAnalysis) and isinstance(task, RightOrWrong)):
         raise TypeError(f"a task with right answers is needed (got task {task.kind!r})")
     cells = task.cells(study, study.main_scenes())
-    shown = {name_of(cell.arrangements[0].condition.get(analysis.by)) for cell in cells}
-    values = list(dict.fromkeys(map(name_of, study.stimuli.values(analysis.by))))
+    columns = analysis.by_columns
+    conditions = [cell.arrangements[0].condition for cell in cells]
+    shown = [combined(one.get(column) for column in columns) for one in conditions]
+    # As declared; combinations as trials show them.
+    declared = map(name_of, analysis.known(study)) if len(columns) == 1 else shown
+    values = list(dict.fromkeys(declared))
     if analysis.baseline is not None:
         values.sort(key=lambda value: value != name_of(analysis.baseline))
     rule = task.adaptation
@@ -136,14 +147,14 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         study=study.study.name,
         title=study.study.title,
         kind=analysis.kind,
-        by=analysis.by,
+        by=analysis.by_name,
         values=tuple(value for value in values if value in shown),
         level=level,
         falling=falling,
         adaptive=rule is not None,
         answers=task.answers(),
         alternatives=len(task.answers()),
-        labels=dict(study.stimuli.labels()),
+        labels={**study.stimuli.labels(), **task.labels()},
         test=analysis.test,
         correction=analysis.correction,
         alpha=analysis.alpha,
@@ -165,7 +176,8 @@ def common_settings_of_table(
         If the table does not have a column or value that the options name.
     """
     by = options.by or ("method" if "method" in decisions else None)
-    for key, column in (("by", by), ("level", options.level)):
+    named = [*(("by", column) for column in by_columns(by)), ("level", options.level)]
+    for key, column in named:
         if column is not None and column not in decisions:
             raise StudyError(
                 f"--set {key}={column}: must name a column of the table"
@@ -174,8 +186,9 @@ def common_settings_of_table(
             )
     values = [EVERYTHING]
     if by is not None:
-        found = decisions[by].drop_duplicates()
-        values = [name_of(value) for value in found.sort_values(kind="stable").tolist()]
+        columns = list(by_columns(by))
+        found = decisions[columns].drop_duplicates().sort_values(columns, kind="stable")
+        values = list(map(combined, found.itertuples(index=False)))
     if options.baseline is not None:
         first = name_of(options.baseline)
         if first not in values:
@@ -217,7 +230,10 @@ def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
     """
     rows = decisions.copy()
     rows["correct"] = pd.to_numeric(rows["correct"]).astype(int)
-    rows["condition"] = EVERYTHING if settings.by is None else rows[settings.by].map(name_of)
+    columns = list(by_columns(settings.by))
+    rows["condition"] = EVERYTHING
+    if columns:
+        rows["condition"] = list(map(combined, rows[columns].itertuples(index=False)))
     if "scene" in rows and (settings.test == "participant" or (rows["scene"] == "").all()):
         rows = rows.drop(columns="scene")
     return rows.reset_index(drop=True)

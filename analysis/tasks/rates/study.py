@@ -388,7 +388,7 @@ def _models(
 
 def _identifier(name: str) -> str:
     """Return a column's name as a formula can hold it."""
-    plain = re.sub(r"\W", "_", name)
+    plain = re.sub(r"\W+", "_", name)
     # What these mean in a formula or in the table of the model is taken.
     taken = plain in ("C", "Q", "I", "correct", "participant", "scene") or not plain.isidentifier()
     return f"x_{plain}" if taken else plain

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.rates import Difference
-from analysis.tasks.rates.settings import RatesOptions
+from analysis.tasks.rates.settings import RatesOptions, by_columns
 from analysis.tasks.rates.study import RateResults
 from analysis.trials_csv import read_trials
 from protocols.columns import Column, decided
@@ -30,11 +30,11 @@ def read_answers(
     StudyError
         With the column, line and value at fault.
     """
-    wanted = [name for name in (options.by,) if name is not None]
+    wanted = list(by_columns(options.by))
     levels = [name for name in (options.level,) if name is not None]
     rows = read_trials(path, mapping, conditions=wanted, levels=levels, answers=answers)
     # What was mapped is there under our name; it need not be there twice.
-    used = {options.by, options.level, *mapping}
+    used = {*wanted, options.level, *mapping}
     rows = rows.drop(
         columns=[name for name in mapping.values() if name in rows and name not in used]
     )

@@ -21,7 +21,7 @@ from analysis.tasks.rates.settings import (
     RatesOptions,
     common_settings,
     common_settings_of_table,
-    name_of,
+    prepared,
 )
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.tables import answer_columns, read_answers, result_tables
@@ -40,6 +40,7 @@ from analysis.tasks.rates.wording import (
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
+from protocols.tasks.rates import name_of
 
 
 class RatesTask(TaskAnalysis[RateSettings, RateResults]):
@@ -104,13 +105,15 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: RateSettings) -> None:
         """Refuse conditions and answers that the protocol does not have."""
-        for column, known in ((settings.by, settings.values), ("answer", settings.answers)):
-            if column is None or column not in decisions:
-                continue
-            unknown = sorted(set(decisions[column].map(name_of)) - set(known))
+        rows = prepared(decisions, settings)
+        checked = [(settings.by, "condition", settings.values)] if settings.by else []
+        if "answer" in decisions:
+            checked.append(("answer", "answer", settings.answers))
+        for name, column, known in checked:
+            unknown = sorted(set(rows[column].map(name_of)) - set(known))
             if unknown:
                 raise StudyError(
-                    f"{path}: {column} must be one of the protocol's ({', '.join(known)})"
+                    f"{path}: {name} must be one of the protocol's ({', '.join(known)})"
                     f" (got {', '.join(unknown)})"
                 )
 
@@ -189,7 +192,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             )
         if results.critical:
             text += (
-                " Critical scalings were fitted to ABX answers with critical scaling and gain"
+                " Critical scalings were fitted to the answers with critical scaling and gain"
                 " random over participants."
             )
         if results.models is not None:

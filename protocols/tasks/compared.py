@@ -1,0 +1,180 @@
+"""What tasks share in which two stimuli are told apart: which pairs there are."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, combinations
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from protocols.columns import Column
+from protocols.errors import Problem
+from protocols.recipes.base import Stimulus
+from protocols.tasks.base import Arrangement, Cell, matches
+from protocols.tasks.single import RightOrWrong
+from protocols.units import Condition, Name, Scalar, Seconds
+
+if TYPE_CHECKING:
+    from protocols.schema import StudyProtocol
+
+AGAINST, STANDARD, ANOTHER = "against", "standard", "another"
+
+
+class Pair(NamedTuple):
+    """Two stimuli that are compared: what a table calls each, and their names."""
+
+    one: tuple[str, str]
+    other: tuple[str, str]
+
+
+class Compared(RightOrWrong):
+    """Two stimuli differ; the answer says where, or which of them came again."""
+
+    standard: dict[Name, Scalar] | None = None
+    """What every other stimulus of its scene is compared with: `{ method = "reference" }`."""
+    matched: tuple[Name, ...] = ("scene",)
+    """The columns in which a stimulus and its standard agree."""
+    compare: Name | None = None
+    """In place of a standard: the one column in which the two differ, such as `seed`. With a
+    standard: both comparisons are made, apart in the column `against` (`standard`, `another`), and
+    those that differ in this column alone take turns beside the standard."""
+    gap_s: Seconds = 0.5
+    """Blank between two stimuli."""
+
+    sided: ClassVar[bool] = True
+
+    @abstractmethod
+    def arrangements(self, condition: Condition, pair: Pair) -> Sequence[Arrangement]:
+        """Return the ways to show a pair; right answers alternate."""
+
+    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+        """Return every pair that is compared."""
+        rank = {scene: place for place, scene in enumerate(scenes)}
+        seen: Counter[str] = Counter()
+        found = []
+        both = self.own_columns()
+        compared = chain(
+            self._against_standard(study, scenes) if self.standard is not None else (),
+            self._between(study, scenes) if self.compare is not None else (),
+        )
+        for scene, told, against, pairs in compared:
+            condition = {**told, AGAINST: against} if both else told
+            ways = [self.arrangements(condition, pair) for pair in pairs]
+            # In turn, so that any two that follow each other balance right answers and pairs.
+            turns = [
+                ways[(turn + shift) % len(ways)][turn]
+                for shift in range(len(ways))
+                for turn in range(len(ways[0]))
+            ]
+            # Each condition has another arrangement in every scene.
+            found.append(Cell(scene, tuple(turns), rank[scene] + seen[scene]))
+            seen[scene] += 1
+        return sorted(found, key=lambda cell: rank[cell.scene])
+
+    def own_columns(self) -> Mapping[str, tuple[Scalar, ...]]:
+        """Return `against` where both comparisons are made."""
+        both = self.standard is not None and self.compare is not None
+        return {AGAINST: (STANDARD, ANOTHER)} if both else {}
+
+    def labels(self) -> Mapping[str, str]:
+        """Return what reports print for the two comparisons."""
+        if not self.own_columns():
+            return {}
+        return {STANDARD: "against the standard", ANOTHER: "against another"}
+
+    def _between(
+        self, study: StudyProtocol, scenes: Sequence[str]
+    ) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+        for scene, _, stimuli, condition in study.stimuli.groups(scenes, self.compare or ""):
+            names = {value: stimulus.name for value, stimulus in stimuli.items()}
+            for pair in combinations(names.items(), 2):
+                yield scene, condition, ANOTHER, [Pair(*pair)]
+
+    def _against_standard(
+        self, study: StudyProtocol, scenes: Sequence[str]
+    ) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+        pool = study.stimuli.pool()
+        where = self.standard or {}
+        standards = {self._key(s): s for s in pool if matches(s.condition, where)}
+        found: dict[object, tuple[str, Condition, list[Pair]]] = {}
+        for stimulus in pool:
+            standard = standards.get(self._key(stimulus))
+            if stimulus.scene not in scenes or standard is None or matches(stimulus.condition, where):
+                continue
+            told = {k: v for k, v in stimulus.condition.items() if k != self.compare}
+            pair = Pair((STANDARD, standard.name), ("comparison", stimulus.name))
+            same = stimulus.name if self.compare is None else tuple(told.items())
+            found.setdefault(same, (stimulus.scene, told, []))[2].append(pair)
+        for scene, told, pairs in found.values():
+            yield scene, told, STANDARD, pairs
+
+    def _key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
+        return tuple(stimulus.condition.get(name) for name in self.matched)
+
+    def durations(self) -> Mapping[str, float]:
+        """Return the task's times by key."""
+        return {**super().durations(), "gap_s": self.gap_s}
+
+    def pair_sentence(self, one: str, other: str) -> str:
+        """Return in what the two stimuli differ, under the names that a trial gives them."""
+        found = []
+        if self.standard is not None:
+            where = ", ".join(f"{column} {value}" for column, value in self.standard.items())
+            found.append(
+                f"One of {one} and {other} is the standard ({where}), the other has the same"
+                f" {' and '.join(self.matched)}"
+            )
+        if self.compare is not None:
+            found.append(f"{one} and {other} differ in {self.compare} alone")
+        return "; or ".join(found)
+
+    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+        """Return the columns of the stimuli, and what they were compared with."""
+        return (
+            *(
+                Column(name, "value", "", "Column of the stimuli's conditions")
+                for name in study.stimuli.columns()
+                if name != self.compare
+            ),
+            *(
+                Column(name, "text", "", "What it was compared with: the standard, or another")
+                for name in self.own_columns()
+            ),
+        )
+
+    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from super().problems(study)
+        if self.standard is None and self.compare is None:
+            yield Problem("task", "must have standard, compare or both")
+        if self.standard is not None:
+            yield from self.check_where(study, "task.standard", self.standard)
+            yield from self.check_columns(study, "task.matched", self.matched)
+            yield from self._standard_problems(study)
+        if self.compare is not None:
+            yield from self.check_columns(study, "task.compare", (self.compare,))
+
+    def _standard_problems(self, study: StudyProtocol) -> Iterator[Problem]:
+        """Yield a problem where a stimulus has no standard, or more than one."""
+        pool, where = study.stimuli.pool(), self.standard or {}
+        standards: dict[tuple[Scalar | None, ...], list[str]] = {}
+        for stimulus in pool:
+            if matches(stimulus.condition, where):
+                standards.setdefault(self._key(stimulus), []).append(stimulus.name)
+        for key, names in standards.items():
+            if len(names) > 1:
+                said = ", ".join(f"{c} = {v}" for c, v in zip(self.matched, key, strict=True))
+                yield Problem(
+                    "task.matched",
+                    f"there must be one standard where {said} (got {' and '.join(names[:3])});"
+                    " name the column in which they differ too",
+                )
+        for stimulus in pool:
+            if not matches(stimulus.condition, where) and self._key(stimulus) not in standards:
+                yield Problem(
+                    "task.matched",
+                    "every stimulus must have a standard that agrees with it in"
+                    f" {', '.join(self.matched)} (there is none for {stimulus.name!r})",
+                )
+                return
