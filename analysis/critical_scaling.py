@@ -1,7 +1,7 @@
 """Critical scaling: the largest pooling that ABX observers cannot tell from what it pools."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -70,6 +70,8 @@ class CriticalScaling:
     lapse : float
     individual : mapping of participant to (critical, gain)
         Drawn towards the typical one as far as their answers leave open.
+    alone : mapping of participant to critical
+        Fitted to their answers alone (`fit_person`); empty where it was not asked for.
     """
 
     condition: str
@@ -88,6 +90,7 @@ class CriticalScaling:
     participants: int
     individual: Mapping[str, tuple[float, float]]
     warnings: tuple[str, ...]
+    alone: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def critical_identified(self) -> bool:
@@ -334,11 +337,12 @@ def critical_scalings(
         if samples:
             limits = _bootstrap(part, column, rule, law, level, samples, rng)
             fit = replace(fit, critical_limits=limits)
-        fits.append(replace(fit, condition=name))
         own[name] = {
             str(who): _own(group, column, rule, law)
             for who, group in part.groupby("participant", sort=True)
         }
+        alone = {who: float(np.exp(value)) for who, value in own[name].items()}
+        fits.append(replace(fit, condition=name, alone=alone))
     return tuple(fits), _paired(own, level)
 
 

@@ -228,7 +228,7 @@ def abx(
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of an ABX or which-half task by condition; what is corrected: `ideal_observer.abx_d_prime`."""
+    """Return d' of ABX or which-half by condition; corrected as in `ideal_observer.abx_d_prime`."""
     return _discriminate(
         trials,
         by,

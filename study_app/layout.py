@@ -61,8 +61,8 @@ class Layout:
         for phase in protocol.task.phases(protocol, display):
             for entry in phase.show:
                 if isinstance(entry, Bar):
-                    left = math.floor(viewing.to_px(-entry.width_deg / 2, 0.0)[0] + 0.5)
-                    bars[entry.width_deg] = left, across - 2 * left
+                    edge = math.floor(viewing.to_px(-entry.width_deg / 2, 0.0)[0] + 0.5)
+                    bars[entry.width_deg] = edge, across - 2 * edge
                 elif isinstance(entry, Clip | Image):
                     x_px, y_px = viewing.to_px(entry.x_deg, entry.y_deg)
                     places[entry.x_deg, entry.y_deg] = (

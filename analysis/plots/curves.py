@@ -16,6 +16,7 @@ from analysis.plots.style import (
     MARKERS,
     ORANGE,
     SERIES,
+    legend_columns,
     level_axis,
     new_figure,
     style,
@@ -78,7 +79,7 @@ def psychometric_plot(
         axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
         axes.set_xlabel(x_label)
         axes.set_ylabel("Proportion correct")
-        columns = 2 if width_in < 5 else min(len(series), 4)
+        columns = legend_columns([label(name) for name in series], width_in)
         figure.legend(loc="outside lower center", ncols=columns)
     return figure
 

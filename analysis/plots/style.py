@@ -3,7 +3,7 @@
 import io
 import logging
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -86,6 +86,14 @@ def wrapped(label: str, width_in: float) -> str:
     return "\n".join(
         textwrap.wrap(label, width, break_long_words=len(label) > 2 * width) or [label]
     )
+
+
+def legend_columns(labels: Sequence[str], width_in: float) -> int:
+    """Return how many columns a legend below the axes may have: 2 at most in one column of text."""
+    narrow = width_in < 5
+    em_in = (6.5 if narrow else 8.0) / 72
+    entry_in = (0.6 * max(map(len, labels), default=0) + 5.0) * em_in
+    return max(1, min(2 if narrow else 4, len(labels), int(width_in / entry_in)))
 
 
 def share_text(value: float) -> str:

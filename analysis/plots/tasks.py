@@ -16,6 +16,7 @@ from analysis.plots.style import (
     MARKERS,
     ORANGE,
     SERIES,
+    legend_columns,
     level_axis,
     new_figure,
     share_axis,
@@ -159,7 +160,8 @@ def scaling_plot(
         level_axis(axes, everything)
         axes.set_xlim(low / 1.1, high * 1.1)
         axes.set_xlabel(x_label)
-        axes.set_ylabel(f"d' (ABX, {fits[0].rule})")
+        of = "" if fits[0].rule == "dual-pair" else "ABX, "
+        axes.set_ylabel(f"d' ({of}{fits[0].rule})")
         axes.plot([], [], "o-", color=GREY, ms=4, lw=1.2, label="below: critical scaling, limits")
         handles, labels = axes.get_legend_handles_labels()
         last = [*range(1, len(handles)), 0]  # lines come before data with whiskers
@@ -167,7 +169,7 @@ def scaling_plot(
             [handles[k] for k in last],
             [labels[k] for k in last],
             loc="outside lower center",
-            ncols=2 if width_in < 5 else 4,
+            ncols=legend_columns(labels, width_in),
         )
     return figure
 

@@ -55,6 +55,7 @@ class Assumption:
 
     name: str
     value: float
+    """Not a number: left out, unless it is asked for."""
     meaning: str
     lowest: float = 0.0
     highest: float = float("inf")

@@ -59,7 +59,7 @@ class Compared(RightOrWrong):
             self._between(study, scenes) if self.compare is not None else (),
         )
         for scene, told, against, pairs in compared:
-            condition = {**told, AGAINST: against} if both else told
+            condition: Condition = {**told, AGAINST: against} if both else told
             ways = [self.arrangements(condition, pair) for pair in pairs]
             # In turn, so that any two that follow each other balance right answers and pairs.
             turns = [
@@ -100,14 +100,18 @@ class Compared(RightOrWrong):
         found: dict[object, tuple[str, Condition, list[Pair]]] = {}
         for stimulus in pool:
             standard = standards.get(self._key(stimulus))
-            if stimulus.scene not in scenes or standard is None or matches(stimulus.condition, where):
+            if (
+                stimulus.scene not in scenes
+                or standard is None
+                or matches(stimulus.condition, where)
+            ):
                 continue
             told = {k: v for k, v in stimulus.condition.items() if k != self.compare}
             pair = Pair((STANDARD, standard.name), ("comparison", stimulus.name))
             same = stimulus.name if self.compare is None else tuple(told.items())
             found.setdefault(same, (stimulus.scene, told, []))[2].append(pair)
-        for scene, told, pairs in found.values():
-            yield scene, told, STANDARD, pairs
+        for scene, condition, pairs in found.values():
+            yield scene, condition, STANDARD, pairs
 
     def _key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
         return tuple(stimulus.condition.get(name) for name in self.matched)

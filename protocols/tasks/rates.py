@@ -115,8 +115,9 @@ class RatesAnalysis(Analysis):
             "participant-scene": "participants and of scenes",
             "participant": "participants",
         }[self.test]
+        named = "; ".join(others) if len(self.by_columns) > 1 else ", ".join(others)
         found = [
-            f"Answers are compared between values of {self.by_name}: {', '.join(others) or 'none'}, each"
+            f"Answers are compared between values of {self.by_name}: {named or 'none'}, each"
             f" against {baseline}, two-sided, alpha {self.alpha:g}, respecting variation of"
             f" {respected}; correction {self.correction}."
         ]

@@ -271,8 +271,8 @@ def _model(
 
 
 _OPTIONS = {
-    "utilities", "strength", "critical", "slope", "criterion", "participant_sd", "scene_sd", "lapse",
-    "order_bias",
+    "utilities", "strength", "critical", "slope", "criterion", "participant_sd", "scene_sd",
+    "lapse", "order_bias",
 }  # fmt: skip
 
 

@@ -166,5 +166,5 @@ class DifferenceModel(SensitivityModel):
     def right_probability(self, sensitivity: float) -> float:
         """Return ``F(d / a) F(d / b) + F(-d / a) F(-d / b)`` (Macmillan and Creelman 2005)."""
         normal, d_prime = NormalDist().cdf, max(0.0, sensitivity)
-        one, other = self.deviations
-        return sum(normal(sign * d_prime / one) * normal(sign * d_prime / other) for sign in (1, -1))
+        a, b = (d_prime / width for width in self.deviations)
+        return normal(a) * normal(b) + normal(-a) * normal(-b)

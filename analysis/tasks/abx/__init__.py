@@ -1,4 +1,4 @@
-"""The analyses of tasks that tell two stimuli apart, `abx` and `which-half`: d', critical scalings."""
+"""The analyses of `abx` and `which-half`: d', and critical scalings."""
 
 from typing import Any, ClassVar, Literal
 
@@ -28,6 +28,7 @@ class Abx(RatesTask):
 
     kind: ClassVar[str] = "abx"
     options: ClassVar[type[TableOptions]] = AbxOptions
+    _options: ClassVar[type[AbxOptions]] = AbxOptions
     task: ClassVar[str] = "ABX answers"
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
@@ -43,10 +44,9 @@ class Abx(RatesTask):
         found = super().settings_of_table(decisions, name, options)
         return RateSettings(**{**vars(found), "rule": options.rule})
 
-    def options_of(self, settings: RateSettings) -> TableOptions:
+    def options_of(self, settings: RateSettings) -> AbxOptions:
         """Return the options that say the same."""
-        same = {"rule": settings.rule, **self._shared_options(settings)}
-        return self.options(**same)
+        return self._options(rule=settings.rule, **self._shared_options(settings))
 
     def table_answers(self, decisions: pd.DataFrame, _options: Any) -> tuple[str, ...]:
         """Return the two answers: as the table names them, if it does."""
@@ -93,5 +93,6 @@ class WhichHalf(Abx):
 
     kind: ClassVar[str] = "which-half"
     options: ClassVar[type[TableOptions]] = WhichHalfOptions
+    _options: ClassVar[type[AbxOptions]] = WhichHalfOptions
     task: ClassVar[str] = "answers which half had changed"
     named: ClassVar[tuple[str, str]] = ("left", "right")

@@ -13,10 +13,11 @@ from analysis.rates import Influence
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, name_of
+from analysis.tasks.rates.settings import RateSettings, RatesOptions
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from analysis.tasks.rates.tables import read_answers
 from protocols.errors import StudyError
+from protocols.tasks.rates import name_of
 from protocols.units import Scalar
 
 
@@ -114,13 +115,12 @@ def judge_d_prime(
     shown = np.full(events.shape, float(design.repeats))
     shared = np.isin(design.condition, design.noise_only)
     tables = {}
-    for k in range(len(design.conditions)):
+    for k in design.sensed:
         own = design.condition == k
         signal, noise = own & design.signal, own & ~design.signal
-        if k not in design.noise_only:
-            noise = noise if noise.any() else shared
-            chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
-            tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]
+        noise = noise if noise.any() else shared
+        chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
+        tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]
 
     def moved(people: int) -> dict[str, Influence]:
         return {

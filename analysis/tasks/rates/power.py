@@ -29,6 +29,9 @@ SIZES = 6
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
 
+OWN = "difference."
+"""Before a condition: what it alone has more than the baseline."""
+
 LAPSE = 0.02
 TRACKS = 60
 """Adaptive tracks that are run to see how exact they are."""
@@ -67,6 +70,16 @@ class CellDesign:
         held = [self.signal[self.condition == k] for k in numbers]
         lacking = any(one.all() for one in held)
         return tuple(k for k in numbers if lacking and not held[k].any())
+
+    @property
+    def sensed(self) -> tuple[int, ...]:
+        """Conditions that have a d' of yes and no: signal, and noise of their own or shared."""
+        return tuple(
+            k
+            for k in range(len(self.conditions))
+            if self.signal[self.condition == k].any()
+            and (self.noise_only or not self.signal[self.condition == k].all())
+        )
 
     def grid(self, counts: Floats, chosen: NDArray[np.bool_]) -> Floats:
         """Sum counts (participants, cells) of chosen cells into (participants, scenes)."""
@@ -134,6 +147,10 @@ def assumptions(settings: RateSettings, scenes: int) -> tuple[Assumption, ...]:
             if several
             else []
         ),
+        *(
+            Assumption(f"{OWN}{name}", np.nan, f"the same of {settings.label(name)} alone", -10.0)
+            for name in settings.values[1:]
+        ),
         Assumption("participant_sd", 0.4, "deviation of d' between participants"),
     ]
     if scenes > 1:
@@ -197,6 +214,7 @@ def rate_power(
     StudyError
         If levels adapt and only one condition is shown: there is nothing to compare.
     """
+    assumed = {name: value for name, value in assumed.items() if not np.isnan(value)}
     sizes = _thinned(default_participants(settings.planned_participants), settings)
     count = studies or STUDIES
     notes = []
@@ -218,15 +236,17 @@ def rate_power(
             )
 
         def simulate(null: bool) -> Floats:
-            values = {**assumed, **(_nothing(settings) if null else {})}
+            values = {**assumed, **(_nothing(settings, assumed) if null else {})}
             events = _events(design, values, sizes[-1], draw, rng)
             return judge(events, design, sizes, settings)
 
     sums = np.zeros((3, len(sizes)))
+    alone: Floats = np.zeros(0)
     comparisons = 0
     for number in range(count):
         significant = _significant(simulate(False), settings)
         comparisons = significant.shape[1]
+        alone = significant.astype(float) + (alone if alone.size else 0.0)
         sums[0] += significant.mean(axis=1)
         sums[1] += significant.all(axis=1)
         sums[2] += _significant(simulate(True), settings).any(axis=1)
@@ -238,6 +258,11 @@ def rate_power(
         if comparisons > 1
         else {"the comparison" if len(settings.values) > 1 else "better than chance": each}
     )
+    own = any(name.startswith(OWN) for name in assumed)
+    if own and not settings.adaptive and comparisons > 1:
+        tested = design.sensed if settings.kind == "detection" else range(len(settings.values))
+        names = [settings.label(settings.values[k]) for k in tested][1:]
+        curves = {**dict(zip(names, (alone / count).T, strict=True)), **curves}
     found = RatePower(
         participants=sizes,
         each=each,
@@ -328,7 +353,9 @@ def _events(
 
     typical = np.full(design.condition.size, assumed["d_prime"])
     compared = [k for k in range(conditions) if k not in yes_no_noise]
-    typical += assumed.get("difference", 0.0) * (design.condition != compared[0])
+    for k, name in enumerate(design.conditions[1:], 1):
+        more = assumed.get(OWN + name, assumed.get("difference", 0.0))
+        typical += more * ((design.condition == k) & (k != compared[0]))
     typical += assumed.get("slope", 0.0) * (design.place - 0.5)
     d = typical + effects(people, assumed["participant_sd"])[:, design.condition]
     d = d + effects(scenes, assumed.get("scene_sd", 0.0))[design.scene, design.condition]
@@ -343,10 +370,10 @@ def _significant(p_values: Floats, settings: RateSettings) -> NDArray[np.bool_]:
     return np.asarray(adjusted < settings.alpha)
 
 
-def _nothing(settings: RateSettings) -> dict[str, float]:
+def _nothing(settings: RateSettings, assumed: Mapping[str, float]) -> dict[str, float]:
     """Return the assumptions that hold where there is nothing to find."""
     if len(settings.values) > 1:
-        return {"difference": 0.0}
+        return {name: 0.0 for name in assumed if name == "difference" or name.startswith(OWN)}
     return {"d_prime": 0.0, "slope": 0.0, "participant_sd": 0.0, "scene_sd": 0.0}
 
 

@@ -47,7 +47,18 @@ def lead(results: RateResults, settings: RateSettings) -> list[Block]:
     shown = " ".join(lines[:6])
     more = f" {len(lines) - 6} more are below." if len(lines) > 6 else ""
     title = "Planned comparisons" if results.comparisons else "Right answers"
-    return [Box(title, shown + more, _decides(results, settings))]
+    placed = [one for one in results.critical if one.critical_identified]
+    scalings = [
+        Box(
+            f"Critical {settings.level}",
+            " ".join(
+                f"{settings.label(one.condition)}: {one.critical:.3g} {_pair(one.critical_limits)}."
+                for one in placed
+            ),
+            f"Up to it the typical participant has d' = 0; {100 * settings.confidence:g}% CI.",
+        )
+    ]
+    return [*(scalings if placed else []), Box(title, shown + more, _decides(results, settings))]
 
 
 def said(one: Difference, settings: RateSettings) -> str:
@@ -458,7 +469,7 @@ def _thresholds(
 def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[Block]:
     return [
         Table.of(
-            "The largest scaling that cannot be told from the original",
+            "The largest scaling that cannot be told apart",
             (
                 ("Condition", "l c"),
                 ("Critical scaling", "strong"),
@@ -486,7 +497,27 @@ def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[B
             f" gain above it ({fits[0].law} law).",
             muted=True,
         ),
+        Table.of(
+            "Participants' critical scalings",
+            (("Participant", "l"), *((settings.label(one.condition), "n") for one in fits)),
+            [
+                (who, *(_own_critical(one, who) for one in fits))
+                for who in sorted({who for one in fits for who in one.individual})
+            ],
+        ),
+        Paragraph(
+            "Each is drawn towards the typical one as far as the participant's answers leave open;"
+            " in brackets: fitted to these answers alone.",
+            muted=True,
+        ),
     ]
+
+
+def _own_critical(one: CriticalScaling, who: str) -> str:
+    if who not in one.individual or not one.critical_identified:
+        return "none"
+    alone = f" ({one.alone[who]:.3g})" if who in one.alone else ""
+    return f"{one.individual[who][0]:.3g}{alone}"
 
 
 def _models(results: RateResults) -> tuple[Block, ...]:

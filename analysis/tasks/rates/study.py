@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.cells import grid
-from analysis.critical_scaling import CriticalScaling, critical_scaling, critical_scalings
+from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.detection import DiscriminationResults, YesNoResults
 from analysis.ideal_observer import AbxRule
 from analysis.learning import Trend, trend
@@ -177,7 +177,7 @@ def analyse_rates(
     critical_contrasts: tuple[Difference, ...] = ()
     if scaling is not None and settings.level is not None and not settings.falling:
         step("critical scaling")
-        critical, critical_contrasts = _critical(rows, settings, scaling, len(shown), notes)
+        critical, critical_contrasts = _critical(rows, settings, scaling, notes)
     step("models")
     models = _tried(lambda: _models(rows, settings, reference), "no models", notes)
     typical = _typical(tabled, signal, shown, level, notes) if signal is not None else ()
@@ -340,27 +340,18 @@ def _curves(
 
 
 def _critical(
-    rows: pd.DataFrame, settings: RateSettings, rule: AbxRule, conditions: int, notes: list[str]
+    rows: pd.DataFrame, settings: RateSettings, rule: AbxRule, notes: list[str]
 ) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
     column, level = str(settings.level), settings.confidence
     if (pd.to_numeric(rows[column]) <= 0).any():
         notes.append(f"no critical scaling: {column} is not positive everywhere")
         return (), ()
-    if conditions > 1:
-        found = _tried(
-            lambda: critical_scalings(rows, BY, column=column, rule=rule, level=level),
-            "no critical scaling",
-            notes,
-        )
-        return found or ((), ())
-    one = _tried(
-        lambda: critical_scaling(rows, column=column, rule=rule, level=level),
+    found = _tried(
+        lambda: critical_scalings(rows, BY, column=column, rule=rule, level=level),
         "no critical scaling",
         notes,
     )
-    if one is None:
-        return (), ()
-    return (replace(one, condition=settings.values[0]),), ()
+    return found or ((), ())
 
 
 def _models(
