@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import math
 import os
 import re
 import shutil
@@ -137,6 +138,15 @@ class Study:
         with Image.open(self.stimuli / clip / f"{index:06d}.png") as image:
             return np.asarray(image.convert("RGB"))
 
+    def halves(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """The left half of one picture and the right half of another, and a grey bar between."""
+        middle, display = left.shape[1] // 2, self.display
+        bar_rad = math.radians(self.protocol.task.bar_deg)
+        reach = round(math.tan(bar_rad / 2) * display.distance_mm / display.pitch_x_mm)
+        made = np.concatenate([left[:, :middle], right[:, middle:]], axis=1)
+        made[:, middle - reach : middle + reach] = 128
+        return made
+
     def logged(self) -> tuple[dict[int, str | None], dict[str, str]]:
         """What the log says of each flip, and the names of pictures by their pixels' hash.
 
@@ -158,6 +168,10 @@ class Study:
             if not shown or name in names.values():
                 continue
             canvas = np.full((height, width, 3), 128, np.uint8)
+            if len(shown) > len(self.places):  # halves of one place
+                canvas[:] = self.halves(*(self.frame(clip, index) for clip, index in shown))
+                names[hashlib.sha256(canvas.tobytes()).hexdigest()] = name
+                continue
             for (clip, index), (x, y) in zip(shown, self.places, strict=True):
                 pixels = self.frame(clip, index)
                 high, wide, _ = pixels.shape

@@ -78,6 +78,11 @@ CASES = {
         "gap_s = 0.1\nstimulus_s = 0.2",
         ("a", "b"), 'kind = "abx"', practice=PRACTICE,
     ),
+    "which-half": Case(
+        'kind = "which-half"\nstandard = { method = "one", level = 1 }\nmatched = ["scene"]\n'
+        "gap_s = 0.1\nstimulus_s = 0.2\nbar_deg = 0.4",
+        ("left", "right"), 'kind = "which-half"', practice=PRACTICE,
+    ),
     "adaptive": Case(
         'kind = "yes-no"\nsignal = { method = ["two"] }\nstimulus_s = 0.2\n'
         'adaptive = { rule = "up-down", trials = 6, column = "level", start = 2.0,'

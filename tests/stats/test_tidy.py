@@ -300,6 +300,7 @@ TASK_FIELDS = {
     "yes-no": {"signal": {"method": ("metameric",)}},
     "identification": {"alternatives": ("small", "large"), "named_by": "size"},
     "abx": {"standard": {"method": "reference"}, "matched": ("scene", "size")},
+    "which-half": {"standard": {"method": "reference"}, "compare": "size"},
 }
 
 

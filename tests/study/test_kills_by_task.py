@@ -42,6 +42,7 @@ CASES = {
     "yes-no": Case("yes-no"),
     "identification": Case("identification"),
     "abx": Case("abx"),
+    "which-half": Case("which-half"),
     "yes-no by QUEST+": Case("yes-no", QUEST_PLUS),
     "identification by up-down": Case("identification", UP_DOWN),
     "abx by QUEST+": Case("abx", QUEST_PLUS),
@@ -63,10 +64,12 @@ ROWS = {
         (scene, "fine", blur) for scene in ("one", "two") for blur in (0.0, 0.5, 1.0, 1.5, 2.0)
     ],
 }
+ROWS["which-half"] = ROWS["abx"]
 COLUMNS = {
     "yes-no": "scene,noise,pattern,contrast",
     "identification": "stroke,gap,contrast",
     "abx": "scene,texture,blur_px",
+    "which-half": "scene,texture,blur_px",
 }
 
 

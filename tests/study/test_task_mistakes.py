@@ -65,14 +65,14 @@ def mistakes(tmp_path):
     ("task", "old", "new", "message"),
     [
         ("yes-no", 'kind = "yes-no"', 'kind = "yesno"',
-         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx"
-         " (got 'yesno'); did you mean 'yes-no'?"),
+         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
+         " which-half (got 'yesno'); did you mean 'yes-no'?"),
         ("yes-no", 'kind = "files"', 'kind = "file"',
          "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
          " mean 'files'?"),
         ("yes-no", 'kind = "detection"', 'kind = "detectoin"',
-         "analysis.kind: must be one of preference, detection, identification, abx (got"
-         " 'detectoin'); did you mean 'detection'?"),
+         "analysis.kind: must be one of preference, detection, identification, abx,"
+         " which-half (got 'detectoin'); did you mean 'detection'?"),
         ("yes-no", 'kind = "detection"', 'kind = "abx"',
          "analysis.kind: must be 'detection' for the task 'yes-no' (got 'abx')"),
         ("yes-no", "stimulus_s = 0.5", "stimulus_s = 0.5\ngap_s = 0.5",
@@ -108,7 +108,7 @@ def mistakes(tmp_path):
         ("abx", "standard = { blur_px = 0.0 }", "standard = { blur_px = 0.25 }",
          "task.standard.blur_px: must be a value that the stimuli have (0.0, 0.5, 1.0, 1.5, 2.0)"
          " (got 0.25)"),
-        ("abx", "standard = { blur_px = 0.0 }\n", "", "task: must have either standard or compare"),
+        ("abx", "standard = { blur_px = 0.0 }\n", "", "task: must have standard, compare or both"),
         ("yes-no", 'by = "noise"', 'by = "nose"',
          "analysis.by: must name a column of the stimuli (scene, noise, pattern, contrast) (got"
          " 'nose'); did you mean 'noise'?"),

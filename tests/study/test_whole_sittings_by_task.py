@@ -90,6 +90,11 @@ CASES = {
         f'matched = ["scene", "level"]\n{EASY_CATCH}',
         ("a", "b"), 'kind = "abx"\nby = "level"', 6,
     ),
+    "which-half": Case(
+        'kind = "which-half"\nstimulus_s = 0.1\ngap_s = 0.1\nstandard = { method = "one" }\n'
+        f'matched = ["scene", "level"]\n{EASY_CATCH}',
+        ("left", "right"), 'kind = "which-half"\nby = "level"', 6,
+    ),
     "yes-no by up-down": Case(
         f"{YES_NO}\n{UP_DOWN}", ("yes", "no"), 'kind = "detection"\nlevel = "level"', 12
     ),
