@@ -353,24 +353,30 @@ class Screen:
             raise AssertionError(f"did not end:\n{out}\n{err}") from None
         return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
-    def script(self, text: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    def script(
+        self, text: str, *arguments: object, timeout_s: float = 240
+    ) -> subprocess.CompletedProcess[str]:
         """Run Python text on this screen; it must succeed."""
-        done = self.try_script(text, *arguments)
+        done = self.try_script(text, *arguments, timeout_s=timeout_s)
         assert done.returncode == 0, done.stdout + done.stderr
         return done
 
-    def try_script(self, text: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    def try_script(
+        self, text: str, *arguments: object, timeout_s: float = 240
+    ) -> subprocess.CompletedProcess[str]:
         """Run Python text on this screen."""
         return subprocess.run(
             [sys.executable, "-c", text, *map(str, arguments)],
             env=self.env,
             text=True,
             capture_output=True,
-            timeout=240,
+            timeout=timeout_s,
             check=False,
         )
 
-    def watch(self, study: Study, *more: object, also: str = "") -> list[Seen]:
+    def watch(
+        self, study: Study, *more: object, also: str = "", timeout_s: float = 240
+    ) -> list[Seen]:
         """Let an artificial observer do a study while another process watches the screen.
 
         Parameters
@@ -400,7 +406,7 @@ class Screen:
         assert watcher.stdout.readline() == "ready\n"
         try:
             arguments = self.session("run", study, "--simulate", "--strip", *more)
-            self.script(PACED + also + "main()\n", *arguments, read)
+            self.script(PACED + also + "main()\n", *arguments, read, timeout_s=timeout_s)
         finally:
             out, _ = watcher.communicate(input="stop\n", timeout=60)
         lines = (line.split() for line in out.splitlines())
