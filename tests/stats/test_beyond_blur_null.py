@@ -1,0 +1,81 @@
+"""With nothing to find in Beyond Blur's studies, the planned tests find something in .05 of them.
+
+People and scenes differ, as they do; every method is alike. The papers' pooled tests are reported
+beside these, under that name, and decide nothing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.tasks import analysis_of
+from analysis.tasks.preference.power import Assumptions, _batch
+from analysis.tasks.rates.power import _events, cell_design
+from protocols.load import load_study
+
+BAND = (0.035, 0.065)
+PEOPLE = {"beyond-blur-task": 14, "beyond-blur-preference": 10, "beyond-blur-detection": 10}
+NOTHING = {"difference": 0.0, "participant_sd": 0.4, "scene_sd": 0.2}
+
+
+def p_values_of_rates(name: str, studies: int, rng: np.random.Generator, **more: float):
+    """p of each planned comparison, not corrected, shape (studies, comparisons)."""
+    study, _ = load_study(Path(name), None)
+    analysis = analysis_of(study.analysis.kind)
+    settings = analysis.settings(study)
+    design = cell_design(
+        study.task.cells(study, study.main_scenes()), settings, study.design.repeats
+    )
+    draw, judge, people = analysis.draw(settings), analysis.judge(), PEOPLE[name]
+    assumed = {"d_prime": 1.22, **NOTHING, **more}
+    return np.array(
+        [
+            judge(_events(design, assumed, people, draw, rng), design, (people,), settings)[0]
+            for _ in range(studies)
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_the_planned_test_respects_participants_and_scenes(name):
+    study, _ = load_study(Path(name), None)
+    assert study.analysis.test == "participant-scene"
+    said = " ".join(study.analysis.plain_sentences(study))
+    assert "respecting variation of participants and of scenes" in said
+
+
+def check_level(p: np.ndarray, studies: int) -> None:
+    """Every comparison keeps the level; few studies have room for their own error."""
+    slack = 0 if studies >= 2000 else 3.5 * np.sqrt(0.05 * 0.95 / studies)
+    found = (p < 0.05).mean(axis=0)
+    assert np.all(found > BAND[0] - slack), found
+    assert np.all(found < BAND[1] + slack), found
+
+
+def test_task_performance_keeps_its_level(rng, proof_count):
+    studies = proof_count(2000)
+    p = p_values_of_rates("beyond-blur-task", studies, rng, slope=1.6)
+    assert p.shape == (studies, 5)
+    check_level(p, studies)
+
+
+def test_detection_keeps_its_level(rng, proof_count):
+    studies = proof_count(2000)
+    p = p_values_of_rates(
+        "beyond-blur-detection", studies, rng, d_prime=0.5, criterion=0.0, criterion_sd=0.4
+    )
+    assert p.shape == (studies, 2)  # the reference never is inconsistent, and has no d'
+    check_level(p, studies)
+
+
+def test_preference_keeps_its_level(rng, proof_count):
+    studies = proof_count(2000)
+    study, _ = load_study(Path("beyond-blur-preference"), None)
+    settings = analysis_of("preference").settings(study)
+    picks = np.array([PEOPLE["beyond-blur-preference"] - 1])
+    p, primary, _ = _batch(settings, Assumptions(0.5), studies, picks, rng)
+    assert p.shape == (studies, 1, 6)
+    check_level(np.column_stack([p[:, 0], primary[:, 0]]), studies)
