@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.detection import YesNoResults, yes_no
+from analysis.detection import YesNoResults
 from analysis.from_csv.found import Found, limits, number, unique
 from analysis.plots import d_prime_plot, detection_plot
 from analysis.rates import Difference
 from analysis.report.wording import p_number
-from analysis.tasks.detection import Detection, DetectionOptions
+from analysis.tasks.detection import Detection, DetectionOptions, sensitivity
 from analysis.tasks.rates.settings import prepared
 from analysis.tasks.rates.study import with_shared_noise
 from analysis.tasks.rates.wording import apa_difference, apa_yes_no
@@ -61,15 +61,7 @@ def detection_of_csv(
     notes = []
     if tabled is not rows:
         notes.append("conditions without noise trials of their own share those of the others")
-    present = set(tabled["condition"])
-    shown = [name for name in settings.values if name in present]
-    found = yes_no(
-        tabled,
-        ("condition",),
-        signal=settings.answers[0],
-        reference=shown[0] if len(shown) > 1 else None,
-        level=level,
-    )
+    found = sensitivity(tabled, settings)
     for one in found.conditions:
         notes += [f"{one.condition}: {note}" for note in one.warnings]
         if one.d_prime is None:
