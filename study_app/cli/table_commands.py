@@ -12,6 +12,7 @@ from rich.table import Table
 from analysis.from_csv.detection import detection_of_csv
 from analysis.from_csv.found import RESULTS, Found, write_found
 from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
+from analysis.from_csv.reaction import reaction_of_csv
 from analysis.report.folder import whole_folder
 from protocols.adaptive.psychometric import SHAPES
 from protocols.errors import StudyError
@@ -38,6 +39,9 @@ OutOption = Annotated[
     typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json."),
 ]
 ByOption = Annotated[str | None, typer.Option(help="Column whose values are compared.")]
+BaselineOption = Annotated[
+    str | None, typer.Option(help="The value of --by that the others are compared with.")
+]
 LevelOption = Annotated[
     float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
 ]
@@ -92,9 +96,7 @@ def detection(
         str, typer.Option(help="The answer that is right where the signal is.")
     ] = "yes",
     by: ByOption = None,
-    baseline: Annotated[
-        str | None, typer.Option(help="The value of --by that the others are compared with.")
-    ] = None,
+    baseline: BaselineOption = None,
     columns: MapOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
@@ -120,10 +122,35 @@ def detection(
         _hand_over(found, out, replace=replace)
 
 
+def reaction(
+    table: TrialsArgument,
+    by: ByOption = None,
+    baseline: BaselineOption = None,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Say what conditions do to reaction times: a log-normal mixed model, and EZ diffusion.
+
+    Needs the columns participant and rt_s (seconds), of any task; scene where scenes are several.
+    With correct (1/0) of a task with two answers, EZ diffusion splits times and errors into how
+    fast evidence comes, how much of it is asked for, and time for seeing and pressing.
+
+    Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
+    """
+    with user_errors():
+        found = reaction_of_csv(
+            table, _pairs(columns or ()), by=by, baseline=baseline, level=confidence
+        )
+        _hand_over(found, out, replace=replace)
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
+    app.command()(reaction)
 
 
 def _guess(text: str) -> float | None:
