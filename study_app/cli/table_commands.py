@@ -12,7 +12,9 @@ from rich.table import Table
 from analysis.from_csv.detection import detection_of_csv
 from analysis.from_csv.found import RESULTS, Found, write_found
 from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
+from analysis.from_csv.ratings import ratings_of_csv
 from analysis.from_csv.reaction import reaction_of_csv
+from analysis.ordinal import OrdinalLink
 from analysis.report.folder import whole_folder
 from protocols.adaptive.psychometric import SHAPES
 from protocols.errors import StudyError
@@ -42,6 +44,7 @@ ByOption = Annotated[str | None, typer.Option(help="Column whose values are comp
 BaselineOption = Annotated[
     str | None, typer.Option(help="The value of --by that the others are compared with.")
 ]
+LINKS: tuple[OrdinalLink, ...] = ("probit", "logit")
 LevelOption = Annotated[
     float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
 ]
@@ -146,11 +149,54 @@ def reaction(
         _hand_over(found, out, replace=replace)
 
 
+def ratings(
+    table: TrialsArgument,
+    by: ByOption = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(metavar="LOWEST,...,HIGHEST", help="Ratings, where they are no numbers."),
+    ] = None,
+    baseline: BaselineOption = None,
+    link: Annotated[
+        str, typer.Option(metavar="|".join(LINKS), help="Of the cumulative-link model.")
+    ] = "probit",
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Compare ordered ratings, or graded comparisons of pairs with ties.
+
+    Needs the columns participant, rating and --by; scene where scenes are several. Without --by
+    it needs first and second: then the rating says how much better the first is, 0 for a tie.
+    The model is cumulative-link with participants, their taste for each condition, and scenes as
+    random.
+
+    Examples:
+
+        metamerlab analysis ratings votes.csv --by method --scale bad,poor,fair,good,excellent
+
+        metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
+    """
+    with user_errors():
+        found = ratings_of_csv(
+            table,
+            _pairs(columns or ()),
+            by=by,
+            scale=_scale(scale),
+            baseline=baseline,
+            link=_one_of("--link", link, LINKS),
+            level=confidence,
+        )
+        _hand_over(found, out, replace=replace)
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
     app.command()(reaction)
+    app.command()(ratings)
 
 
 def _guess(text: str) -> float | None:
@@ -175,6 +221,16 @@ def _one_of(option: str, text: str, known: tuple[T, ...]) -> T:
     raise StudyError(
         f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
     )
+
+
+def _scale(text: str | None) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in (text or "").split(",")) if text is not None else ()
+    if text is not None and (len(names) < 2 or "" in names or len(set(names)) < len(names)):
+        raise StudyError(
+            "--scale must name two different ratings or more, from the lowest on, with commas"
+            f" between (got {text!r})"
+        )
+    return names
 
 
 def _pairs(entries: Iterable[str]) -> dict[str, str]:
