@@ -62,7 +62,7 @@ def read_trials(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = _analysed(path, renamed(path, read_table(path), mapping or {}, None))
+    table = analysed_rows(path, renamed(path, read_table(path), mapping or {}, None))
     _require(path, table, conditions, levels)
     rows = pd.DataFrame(index=table.index)
     rows["participant"] = text_column(path, table, "participant")
@@ -90,7 +90,7 @@ def read_trials(
     return rows.reset_index(drop=True)
 
 
-def _analysed(path: Path, table: pd.DataFrame) -> pd.DataFrame:
+def analysed_rows(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     """Leave out practice, catch trials and what exclusion rules left out."""
     for column, wanted, known in (
         ("kind", ("main",), ("main", "practice", "catch")),

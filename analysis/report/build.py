@@ -13,6 +13,7 @@ from markupsafe import Markup
 from analysis.columns import dictionary
 from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+from analysis.report.beside import beside, beside_blocks
 from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
 from analysis.report.page import report_page
@@ -106,17 +107,19 @@ def _write(
         tables = work / "tables"
         tables.mkdir()
         _write_csv(source, results, tables)
+        both = beside(source)
         numbers: dict[str, Json] = {
             "format": 1,
             "simulated": source.simulated,
             "settings": as_json(settings),
             "results": as_json(results),
             "flow": as_json(source.tidy.flow if source.tidy else ()),
+            "without_exclusions": as_json(both),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],
             "warnings": list(warnings),
             "provenance": provenance,
         }
-        html = report_page(source, results, drawn, warnings, provenance)
+        html = report_page(source, results, drawn, warnings, provenance, beside_blocks(both))
         (work / HTML_NAME).write_text(html, encoding="utf-8", newline="\n")
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         # Last: the folder is known as a report by this file.

@@ -1,5 +1,6 @@
 """The page of a report: one HTML file that needs no other."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -9,6 +10,7 @@ from analysis.exclusions import FlowStep
 from analysis.report import wording
 from analysis.report.source import Source
 from analysis.report.values import rows_as_json
+from analysis.tasks.blocks import Block
 from protocols.hashing import Json
 from protocols.revision import package_version
 
@@ -21,8 +23,12 @@ def report_page(
     figures: list[dict[str, str | Markup]],
     warnings: tuple[str, ...],
     provenance: dict[str, Json],
+    quality: Sequence[Block] = (),
 ) -> str:
-    """Return the page; `figures` hold a name, a caption, and SVG under `narrow` and `wide`."""
+    """Return the page; `figures` hold a name, a caption, and SVG under `narrow` and `wide`.
+
+    `quality` are blocks that end the section on data quality.
+    """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -46,6 +52,7 @@ def report_page(
         warnings=warnings,
         provenance=provenance,
         flow=flow,
+        quality=quality,
         sessions=rows_as_json(tidy.sessions) if tidy else [],
         answers=rows_as_json(tidy.answers) if tidy else [],
         people=people,

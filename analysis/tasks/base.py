@@ -91,6 +91,21 @@ class PowerReport:
     draw: Callable[[float], Figure]
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """One of the numbers that a study is about, with its limits.
+
+    `what` says of what, and is the same for the same number of other decisions.
+    """
+
+    what: str
+    value: float
+    lower: float
+    upper: float
+    p: float
+    decisions: int
+
+
 S = TypeVar("S", bound=CommonSettings)
 R = TypeVar("R")
 
@@ -160,6 +175,18 @@ class TaskAnalysis(ABC, Generic[S, R]):
     @abstractmethod
     def analyse(self, decisions: pd.DataFrame, settings: S, step: Step) -> R:
         """Return every result that a report shows; `step` is told the name of each part."""
+
+    def estimates(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[Estimate]:
+        """Return the main numbers of these decisions, quickly; none: not said.
+
+        The report asks for those of all decisions too, and shows what exclusions changed.
+
+        Raises
+        ------
+        ValueError
+            If nothing can be said of these decisions.
+        """
+        return ()
 
     @abstractmethod
     def warnings(self, results: R) -> tuple[str, ...]:

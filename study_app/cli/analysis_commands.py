@@ -36,6 +36,7 @@ from study_app.cli.options import (
     SessionsProtocolOption,
 )
 from study_app.cli.progress import one_line
+from study_app.cli.table_commands import register as register_tables
 from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
@@ -54,6 +55,10 @@ app = typer.Typer(
         metamerlab analysis import old.csv --map participant=subject --out imported
 
         metamerlab analysis import old.csv --task yes-no --set signal=seen --out imported
+
+        metamerlab analysis psychometric acuity.csv --level ecc_deg --by method
+
+        metamerlab analysis detection seen.csv --signal seen --by method
 
         metamerlab analysis export sessions --protocol demo --format bids --out bids
     """,
@@ -292,6 +297,7 @@ def import_(
 
 
 register(app)
+register_tables(app)
 
 
 def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:

@@ -10,11 +10,12 @@ from scipy.special import ndtr
 
 from analysis.detection import YesNoResults, d_prime_influence, yes_no
 from analysis.rates import Influence
-from analysis.tasks.base import Step, TableOptions
+from analysis.tasks.base import Estimate, Step, TableOptions
 from analysis.tasks.rates import RatesTask
+from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
-from analysis.tasks.rates.settings import RateSettings, RatesOptions
-from analysis.tasks.rates.study import RateResults, analyse_rates
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, prepared
+from analysis.tasks.rates.study import RateResults, analyse_rates, with_shared_noise
 from analysis.tasks.rates.tables import read_answers
 from protocols.errors import StudyError
 from protocols.tasks.rates import name_of
@@ -71,20 +72,34 @@ class Detection(RatesTask):
 
     def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
         """Return d', criterion, bias, and what all tasks with right answers have."""
-        signal = settings.answers[0]
+        return analyse_rates(
+            decisions,
+            settings,
+            step,
+            lambda rows: sensitivity(rows, settings),
+            signal=settings.answers[0],
+        )
 
-        def sense(rows: pd.DataFrame) -> YesNoResults:
-            present = set(rows["condition"])
-            shown = [name for name in settings.values if name in present]
-            return yes_no(
-                rows,
-                ("condition",),
-                signal=signal,
-                reference=shown[0] if len(shown) > 1 else None,
-                level=settings.confidence,
+    def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
+        """Return d' and what they differ by; thresholds where levels adapt."""
+        if settings.adaptive:
+            return rate_estimates(decisions, settings)
+        rows = with_shared_noise(prepared(decisions, settings), settings.answers[0])
+        found = sensitivity(rows, settings)
+        count = rows["condition"].value_counts()
+        measured = [
+            Estimate(
+                f"d' of {settings.label(one.condition)}",
+                one.d_prime.value,
+                one.d_prime.lower,
+                one.d_prime.upper,
+                one.d_prime.p,
+                int(count[one.condition]),
             )
-
-        return analyse_rates(decisions, settings, step, sense, signal=signal)
+            for one in found.conditions
+            if one.d_prime is not None
+        ]
+        return (*measured, *difference_estimates(found.d_prime_contrasts, settings, count))
 
     def draw(self, _settings: RateSettings) -> Draw:
         """Return the chance of yes by a criterion, equal variances."""
@@ -93,6 +108,19 @@ class Detection(RatesTask):
     def judge(self) -> Judge:
         """Return the test of differences of d'."""
         return judge_d_prime
+
+
+def sensitivity(rows: pd.DataFrame, settings: RateSettings) -> YesNoResults:
+    """Return d', criterion and bias of prepared rows by condition, against the baseline."""
+    present = set(rows["condition"])
+    shown = [name for name in settings.values if name in present]
+    return yes_no(
+        rows,
+        ("condition",),
+        signal=settings.answers[0],
+        reference=shown[0] if len(shown) > 1 else None,
+        level=settings.confidence,
+    )
 
 
 def chance_of_yes(d_prime: Floats, criterion: Floats, design: CellDesign, typical: float) -> Floats:

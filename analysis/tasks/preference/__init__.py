@@ -12,10 +12,12 @@ from analysis.exclusions import FlowStep
 from analysis.pairings import pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
+from analysis.preference import preferences
 from analysis.tasks.base import (
     SEED,
     Assumption,
     Counted,
+    Estimate,
     PowerReport,
     Step,
     TableOptions,
@@ -96,6 +98,29 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
     def analyse(self, decisions: pd.DataFrame, settings: Settings, step: Step) -> StudyResults:
         """Return preferences, models, scales, biases, trends and times."""
         return analyse(decisions, settings, step=step)
+
+    def estimates(self, decisions: pd.DataFrame, settings: Settings) -> Sequence[Estimate]:
+        """Return the share of choices in every comparison."""
+        table = preferences(
+            decisions,
+            pairings=settings.pairings,
+            sizes=settings.sizes,
+            alpha=settings.alpha,
+            margin=settings.margin,
+            test=settings.test,
+            correction="holm" if settings.correction == "holm" else "none",
+        )
+        return tuple(
+            Estimate(
+                f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
+                cell.share,
+                cell.lower,
+                cell.upper,
+                cell.p_adjusted,
+                cell.trials,
+            )
+            for cell in table.cells
+        )
 
     def warnings(self, results: StudyResults) -> tuple[str, ...]:
         """Return what is odd about the study as a whole."""

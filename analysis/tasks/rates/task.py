@@ -11,8 +11,17 @@ import pandas as pd
 from analysis.detection import YesNoResults
 from analysis.exclusions import FlowStep
 from analysis.report.wording import leading, left_out_sentence
-from analysis.tasks.base import Assumption, Counted, PowerReport, Step, TableOptions, TaskAnalysis
+from analysis.tasks.base import (
+    Assumption,
+    Counted,
+    Estimate,
+    PowerReport,
+    Step,
+    TableOptions,
+    TaskAnalysis,
+)
 from analysis.tasks.blocks import Block, ReportFigure, Section
+from analysis.tasks.rates.estimates import rate_estimates
 from analysis.tasks.rates.figures import rate_figures
 from analysis.tasks.rates.power import Draw, Judge, assumptions, rate_power
 from analysis.tasks.rates.sections import lead, sections
@@ -67,6 +76,10 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     @abstractmethod
     def judge(self) -> Judge:
         """Return the planned test, for simulating power."""
+
+    def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
+        """Return shares of right answers and what they differ by; thresholds where levels adapt."""
+        return rate_estimates(decisions, settings)
 
     # Settings and tables.
 

@@ -1,0 +1,210 @@
+"""Reaction times of a CSV file: a log-normal mixed model, and EZ diffusion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from analysis.cells import conditions
+from analysis.csv_table import (
+    IMPORT_HINT,
+    flag_column,
+    read_table,
+    renamed,
+    seconds_column,
+    text_column,
+)
+from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
+from analysis.from_csv.found import Found, limits, number, unique
+from analysis.plots import reaction_plot
+from analysis.rates import Difference
+from analysis.reaction import ReactionTimes, reaction_times
+from analysis.reaction_model import TimeModel, TimeRatio, time_model
+from analysis.report.wording import p_number, p_text
+from analysis.trials_csv import analysed_rows
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+
+
+@dataclass(frozen=True)
+class ReactionFound:
+    """Every number of the analysis.
+
+    Attributes
+    ----------
+    model : TimeModel or None
+        None of one participant.
+    diffusion : DiffusionResults or None
+        None without a column ``correct``.
+    """
+
+    summary: tuple[ReactionTimes, ...]
+    model: TimeModel | None
+    diffusion: DiffusionResults | None
+
+
+def reaction_of_csv(
+    path: Path,
+    mapping: Mapping[str, str] | None = None,
+    *,
+    by: str | None = None,
+    baseline: str | None = None,
+    level: float = 0.95,
+) -> Found:
+    """Model the reaction times of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with ``participant`` and ``rt_s`` (seconds; empty: none); ``scene`` if scenes are
+        several, ``correct`` (1/0) of a task with two answers for EZ diffusion.
+
+    Raises
+    ------
+    StudyError
+        If the table lacks a column, or holds what cannot be.
+    """
+    rows = _read(path, mapping or {}, by)
+    columns = () if by is None else (by,)
+    names = [name for name, _ in conditions(rows, columns)]
+    if baseline is not None and baseline not in names:
+        raise StudyError(
+            f"--baseline {baseline}: must be a value of {by!r} ({', '.join(names)})"
+            f"{did_you_mean(baseline, names)}"
+        )
+    notes: list[str] = []
+    model, diffusion = None, None
+    try:
+        model = time_model(rows, columns, reference=baseline, level=level)
+        notes += model.warnings
+    except ValueError as problem:
+        notes.append(f"no mixed model: {problem}")
+    if "correct" in rows:
+        try:
+            diffusion = diffusion_by_condition(rows, columns, reference=baseline, level=level)
+            notes += diffusion.warnings
+        except ValueError as problem:
+            notes.append(f"no diffusion model: {problem}")
+    else:
+        notes.append("no column correct: EZ diffusion needs to know which answers were right")
+    summary = reaction_times(rows, columns, level=level)
+    for one in summary:
+        notes += [f"{one.condition}: {note}" for note in one.warnings]
+    result = ReactionFound(summary, model, diffusion)
+    simulated = "simulated" in rows and bool((rows["simulated"].astype(str) == "1").any())
+    medians = {
+        name: [float(v) for v in part.groupby("participant")["rt_s"].median()]
+        for name, part in conditions(rows, columns)
+    }
+    named = {one.condition: name for one, name in zip(summary, names, strict=True)}
+    people = rows["participant"].nunique()
+    return Found(
+        title=f"{len(rows)} reaction times of {people} participant{'s' * (people != 1)}"
+        + (" (SIMULATED)" if simulated else ""),
+        shown=_shown(result, names),
+        sentences=_sentences(result),
+        notes=unique(notes),
+        tables=_tables(result),
+        figures={
+            "reaction": lambda width: reaction_plot(
+                summary,
+                {condition: medians[name] for condition, name in named.items()},
+                width_in=width,
+                simulated=simulated,
+            )
+        },
+        result=result,
+    )
+
+
+def _read(path: Path, mapping: Mapping[str, str], by: str | None) -> pd.DataFrame:
+    table = analysed_rows(path, renamed(path, read_table(path), mapping, None))
+    wanted = ["participant", "rt_s", *([by] if by is not None else [])]
+    missing = [name for name in wanted if name not in table]
+    if missing:
+        raise StudyError(
+            f"{path}: must have the columns {', '.join(missing)}"
+            f" (found: {', '.join(map(str, table.columns))}); {IMPORT_HINT} {missing[0]}=COLUMN"
+            f"{did_you_mean(missing[0], list(map(str, table.columns)))}"
+        )
+    rows = pd.DataFrame(index=table.index)
+    rows["participant"] = text_column(path, table, "participant")
+    rows["rt_s"] = seconds_column(path, table, "rt_s")
+    for column in ("scene", by):
+        if column is not None and column in table:
+            rows[column] = text_column(path, table, column)
+    if "correct" in table:
+        rows["correct"] = flag_column(path, table, "correct")
+    if "simulated" in table:
+        rows["simulated"] = table["simulated"]
+    rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
+    if rows.empty:
+        raise StudyError(f"{path}: rt_s must hold a time in at least one row")
+    return rows
+
+
+def _shown(result: ReactionFound, names: list[str]) -> pd.DataFrame:
+    times = {one.condition: one for one in result.model.times} if result.model else {}
+    fits = {one.condition: one for one in result.diffusion.conditions} if result.diffusion else {}
+    lines = []
+    for name, one in zip(names, result.summary, strict=True):
+        line = {"condition": name, "answers": str(one.answers), "median s": number(one.median)}
+        if name in times:
+            line["typical s"] = number(times[name].median_s)
+            line["limits"] = limits(times[name].lower, times[name].upper)
+        if name in fits:
+            means = fits[name].means
+            line |= {"drift": number(means["drift"]), "boundary": number(means["boundary"])}
+            line["other time s"] = number(means["nondecision_s"])
+        lines.append(line)
+    return pd.DataFrame(lines).fillna("none")
+
+
+def _sentences(result: ReactionFound) -> tuple[str, ...]:
+    found = []
+    if result.model is not None:
+        found += [apa_ratio(one) for one in result.model.ratios]
+    if result.diffusion is not None:
+        found += [
+            f"EZ diffusion, {one.first} minus {one.second}: {one.difference:.3g} in {one.measure},"
+            f" {100 * one.level:g}% CI [{one.lower:.3g}, {one.upper:.3g}], t({one.df:.0f}) ="
+            f" {one.difference / one.standard_error:.2f}, {p_text(one.p)}"
+            f" ({p_number(one.p_adjusted)} Holm-adjusted)."
+            for one in result.diffusion.contrasts
+        ]
+    return tuple(found)
+
+
+def apa_ratio(one: TimeRatio) -> str:
+    """Return how much longer one condition's answers take as a sentence."""
+    return (
+        f"Answers to {one.first} took {one.ratio:.2f} times as long as those to {one.second},"
+        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.0f}),"
+        f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; log-normal mixed model)."
+    )
+
+
+def _tables(result: ReactionFound) -> dict[str, pd.DataFrame]:
+    tables = {}
+    if result.model is not None:
+        tables["times.csv"] = pd.DataFrame([vars(one) for one in result.model.times])
+        tables["ratios.csv"] = pd.DataFrame(
+            [vars(one) for one in result.model.ratios],
+            columns=list(TimeRatio.__dataclass_fields__),
+        )
+    if result.diffusion is not None:
+        tables["diffusion.csv"] = pd.DataFrame(
+            [
+                {"participant": one.participant, "condition": one.condition, "trials": one.trials}
+                | {name: getattr(one.fit, name) for name in (*MEASURES, "share")}
+                | {"corrected": int(one.fit.corrected)}
+                for one in result.diffusion.people
+            ]
+        )
+        tables["diffusion_comparisons.csv"] = pd.DataFrame(
+            [vars(one) for one in result.diffusion.contrasts],
+            columns=list(Difference.__dataclass_fields__),
+        )
+    return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}

@@ -1,0 +1,525 @@
+"""Ordered ratings, ties among them: cumulative-link models with random effects."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import optimize, stats
+from scipy.special import expit, ndtr
+
+from analysis.cells import checked, conditions, grid
+from analysis.clustered import holm
+from analysis.numeric import numeric_hessian
+from analysis.rates import FEW_PARTICIPANTS
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+OrdinalLink = Literal["probit", "logit"]
+
+START_SD = 0.5
+LARGEST = 30.0
+"""A linear predictor or deviation beyond has run away: a category that nobody chose."""
+
+MISFIT_P = 0.001
+
+
+@dataclass(frozen=True)
+class CumulativeFit:
+    """P(y <= j) = F(theta_j - x beta - z b), by Laplace's method.
+
+    `covariance` is of theta, then beta, then sd. `converged` is False where the likelihood has no
+    proper maximum.
+    """
+
+    theta: Floats
+    beta: Floats
+    sd: Mapping[str, float]
+    covariance: Floats
+    log_likelihood: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class RatedCondition:
+    """Where one condition lies on the latent axis, and how its ratings spread.
+
+    `place` is relative to the first condition, in standard deviations of one person's ratings
+    (probit) or logits. `shares` holds how often each rating was given.
+    """
+
+    condition: str
+    place: float
+    lower: float
+    upper: float
+    mean_rating: float
+    ratings: int
+    shares: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RatingDifference:
+    """How much higher one condition is rated than another; p tests no difference.
+
+    `superiority` is the chance that the same person rates the first higher at one showing of
+    each, on the latent axis, where nothing ties.
+    """
+
+    first: str
+    second: str
+    difference: float
+    lower: float
+    upper: float
+    level: float
+    df: float
+    p: float
+    p_adjusted: float
+    superiority: float
+
+
+@dataclass(frozen=True)
+class RatingModel:
+    """Ordered ratings by condition, random over participants and scenes.
+
+    Attributes
+    ----------
+    categories : tuple of str
+        From the lowest.
+    thresholds : tuple of float
+        Between neighbouring categories, on the latent axis of the first condition.
+    sd : mapping
+        Between participants, of a participant's deviation in a condition, between scenes.
+    """
+
+    link: OrdinalLink
+    categories: tuple[str, ...]
+    thresholds: tuple[float, ...]
+    conditions: tuple[RatedCondition, ...]
+    contrasts: tuple[RatingDifference, ...]
+    sd: Mapping[str, float]
+    log_likelihood: float
+    level: float
+    ratings: int
+    participants: int
+    warnings: tuple[str, ...]
+
+
+def fit_cumulative(
+    design: Floats,
+    y: Whole,
+    effects: Mapping[str, Floats],
+    *,
+    link: OrdinalLink = "probit",
+) -> CumulativeFit:
+    """Maximise the Laplace likelihood of a cumulative-link mixed model.
+
+    Parameters
+    ----------
+    design : ndarray (rows, coefficients)
+        Without a constant: the thresholds are.
+    y : ndarray (rows,)
+        Category, counted from 0; every one up to the highest occurs.
+    effects : mapping of name to ndarray (rows, levels)
+        Of each random effect, what its levels are multiplied by: 1 or 0 for an intercept.
+
+    Notes
+    -----
+    McCullagh 1980; random effects as package ordinal's clmm (Christensen 2022), by Laplace's
+    method. The mode of b is found by Newton steps; the log-likelihood is concave in b.
+    """
+    top = int(y.max())
+    (design, merged, *blocks), weight = _merged(design, y, effects)
+    y = merged.astype(np.int64)
+    z = np.column_stack(blocks) if blocks else np.zeros((y.size, 0))
+    sizes = [block.shape[1] for block in blocks]
+    coefficients, factors = design.shape[1], len(sizes)
+    mode = np.zeros(z.shape[1])
+
+    def laplace(theta: Floats, beta: Floats, sd: Floats) -> float:
+        nonlocal mode
+        scale = np.repeat(np.abs(sd), sizes)
+        edges = np.concatenate([[-np.inf], theta, [np.inf]])
+        upper, lower = edges[y + 1], edges[y]
+        fixed = design @ beta
+        shrunk = z * scale
+        b = mode if np.all(np.isfinite(mode)) else np.zeros_like(mode)
+        for _ in range(50):
+            likelihood, slope, bend = _answers(upper, lower, fixed + shrunk @ b, link)
+            curvature = np.eye(b.size) + (shrunk * (weight * bend)[:, None]).T @ shrunk
+            gradient = shrunk.T @ (weight * slope) - b
+            step = np.linalg.solve(curvature, gradient) if b.size else gradient
+            step *= min(1.0, 3.0 / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+            b = b + step
+            if float(np.abs(step).max(initial=0.0)) < 1e-9:
+                break
+        mode = b
+        likelihood, _, bend = _answers(upper, lower, fixed + shrunk @ b, link)
+        curvature = np.eye(b.size) + (shrunk * (weight * bend)[:, None]).T @ shrunk
+        log_det = float(np.linalg.slogdet(curvature)[1]) if b.size else 0.0
+        return -float(weight @ likelihood) + 0.5 * float(b @ b) + 0.5 * log_det
+
+    def split(free: Floats) -> tuple[Floats, Floats, Floats]:
+        gaps = np.exp(np.clip(free[1:top], -LARGEST, LARGEST))
+        theta = free[0] + np.concatenate([[0.0], np.cumsum(gaps)])
+        return theta, free[top : top + coefficients], free[top + coefficients :]
+
+    share = np.cumsum([weight[y == k].sum() for k in range(top)]) / weight.sum()
+    first = stats.norm.ppf(share) if link == "probit" else np.log(share / (1.0 - share))
+    start = np.concatenate(
+        [first[:1], np.log(np.maximum(np.diff(first), 1e-3)), np.zeros(coefficients),
+         np.full(factors, START_SD)]
+    )  # fmt: skip
+    best = optimize.minimize(
+        lambda free: laplace(*split(free)), start, method="BFGS", options={"gtol": 1e-5}
+    )
+    theta, beta, sd = split(best.x)
+    sd = np.abs(sd)
+    natural = np.concatenate([theta, beta, sd])
+    cut = (top, top + coefficients)
+    hessian = numeric_hessian(lambda v: laplace(*np.split(v, cut)), natural, step=1e-3)
+    proper = bool(np.all(np.isfinite(hessian))) and float(np.abs(natural).max()) < LARGEST
+    # At sd 0 the likelihood is even in sd: its curvature may vanish there, and nowhere else.
+    inner = hessian[: cut[1], : cut[1]]
+    proper = proper and bool(np.linalg.eigvalsh(inner)[0] > 1e-8)
+    covariance = np.eye(natural.size)
+    if proper:
+        covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
+        if float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
+            covariance[: cut[1], : cut[1]] = np.linalg.inv(inner)
+    return CumulativeFit(
+        theta=theta,
+        beta=beta,
+        sd={name: float(value) for name, value in zip(effects, sd, strict=True)},
+        covariance=covariance,
+        log_likelihood=-laplace(theta, beta, sd),
+        converged=proper,
+    )
+
+
+def rating_model(
+    trials: pd.DataFrame,
+    by: Sequence[str],
+    *,
+    rating: str = "rating",
+    categories: Sequence[str] | None = None,
+    reference: str | None = None,
+    link: OrdinalLink = "probit",
+    level: float = 0.95,
+) -> RatingModel:
+    """Compare ordered ratings between conditions.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per rating
+        ``participant``, optionally ``scene``, the columns `by`, and `rating`.
+    categories : sequence of str, optional
+        All ratings as text, from the lowest; left out: numbers in order.
+    reference : str, optional
+        Condition that the others are compared with; left out, all pairs.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, a rating is none of the categories, or there is nothing to
+        compare: fewer than two people, conditions, or ratings in use.
+
+    Notes
+    -----
+    Random are participants, a participant's deviation in a condition, and scenes where there are
+    several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose are left
+    out: no threshold of theirs can be told.
+    """
+    rows = checked(trials, (rating,), by)
+    texts = rows[rating].map(_text)
+    known = list(categories) if categories is not None else _numbers(texts, rating)
+    unknown = sorted(set(texts) - set(known))
+    if unknown:
+        raise ValueError(f"column {rating!r} must hold one of {known} (found {unknown[0]!r})")
+    used = [name for name in known if (texts == name).any()]
+    y = _codes(texts, used)
+    places, parts = grid(rows), conditions(rows, by)
+    names = [name for name, _ in parts]
+    people = len(places.participants)
+    if people < 2 or len(names) < 2 or len(used) < 2:
+        raise ValueError(
+            "trials must hold two participants, two conditions and two different ratings at least"
+            f" (found {people}, {len(names)} and {len(used)})"
+        )
+    if reference is not None and reference not in names:
+        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    condition = np.zeros(len(rows), dtype=np.int64)
+    for place, (_, part) in enumerate(parts):
+        condition[part.index.to_numpy()] = place
+    design = _indicator(condition, len(names))[:, 1:]
+    effects = {
+        "participant": _indicator(places.person, people),
+        "participant x condition": _indicator(
+            np.unique(places.person * len(names) + condition, return_inverse=True)[1].ravel()
+        ),
+    }
+    if len(places.scenes) > 1:
+        effects["scene"] = _indicator(places.scene, len(places.scenes))
+    fit = fit_cumulative(design, y, effects, link=link)
+    notes = _notes(fit, people, [name for name in known if name not in used])
+    notes += _misfit(design, y, condition, link)
+    return RatingModel(
+        link=link,
+        categories=tuple(used),
+        thresholds=tuple(map(float, fit.theta)),
+        conditions=_rated(parts, used, fit, people - 1, level, y),
+        contrasts=_contrasts(names, fit, people - 1, level, reference, link),
+        sd=fit.sd,
+        log_likelihood=fit.log_likelihood,
+        level=level,
+        ratings=len(rows),
+        participants=people,
+        warnings=tuple(notes),
+    )
+
+
+def paired_ratings(
+    decisions: pd.DataFrame,
+    *,
+    rating: str = "rating",
+    reference: str | None = None,
+    link: OrdinalLink = "probit",
+    level: float = 0.95,
+) -> RatingModel:
+    """Place methods on one axis by graded comparisons of pairs, with ties.
+
+    Parameters
+    ----------
+    decisions : DataFrame, one row per comparison
+        ``participant``, ``first``, ``second``, and `rating`: a number, the larger the more the
+        first is better; 0 where neither is, such as -1, 0, 1.
+
+    Raises
+    ------
+    ValueError
+        As `rating_model`.
+
+    Notes
+    -----
+    Agresti 1992 (Analysis of ordinal paired comparison data, Applied Statistics 41, 287-297): a
+    cumulative-link model in the difference of two places. Random is a participant's liking of
+    each method. Thresholds that are not symmetric are a bias to one of the two places.
+    """
+    rows = checked(decisions, ("first", "second", rating))
+    texts = rows[rating].map(_text)
+    used = _numbers(texts, rating)
+    y = _codes(texts, used)
+    names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
+    people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
+    if len(people) < 2 or len(names) < 2 or len(used) < 2:
+        raise ValueError(
+            "decisions must hold two participants, two methods and two different ratings at least"
+            f" (found {len(people)}, {len(names)} and {len(used)})"
+        )
+    if reference is not None and reference not in names:
+        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    place = {name: k for k, name in enumerate(names)}
+    sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
+    gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
+    own = np.zeros((len(rows), len(people) * len(names)))
+    for sign, side in zip((1.0, -1.0), sides, strict=True):
+        own[np.arange(len(rows)), person.ravel() * len(names) + side] += sign
+    own = own[:, np.any(own != 0.0, axis=0)]
+    fit = fit_cumulative(gap[:, 1:], y, {"participant x method": own}, link=link)
+    parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
+    return RatingModel(
+        link=link,
+        categories=tuple(used),
+        thresholds=tuple(map(float, fit.theta)),
+        conditions=_rated(parts, used, fit, len(people) - 1, level, y),
+        contrasts=_contrasts(names, fit, len(people) - 1, level, reference, link),
+        sd=fit.sd,
+        log_likelihood=fit.log_likelihood,
+        level=level,
+        ratings=len(rows),
+        participants=len(people),
+        warnings=tuple(_notes(fit, len(people), [])),
+    )
+
+
+def _answers(
+    upper: Floats, lower: Floats, eta: Floats, link: OrdinalLink
+) -> tuple[Floats, Floats, Floats]:
+    """Return the log-likelihood of each row, its slope in eta, and minus its curvature."""
+    a, b = upper - eta, lower - eta
+    flipped = b > 0.0  # differences of upper tails keep their digits
+    high, low = np.where(flipped, -b, a), np.where(flipped, -a, b)
+    rise = ndtr if link == "probit" else expit
+    share = np.maximum(rise(high) - rise(low), 1e-300)
+    first, second = [], []
+    for edge in (a, b):
+        finite = np.where(np.isfinite(edge), edge, 0.0)
+        if link == "probit":
+            density = np.exp(-0.5 * finite**2) / np.sqrt(2.0 * np.pi)
+            turn = -finite * density
+        else:
+            chance = expit(finite)
+            density = chance * (1.0 - chance)
+            turn = density * (1.0 - 2.0 * chance)
+        first.append(np.where(np.isfinite(edge), density, 0.0))
+        second.append(np.where(np.isfinite(edge), turn, 0.0))
+    slope = -(first[0] - first[1]) / share
+    bend = slope**2 - (second[0] - second[1]) / share
+    return np.log(share), slope, np.maximum(bend, 0.0)
+
+
+def _merged(design: Floats, y: Whole, effects: Mapping[str, Floats]) -> tuple[list[Floats], Floats]:
+    """Merge equal rows: same likelihood, fewer of them."""
+    widths = [design.shape[1], 1, *(block.shape[1] for block in effects.values())]
+    table = np.column_stack([design, y.astype(np.float64), *effects.values()])
+    unique, weight = np.unique(table, axis=0, return_counts=True)
+    parts = np.split(unique, np.cumsum(widths)[:-1], axis=1)
+    parts[1] = parts[1].ravel()
+    return parts, weight.astype(np.float64)
+
+
+def _indicator(code: Whole, count: int | None = None) -> Floats:
+    size = int(code.max()) + 1 if count is None else count
+    return np.asarray(code[:, None] == np.arange(size), dtype=np.float64)
+
+
+def _codes(texts: pd.Series, used: Sequence[str]) -> Whole:
+    place = {name: k for k, name in enumerate(used)}
+    return np.array([place[text] for text in texts], dtype=np.int64)
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def _numbers(texts: pd.Series, rating: str) -> list[str]:
+    numbers = pd.to_numeric(texts, errors="coerce")
+    if not bool(np.isfinite(numbers.astype(float)).all()):
+        raise ValueError(
+            f"column {rating!r} must hold numbers, or its categories be given from the lowest on"
+        )
+    ordered = pd.Series(numbers.to_numpy(), index=texts.to_numpy()).sort_values()
+    return list(dict.fromkeys(ordered.index))
+
+
+def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
+    notes = []
+    if not fit.converged:
+        notes.append("the model has no proper maximum: limits and p mean nothing")
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {people} participants: limits and p are a rough guide")
+    if unused:
+        notes.append(f"nobody chose {', '.join(unused)}: left out of the scale")
+    return notes
+
+
+def _misfit(design: Floats, y: Whole, condition: Whole, link: OrdinalLink) -> list[str]:
+    """Say where conditions differ by more than a shift: thresholds of their own fit far better."""
+    plain = fit_cumulative(design, y, {}, link=link)
+    table = np.zeros((int(condition.max()) + 1, int(y.max()) + 1))
+    np.add.at(table, (condition, y), 1.0)
+    share = table / table.sum(axis=1, keepdims=True)
+    free = float(np.sum(table[table > 0] * np.log(share[table > 0])))
+    df = (table.shape[0] - 1) * (table.shape[1] - 2)
+    if df > 0 and stats.chi2.sf(2.0 * (free - plain.log_likelihood), df) < MISFIT_P:
+        return [
+            "conditions differ by more than a shift of all ratings (proportional odds do not hold):"
+            " read the shares of each rating too"
+        ]
+    return []
+
+
+def _rated(
+    parts: Sequence[tuple[str, pd.DataFrame]],
+    used: Sequence[str],
+    fit: CumulativeFit,
+    df: int,
+    level: float,
+    y: Whole,
+) -> tuple[RatedCondition, ...]:
+    top = fit.theta.size
+    value, covariance = _places(fit)
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * np.sqrt(np.diag(covariance).clip(min=0))
+    numbers = pd.to_numeric(pd.Series(list(used)), errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isfinite(numbers)):
+        numbers = np.arange(1.0, top + 2.0)
+    found = []
+    for k, (name, part) in enumerate(parts):
+        own = y[part.index.to_numpy()]
+        found.append(
+            RatedCondition(
+                condition=name,
+                place=float(value[k]),
+                lower=float(value[k] - reach[k]),
+                upper=float(value[k] + reach[k]),
+                mean_rating=float(numbers[own].mean()),
+                ratings=own.size,
+                shares=tuple(float(np.mean(own == j)) for j in range(top + 1)),
+            )
+        )
+    return tuple(found)
+
+
+def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:
+    """Return where conditions lie, the first at 0, and the covariance."""
+    top, size = fit.theta.size, fit.beta.size
+    value = np.concatenate([[0.0], fit.beta])
+    covariance = np.zeros((size + 1, size + 1))
+    covariance[1:, 1:] = fit.covariance[top : top + size, top : top + size]
+    return value, covariance
+
+
+def _contrasts(
+    names: Sequence[str],
+    fit: CumulativeFit,
+    df: int,
+    level: float,
+    reference: str | None,
+    link: OrdinalLink,
+) -> tuple[RatingDifference, ...]:
+    value, covariance = _places(fit)
+    place = {name: k for k, name in enumerate(names)}
+    pairs = (
+        list(combinations(names, 2))
+        if reference is None
+        else [(name, reference) for name in names if name != reference]
+    )
+    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
+    gap = value[first] - value[second]
+    variance = covariance[first, first] + covariance[second, second]
+    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
+    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
+    adjusted = holm(p)
+    return tuple(
+        RatingDifference(
+            first=one,
+            second=other,
+            difference=float(gap[k]),
+            lower=float(gap[k] - reach * error[k]),
+            upper=float(gap[k] + reach * error[k]),
+            level=level,
+            df=float(df),
+            p=float(p[k]),
+            p_adjusted=float(adjusted[k]),
+            superiority=superiority(float(gap[k]), link),
+        )
+        for k, (one, other) in enumerate(pairs)
+    )
+
+
+def superiority(gap: float, link: OrdinalLink = "probit") -> float:
+    """Return the chance that a draw `gap` higher exceeds one of the same law.
+
+    Normal: Phi(gap / sqrt 2). Logistic: e^g (e^g - 1 - g) / (e^g - 1)^2, and 1/2 at 0.
+    """
+    if link == "probit":
+        return float(ndtr(gap / np.sqrt(2.0)))
+    if abs(gap) < 1e-4:
+        return 0.5 + gap / 6.0
+    if gap < 0:
+        return 1.0 - superiority(-gap, link)
+    small = float(np.exp(-gap))
+    return (1.0 - small * (1.0 + gap)) / (1.0 - small) ** 2

@@ -1,0 +1,206 @@
+"""Reaction times as a log-normal mixed model: what conditions change, over people and scenes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.cells import checked, conditions, grid
+from analysis.clustered import holm
+from analysis.linear_mixed import fit_linear_mixed
+from analysis.rates import FEW_PARTICIPANTS
+
+Floats = NDArray[np.float64]
+
+NO_SPREAD = 1e-3
+"""Of ln s; a deviation below is none."""
+
+
+@dataclass(frozen=True)
+class ConditionTime:
+    """The typical time of a condition, s: the median person's median answer."""
+
+    condition: str
+    median_s: float
+    lower: float
+    upper: float
+    answers: int
+
+
+@dataclass(frozen=True)
+class TimeRatio:
+    """How many times as long one condition's answers take as another's; p tests 1."""
+
+    first: str
+    second: str
+    ratio: float
+    lower: float
+    upper: float
+    level: float
+    df: float
+    p: float
+    p_adjusted: float
+
+
+@dataclass(frozen=True)
+class TimeModel:
+    """Logarithms of reaction times as a linear mixed model.
+
+    Attributes
+    ----------
+    times, ratios
+        By condition, and between conditions.
+    beta, beta_se : tuple of float
+        Mean logarithm of each condition, in the order of `times`.
+    participant_sd, interaction_sd, scene_sd, residual_sd : float
+        Of ln s: between people, of a person's deviation in a condition, between scenes, the rest.
+    log_likelihood : float
+        Restricted (REML).
+    """
+
+    times: tuple[ConditionTime, ...]
+    ratios: tuple[TimeRatio, ...]
+    beta: tuple[float, ...]
+    beta_se: tuple[float, ...]
+    participant_sd: float
+    interaction_sd: float
+    scene_sd: float
+    residual_sd: float
+    log_likelihood: float
+    level: float
+    answers: int
+    participants: int
+    warnings: tuple[str, ...]
+
+
+def time_model(
+    trials: pd.DataFrame,
+    by: Sequence[str] = (),
+    *,
+    reference: str | None = None,
+    level: float = 0.95,
+) -> TimeModel:
+    """Fit ln(rt) = condition + participant + participant x condition + scene + rest.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per decided trial
+        ``participant``, ``rt_s``, optionally ``scene``, and the columns `by`; rows without a time
+        are left out.
+    reference : str, optional
+        Condition that the others are compared with; left out, all pairs.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, times are not positive, or there are fewer than two people.
+
+    Notes
+    -----
+    `linear_mixed.fit_linear_mixed`. Limits and tests are t with participants - 1 degrees of
+    freedom: so many people, and not so many answers, tell what holds for people. The participant x
+    condition deviation keeps one person's taste from passing for the condition's.
+    """
+    rows = checked(trials, ("rt_s",), by)
+    rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
+    if rows.empty or (rows["rt_s"] <= 0).any():
+        raise ValueError("column 'rt_s' must hold times above 0 s")
+    places = grid(rows)
+    people = len(places.participants)
+    if people < 2:
+        raise ValueError(f"trials must hold two participants at least (found {people})")
+    parts = conditions(rows, by)
+    names = [name for name, _ in parts]
+    if reference is not None and reference not in names:
+        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    condition = np.zeros(len(rows), dtype=np.int64)
+    for place, (_, part) in enumerate(parts):
+        condition[part.index.to_numpy()] = place
+    design = (condition[:, None] == np.arange(len(names))).astype(np.float64)
+    effects = {"participant": places.person}
+    if len(names) > 1:
+        effects["interaction"] = places.person * len(names) + condition
+    if len(places.scenes) > 1:
+        effects["scene"] = places.scene
+    y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
+    if design.shape[1] + len(effects) >= len(rows):
+        raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
+    fit = fit_linear_mixed(design, y, effects)
+    beta, covariance, sd = fit.beta, fit.covariance, fit.sd
+    notes = [
+        f"no variance between {kind} was found (sd 0)"
+        for kind, name in (("participants", "participant"), ("scenes", "scene"))
+        if name in sd and sd[name] < NO_SPREAD
+    ]
+    df = people - 1
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
+    error = np.sqrt(np.diag(covariance))
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {people} participants: limits and p are a rough guide")
+    return TimeModel(
+        times=tuple(
+            ConditionTime(
+                name,
+                float(np.exp(beta[k])),
+                float(np.exp(beta[k] - reach * error[k])),
+                float(np.exp(beta[k] + reach * error[k])),
+                len(part),
+            )
+            for k, (name, part) in enumerate(parts)
+        ),
+        ratios=_ratios(names, beta, covariance, df, level, reference),
+        beta=tuple(map(float, beta)),
+        beta_se=tuple(map(float, error)),
+        participant_sd=sd["participant"],
+        interaction_sd=sd.get("interaction", 0.0),
+        scene_sd=sd.get("scene", 0.0),
+        residual_sd=fit.residual_sd,
+        log_likelihood=fit.log_likelihood,
+        level=level,
+        answers=len(rows),
+        participants=people,
+        warnings=tuple(notes),
+    )
+
+
+def _ratios(
+    names: Sequence[str],
+    beta: Floats,
+    covariance: Floats,
+    df: int,
+    level: float,
+    reference: str | None,
+) -> tuple[TimeRatio, ...]:
+    place = {name: k for k, name in enumerate(names)}
+    pairs = (
+        list(combinations(names, 2))
+        if reference is None
+        else [(name, reference) for name in names if name != reference]
+    )
+    if not pairs:
+        return ()
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
+    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
+    gap = beta[first] - beta[second]
+    variance = covariance[first, first] + covariance[second, second]
+    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
+    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
+    adjusted = holm(p)
+    return tuple(
+        TimeRatio(
+            first=one,
+            second=other,
+            ratio=float(np.exp(gap[k])),
+            lower=float(np.exp(gap[k] - reach * error[k])),
+            upper=float(np.exp(gap[k] + reach * error[k])),
+            level=level,
+            df=float(df),
+            p=float(p[k]),
+            p_adjusted=float(adjusted[k]),
+        )
+        for k, (one, other) in enumerate(pairs)
+    )

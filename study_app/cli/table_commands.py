@@ -1,0 +1,264 @@
+"""`metamerlab analysis psychometric`, `detection` and others: one CSV, one question, one answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from rich.table import Table
+
+from analysis.from_csv.detection import detection_of_csv
+from analysis.from_csv.found import RESULTS, Found, write_found
+from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
+from analysis.from_csv.ratings import ratings_of_csv
+from analysis.from_csv.reaction import reaction_of_csv
+from analysis.ordinal import OrdinalLink
+from analysis.report.folder import whole_folder
+from protocols.adaptive.psychometric import SHAPES
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+from study_app.cli.errors import user_errors
+from study_app.cli.options import ReplaceOption
+from study_app.cli.progress import one_line
+from study_app.cli.terminal import PlainConsole, say
+
+TrialsArgument = Annotated[
+    Path, typer.Argument(help="CSV of any tool, one answer per row; or a decisions.csv of ours.")
+]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="OURS=THEIRS",
+        help="Which column holds what; may be given more than once. Columns that already have our"
+        " names need no --map.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json."),
+]
+ByOption = Annotated[str | None, typer.Option(help="Column whose values are compared.")]
+BaselineOption = Annotated[
+    str | None, typer.Option(help="The value of --by that the others are compared with.")
+]
+LINKS: tuple[OrdinalLink, ...] = ("probit", "logit")
+LevelOption = Annotated[
+    float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
+]
+
+
+def psychometric(
+    table: TrialsArgument,
+    level: Annotated[str, typer.Option(help="Column of numbers along which answers change.")],
+    by: ByOption = None,
+    guess: Annotated[
+        str, typer.Option(metavar="RATE|fit", help="Rate of guessing, such as 0.5; fit: unknown.")
+    ] = "0.5",
+    shape: Annotated[str, typer.Option(metavar="|".join(SHAPES), help="Of the curve.")] = "gauss",
+    falling: Annotated[
+        bool, typer.Option("--falling", help="Answers get worse as the level rises.")
+    ] = False,
+    log: Annotated[
+        bool, typer.Option("--log", help="Fit on the logarithm of the level; weibull always does.")
+    ] = False,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Fit psychometric functions: thresholds of each person and of all people, compared.
+
+    Needs the columns participant, correct (1/0; or expected and answer) and the level. Each
+    person's curve has priors on lapses, guesses and on answers that vary more than chance; limits
+    of all people come from one model in which thresholds vary between people.
+
+    Example: metamerlab analysis psychometric acuity.csv --level ecc_deg --by method --falling
+    --guess 0.25 --out acuity
+    """
+    with user_errors():
+        options = PsychometricOptions(
+            x=level,
+            by=by,
+            guess=_guess(guess),
+            shape=_one_of("--shape", shape, SHAPES),
+            falling=falling,
+            logarithmic=log or shape == "weibull",
+            level=confidence,
+        )
+        with one_line() as progress:
+            found = psychometric_of_csv(table, options, _pairs(columns or ()), progress=progress)
+        _hand_over(found, out, replace=replace)
+
+
+def detection(
+    table: TrialsArgument,
+    signal: Annotated[
+        str, typer.Option(help="The answer that is right where the signal is.")
+    ] = "yes",
+    by: ByOption = None,
+    baseline: BaselineOption = None,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Say what a yes-no task's observers could tell: d', criterion and bias by condition.
+
+    Needs the columns participant, expected and answer; limits respect participants, and scenes
+    where there is a column scene.
+
+    Example: metamerlab analysis detection seen.csv --signal seen --by method --map answer=said
+    --out seen
+    """
+    with user_errors():
+        found = detection_of_csv(
+            table,
+            _pairs(columns or ()),
+            signal=signal,
+            by=by,
+            baseline=baseline,
+            level=confidence,
+        )
+        _hand_over(found, out, replace=replace)
+
+
+def reaction(
+    table: TrialsArgument,
+    by: ByOption = None,
+    baseline: BaselineOption = None,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Say what conditions do to reaction times: a log-normal mixed model, and EZ diffusion.
+
+    Needs the columns participant and rt_s (seconds), of any task; scene where scenes are several.
+    With correct (1/0) of a task with two answers, EZ diffusion splits times and errors into how
+    fast evidence comes, how much of it is asked for, and time for seeing and pressing.
+
+    Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
+    """
+    with user_errors():
+        found = reaction_of_csv(
+            table, _pairs(columns or ()), by=by, baseline=baseline, level=confidence
+        )
+        _hand_over(found, out, replace=replace)
+
+
+def ratings(
+    table: TrialsArgument,
+    by: ByOption = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(metavar="LOWEST,...,HIGHEST", help="Ratings, where they are no numbers."),
+    ] = None,
+    baseline: BaselineOption = None,
+    link: Annotated[
+        str, typer.Option(metavar="|".join(LINKS), help="Of the cumulative-link model.")
+    ] = "probit",
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Compare ordered ratings, or graded comparisons of pairs with ties.
+
+    Needs the columns participant, rating and --by; scene where scenes are several. Without --by
+    it needs first and second: then the rating says how much better the first is, 0 for a tie.
+    The model is cumulative-link with participants, their taste for each condition, and scenes as
+    random.
+
+    Examples:
+
+        metamerlab analysis ratings votes.csv --by method --scale bad,poor,fair,good,excellent
+
+        metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
+    """
+    with user_errors():
+        found = ratings_of_csv(
+            table,
+            _pairs(columns or ()),
+            by=by,
+            scale=_scale(scale),
+            baseline=baseline,
+            link=_one_of("--link", link, LINKS),
+            level=confidence,
+        )
+        _hand_over(found, out, replace=replace)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the group `analysis`."""
+    app.command()(psychometric)
+    app.command()(detection)
+    app.command()(reaction)
+    app.command()(ratings)
+
+
+def _guess(text: str) -> float | None:
+    if text == "fit":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < 1.0:
+        raise StudyError(f"--guess must be a rate from 0 to below 1, or 'fit' (got {text!r})")
+    return value
+
+
+T = TypeVar("T", bound=str)
+
+
+def _one_of(option: str, text: str, known: tuple[T, ...]) -> T:
+    for name in known:
+        if name == text:
+            return name
+    raise StudyError(
+        f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
+    )
+
+
+def _scale(text: str | None) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in (text or "").split(",")) if text is not None else ()
+    if text is not None and (len(names) < 2 or "" in names or len(set(names)) < len(names)):
+        raise StudyError(
+            "--scale must name two different ratings or more, from the lowest on, with commas"
+            f" between (got {text!r})"
+        )
+    return names
+
+
+def _pairs(entries: Iterable[str]) -> dict[str, str]:
+    found = {}
+    for entry in entries:
+        name, sign, value = (part.strip() for part in entry.partition("="))
+        if not sign or not name or not value:
+            raise StudyError(f"--map must read OURS=THEIRS (got {entry!r})")
+        found[name] = value
+    return found
+
+
+def _hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
+    """Print what was found, and write it where a folder is named."""
+    if out is not None:
+        with whole_folder(out, RESULTS, replace=replace) as work:
+            write_found(found, work)
+    console = PlainConsole()
+    console.print(found.title)
+    table = Table()
+    for place, name in enumerate(found.shown.columns):
+        table.add_column(str(name), justify="left" if place == 0 else "right", no_wrap=True)
+    for row in found.shown.itertuples(index=False):
+        table.add_row(*map(str, row))
+    console.print(table)
+    for sentence in found.sentences:
+        console.print(sentence)
+    for note in found.notes:
+        say(f"note: {note}")
+    if out is not None:
+        say(f"figures, tables, numbers: {out}")

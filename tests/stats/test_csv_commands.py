@@ -1,0 +1,132 @@
+"""`analysis psychometric`, `detection` and the others of one CSV: what they say and write."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+from typer.testing import CliRunner, Result
+
+from study_app.cli import app
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def acuity(tmp_path_factory) -> Path:
+    """Thresholds 16 and 11 deg, falling, of four people."""
+    rng = np.random.default_rng(0)
+    shown = product(range(4), ("plain", "blur"), (4, 8, 12, 16, 20), range(14))
+    rows = pd.DataFrame(shown, columns=["who", "method", "ecc", "time"])
+    person = rows["who"].map(dict(enumerate(rng.normal(0, 1, 4))))
+    place = rows["method"].map({"plain": 16.0, "blur": 11.0}) + person
+    right = 0.5 + 0.49 * norm.sf((rows["ecc"] - place) / 3.0)
+    rows["hit"] = (rng.random(len(rows)) < right).astype(int)
+    file = tmp_path_factory.mktemp("acuity") / "acuity.csv"
+    rows.drop(columns="time").to_csv(file, index=False)
+    return file
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory) -> Path:
+    """d' 2 and 0.5 of six people."""
+    rng = np.random.default_rng(1)
+    shown = product(range(6), "abcd", ("blur", "ours"), (True, False), range(6))
+    rows = pd.DataFrame(shown, columns=["participant", "scene", "method", "there", "time"])
+    apart = rows["method"].map({"blur": 2.0, "ours": 0.5})
+    evidence = apart * (rows["there"] - 0.5) + rng.standard_normal(len(rows))
+    for name, said in (("truth", rows["there"]), ("said", evidence > 0)):
+        rows[name] = np.where(said, "seen", "unseen")
+    file = tmp_path_factory.mktemp("seen") / "seen.csv"
+    rows.drop(columns=["time", "there"]).to_csv(file, index=False)
+    return file
+
+
+def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
+    out = tmp_path / "out"
+    result = run(
+        "psychometric", acuity, "--level", "ecc", "--by", "method", "--falling",
+        "--map", "participant=who", "--map", "correct=hit", "--out", out,
+    )  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    assert "560 answers of 4 participants by ecc" in result.output
+    all_people = pd.read_csv(out / "thresholds.csv").set_index("condition")
+    for name, truth in (("plain", 16.0), ("blur", 11.0)):
+        assert all_people.loc[name, "lower"] < truth < all_people.loc[name, "upper"]
+        assert all_people.loc[name, "width"] < 0
+    people = pd.read_csv(out / "people.csv")
+    assert len(people) == 8
+    assert (people["threshold_lower"] < people["threshold"]).all()
+    assert (people["width"] < 0).all()
+    compared = pd.read_csv(out / "comparisons_of_people.csv")
+    assert (compared["within"] == "participant").sum() == 4
+    assert (compared["within"] == "condition").sum() == 2 * 6
+    between = pd.read_csv(out / "comparisons.csv")
+    assert (between["first"] + " " + between["second"]).tolist() == ["blur plain"]
+    assert between["upper"][0] < 0
+    assert (out / "psychometric-1-column.pdf").stat().st_size > 2000
+    noted = json.loads((out / "results.json").read_text())
+    assert noted["result"]["population"]["participants"] == 4
+    assert noted["sentences"][0] in " ".join(result.output.split())
+
+
+def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
+    out = tmp_path / "out"
+    result = run(
+        "detection", seen, "--signal", "seen", "--by", "method", "--baseline", "ours",
+        "--map", "expected=truth", "--map", "answer=said", "--out", out,
+    )  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    rows = pd.read_csv(out / "conditions.csv").set_index("condition")
+    assert rows.loc["blur", "d_prime_lower"] < 2.0 < rows.loc["blur", "d_prime_upper"]
+    assert rows.loc["ours", "d_prime"] == pytest.approx(0.5, abs=0.4)
+    compared = pd.read_csv(out / "comparisons.csv")
+    assert set(compared["second"]) == {"ours"}
+    assert "blur minus ours" in result.output
+    assert {path.name for path in out.glob("*-2-column.svg")} == {
+        "detection-2-column.svg",
+        "sensitivity-2-column.svg",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("psychometric", "--level", "eccc"), "did you mean 'ecc'"),
+        (("psychometric", "--level", "ecc", "--guess", "half"), "--guess must be a rate"),
+        (("psychometric", "--level", "ecc", "--shape", "gaus"), "did you mean 'gauss'"),
+        (("psychometric", "--level", "ecc", "--map", "who"), "OURS=THEIRS"),
+        (("psychometric", "--level", "who", "--log"), "leave --log away"),
+        (("detection",), "must have the columns"),
+    ],
+)
+def test_mistakes_get_one_message_and_leave_nothing(acuity, tmp_path, arguments, said):
+    command, *rest = arguments
+    maps = ("--map", "participant=who", "--map", "correct=hit")
+    result = run(command, acuity, *maps, *rest, "--out", tmp_path / "out")
+
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.output.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_of_simulated_answers_say_so(acuity, tmp_path):
+    rows = pd.read_csv(acuity).query("who < 1")
+    file = tmp_path / "rows.csv"
+    rows.assign(simulated=1).to_csv(file, index=False)
+    result = run(
+        "psychometric", file, "--level", "ecc", "--by", "method", "--falling",
+        "--map", "participant=who", "--map", "correct=hit",
+    )  # fmt: skip
+
+    assert "SIMULATED" in result.output
+    assert "one participant only" in result.output

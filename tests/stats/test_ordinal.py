@@ -1,0 +1,204 @@
+"""Ordered ratings: package ordinal's models, ties of pairs, what a user sees."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import integrate, stats
+from typer.testing import CliRunner, Result
+
+from analysis.ordinal import fit_cumulative, paired_ratings, rating_model, superiority
+from study_app.cli import app
+
+FOLDER = Path(__file__).parent / "oracles"
+ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def rated() -> pd.DataFrame:
+    return pd.read_csv(FOLDER / "times.csv")
+
+
+def indicator(column: pd.Series) -> np.ndarray:
+    return pd.get_dummies(column).to_numpy(dtype=float)
+
+
+def test_without_random_effects_it_is_clm(rated):
+    y = rated["rating"].to_numpy() - 1
+    fit = fit_cumulative(indicator(rated["cond"])[:, 1:], y, {}, link="logit")
+
+    assert [*fit.theta, *fit.beta] == pytest.approx(ORACLE["clm"], abs=1e-4)
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(ORACLE["clm_se"], rel=1e-4)
+    assert fit.log_likelihood == pytest.approx(ORACLE["clm_loglik"][0], abs=1e-6)
+
+
+@pytest.mark.parametrize("link", ["logit", "probit"])
+def test_with_crossed_effects_it_is_clmm(rated, link):
+    y = rated["rating"].to_numpy() - 1
+    effects = {name: indicator(rated[name]) for name in ("participant", "scene")}
+    fit = fit_cumulative(indicator(rated["cond"])[:, 1:], y, effects, link=link)
+
+    assert fit.converged
+    assert [*fit.theta, *fit.beta] == pytest.approx(ORACLE[f"clmm_{link}"], abs=2e-4)
+    error = np.sqrt(np.diag(fit.covariance))[:6]
+    assert error == pytest.approx(ORACLE[f"clmm_{link}_se"], rel=1e-3)
+    assert list(fit.sd.values()) == pytest.approx(ORACLE[f"clmm_{link}_sd"], rel=1e-3)
+    assert fit.log_likelihood == pytest.approx(ORACLE[f"clmm_{link}_loglik"][0], abs=1e-5)
+
+
+def test_ratings_that_are_mirrored_mirror_the_model(rated):
+    plain = rating_model(rated, ("cond",), reference="a")
+    turned = rating_model(rated.assign(rating=6 - rated["rating"]), ("cond",), reference="a")
+
+    for one, other in zip(plain.contrasts, turned.contrasts, strict=True):
+        assert other.difference == pytest.approx(-one.difference, abs=1e-3)
+        assert other.p == pytest.approx(one.p, rel=0.02)
+        assert one.superiority == pytest.approx(1 - other.superiority, abs=1e-3)
+    assert plain.thresholds == pytest.approx([-t for t in turned.thresholds[::-1]], abs=1e-3)
+
+
+def test_names_in_order_are_as_good_as_numbers(rated):
+    words = ["bad", "poor", "fair", "good", "best"]
+    named = rated.assign(rating=[words[k - 1] for k in rated["rating"]])
+    numbers = rating_model(rated, ("cond",))
+    named_model = rating_model(named, ("cond",), categories=words)
+
+    assert named_model.categories == tuple(words)
+    assert named_model.contrasts == numbers.contrasts
+    with pytest.raises(ValueError, match="must hold one of"):
+        rating_model(named, ("cond",), categories=words[:4])
+    with pytest.raises(ValueError, match="from the lowest on"):
+        rating_model(named, ("cond",))
+
+
+def test_shares_and_means_are_those_of_the_table(rated):
+    model = rating_model(rated, ("cond",))
+    own = rated.query("cond == 'b'")["rating"]
+
+    assert model.conditions[1].shares == pytest.approx([np.mean(own == k) for k in range(1, 6)])
+    assert model.conditions[1].mean_rating == pytest.approx(own.mean())
+    assert model.conditions[0].place == 0.0
+
+
+@pytest.mark.parametrize(("link", "law"), [("probit", stats.norm), ("logit", stats.logistic)])
+@pytest.mark.parametrize("gap", [-2.0, 0.0, 0.3, 1.5])
+def test_superiority_is_the_chance_that_one_draw_exceeds_another(link, law, gap):
+    chance = integrate.quad(lambda x: law.pdf(x - gap) * law.cdf(x), -40, 40, points=[gap])[0]
+
+    assert superiority(gap, link) == pytest.approx(chance, abs=1e-8)
+
+
+def graded(rng: np.random.Generator, people: int = 12, bias: float = 0.0) -> pd.DataFrame:
+    """Comparisons with ties of three methods at 0, 0.5 and 1.5."""
+    place = {"a": 0.0, "b": 0.5, "c": 1.5}
+    rows = []
+    for who in range(people):
+        taste = {name: rng.normal(0, 0.2) for name in place}
+        for first in place:
+            for second in place:
+                for _ in range(4 if first != second else 0):
+                    gap = place[first] + taste[first] - place[second] - taste[second]
+                    latent = gap + bias + rng.standard_normal()
+                    rating = int(latent > 0.4) - int(latent < -0.4)
+                    rows.append((f"P{who}", first, second, rating))
+    return pd.DataFrame(rows, columns=["participant", "first", "second", "rating"])
+
+
+def test_pairs_with_ties_give_back_the_places():
+    model = paired_ratings(graded(np.random.default_rng(3)), reference="a")
+    places = {one.condition: one for one in model.conditions}
+
+    for name, truth in (("b", 0.5), ("c", 1.5)):
+        assert places[name].lower < truth < places[name].upper
+        assert places[name].upper - places[name].lower < 1.0
+    assert model.categories == ("-1", "0", "1")
+    assert model.thresholds == pytest.approx((-0.4, 0.4), abs=0.12)
+
+
+def test_a_bias_to_the_first_shifts_thresholds_and_not_places():
+    model = paired_ratings(graded(np.random.default_rng(3), bias=0.5))
+
+    assert model.thresholds == pytest.approx((-0.9, -0.1), abs=0.15)
+    assert model.conditions[2].place == pytest.approx(1.5, abs=0.4)
+
+
+def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
+    runs, called = proof_count(100), 0
+    rng = np.random.default_rng(6)
+    for _ in range(runs):
+        rows = pd.DataFrame(
+            [(p, s, c) for p in range(10) for s in range(4) for c in "ab" for _ in range(2)],
+            columns=["participant", "scene", "method"],
+        )
+        own = rng.normal(0, 0.4, (10, 2))[rows["participant"], (rows["method"] == "b").astype(int)]
+        base = rng.normal(0, 0.5, 10)[rows["participant"]] + rng.normal(0, 0.2, 4)[rows["scene"]]
+        latent = base + own + rng.standard_normal(len(rows))
+        rows["rating"] = np.digitize(latent, [-1, -0.3, 0.3, 1])
+        called += rating_model(rows, ("method",)).contrasts[0].p < 0.05
+
+    assert called / runs < 0.05 + 3 * np.sqrt(0.05 * 0.95 / runs)
+
+
+def test_more_than_a_shift_is_noted():
+    """One condition's ratings lie at the ends, the other's in the middle."""
+    rng = np.random.default_rng(1)
+    rows = pd.DataFrame([(p, m) for p in range(8) for m in "ab" for _ in range(20)],
+                        columns=["participant", "method"])  # fmt: skip
+    wide = np.where(rows["method"] == "a", 3.0, 0.7)
+    rows["rating"] = np.digitize(wide * rng.standard_normal(len(rows)), [-1.5, -0.5, 0.5, 1.5])
+
+    assert any("more than a shift" in note for note in rating_model(rows, ("method",)).warnings)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+
+
+def test_the_command_tells_and_writes(rated, tmp_path):
+    file, out = tmp_path / "votes.csv", tmp_path / "out"
+    words = ["bad", "poor", "fair", "good", "best"]
+    rated.assign(rating=[words[k - 1] for k in rated["rating"]]).to_csv(file, index=False)
+    result = run("ratings", file, "--by", "cond", "--baseline", "a", "--out", out,
+                 "--scale", ",".join(words))  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    assert "405 ratings of 9 participants" in result.output
+    assert "c was rated 0.94 SD above a" in result.output
+    assert list(pd.read_csv(out / "ratings.csv")["condition"]) == ["a", "b", "c"]
+    assert (out / "ratings-1-column.pdf").is_file()
+
+
+def test_the_command_takes_pairs(tmp_path):
+    file, out = tmp_path / "pairs.csv", tmp_path / "out"
+    graded(np.random.default_rng(4), people=4).to_csv(file, index=False)
+    result = run("ratings", file, "--out", out)
+
+    assert result.exit_code == 0, result.output
+    assert "96 graded comparisons of 4 participants" in result.output
+    assert "share_0" not in pd.read_csv(out / "ratings.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "said"),
+    [
+        ({}, (), "must have the columns first, second (or name the column"),
+        ({"rating": "good"}, ("--by", "cond"), "line 2: rating must be a number"),
+        ({"rating": "goood"}, ("--by", "cond", "--scale", "bad,good"), "did you mean 'good'"),
+        ({}, ("--by", "cond", "--scale", "bad"), "two different ratings"),
+        ({}, ("--by", "cond", "--baseline", "d"), "reference must be one of"),
+        ({"participant": "P1"}, ("--by", "cond"), "two participants"),
+        ({"first": "a", "second": "a"}, (), "line 2: first and second must differ"),
+        ({}, ("--by", "cond", "--link", "logt"), "did you mean 'logit'"),
+    ],
+)
+def test_mistakes_get_one_message(rated, tmp_path, change, arguments, said):
+    file = tmp_path / "votes.csv"
+    rated.assign(**change).to_csv(file, index=False)
+    result = run("ratings", file, *arguments)
+
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.output.split())

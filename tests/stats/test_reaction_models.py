@@ -1,0 +1,188 @@
+"""Reaction times: EZ diffusion of the paper, and lme4's mixed model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from analysis.diffusion import diffusion_by_condition, ez_diffusion
+from analysis.reaction_model import time_model
+from study_app.cli import app
+
+FOLDER = Path(__file__).parent / "oracles"
+ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def times() -> pd.DataFrame:
+    return pd.read_csv(FOLDER / "times.csv")
+
+
+def test_ez_gives_the_papers_worked_example():
+    """Pc .802, VRT .112 s2, MRT .723 s: v = 0.10, a = 0.14, Ter = 0.30 (three digits in the R)."""
+    fit = ez_diffusion(0.802, 0.112, 0.723)
+
+    assert fit.drift == pytest.approx(0.0999, abs=5e-5)
+    assert fit.boundary == pytest.approx(0.1400, abs=5e-5)
+    assert fit.nondecision_s == pytest.approx(0.300, abs=5e-5)
+    assert not fit.corrected
+
+
+@pytest.mark.parametrize(("drift", "boundary", "other_s"), [(0.2, 0.12, 0.25), (0.05, 0.16, 0.4)])
+def test_ez_inverts_the_models_own_moments(drift, boundary, other_s):
+    """Accuracy, mean and variance of first passages between 0 and a, started midway."""
+    y = -drift * boundary / 0.01
+    share = 1.0 / (1.0 + np.exp(y))
+    mean = boundary / (2 * drift) * (1 - np.exp(y)) / (1 + np.exp(y)) + other_s
+    variance = (
+        boundary * 0.01 / (2 * drift**3)
+        * (2 * y * np.exp(y) - np.exp(2 * y) + 1) / (np.exp(y) + 1) ** 2
+    )  # fmt: skip
+    fit = ez_diffusion(share, variance, mean)
+
+    assert (fit.drift, fit.boundary, fit.nondecision_s) == pytest.approx((drift, boundary, other_s))
+
+
+def test_ez_recovers_a_simulated_walk():
+    """A random walk in small steps, not the formula."""
+    rng = np.random.default_rng(2)
+    step_s, drift, boundary, other_s = 1e-3, 0.15, 0.12, 0.3
+    place, time = np.full(4000, 0.5 * boundary), np.full(4000, other_s)
+    alive = np.ones(4000, bool)
+    while alive.any():
+        count = int(alive.sum())
+        place[alive] += drift * step_s + 0.1 * np.sqrt(step_s) * rng.standard_normal(count)
+        time[alive] += step_s
+        alive &= (place > 0) & (place < boundary)
+    right = place >= boundary
+    fit = ez_diffusion(float(right.mean()), float(time[right].var()), float(time[right].mean()))
+
+    # Walks in steps overshoot: the boundary seems .58 sigma sqrt(dt) further away on each side.
+    assert fit.drift == pytest.approx(drift, rel=0.08)
+    assert fit.boundary == pytest.approx(boundary + 2 * 0.58 * 0.1 * np.sqrt(step_s), rel=0.05)
+    assert fit.nondecision_s == pytest.approx(other_s, abs=0.02)
+
+
+@pytest.mark.parametrize(("share", "moved"), [(1.0, 0.975), (0.0, 0.025), (0.5, 0.525)])
+def test_shares_at_which_the_equations_break_move_by_half_a_trial(share, moved):
+    fit = ez_diffusion(share, 0.1, 0.7, trials=20)
+
+    assert fit.corrected
+    assert fit.share == pytest.approx(moved)
+    assert np.sign(fit.drift) == np.sign(moved - 0.5)
+    with pytest.raises(ValueError, match="trials must be given"):
+        ez_diffusion(share, 0.1, 0.7)
+
+
+def test_conditions_are_compared_within_people(times):
+    """A constant added to one condition's times is non-decision time, for everyone."""
+    rows = times.assign(rt_s=times["rt_s"] + 0.2 * (times["cond"] == "b"))
+    plain = diffusion_by_condition(times, ("cond",), reference="a")
+    later = diffusion_by_condition(rows, ("cond",), reference="a")
+
+    def gap(found, measure):
+        (one,) = [c for c in found.contrasts if (c.first, c.measure) == ("b", measure)]
+        return one.difference
+
+    assert gap(later, "nondecision_s") - gap(plain, "nondecision_s") == pytest.approx(0.2)
+    assert gap(later, "drift") == pytest.approx(gap(plain, "drift"))
+    assert gap(later, "boundary") == pytest.approx(gap(plain, "boundary"))
+    first = plain.people[0]
+    own = times.query("participant == 'P01' and cond == 'a'")
+    assert first.fit.share == pytest.approx(own["correct"].mean())
+    assert first.fit.mean_s == pytest.approx(own.query("correct == 1")["rt_s"].mean())
+
+
+def test_what_speaks_against_the_model_is_noted():
+    rng = np.random.default_rng(0)
+    right = np.repeat([1, 0], [60, 30])
+    rows = pd.DataFrame({"participant": "P1", "correct": right})
+    rows["rt_s"] = np.where(right == 1, 0.5, 1.2) + rng.exponential(0.2, 90)
+    found = diffusion_by_condition(rows)
+
+    assert any("differ in speed" in note for note in found.warnings)
+    assert any("fewer than two" in note for note in diffusion_by_condition(
+        pd.concat([rows, pd.DataFrame({"participant": ["P2"], "correct": [1], "rt_s": [0.4]})])
+    ).warnings)  # fmt: skip
+
+
+def test_the_mixed_model_is_lme4s(times):
+    crossed = time_model(times, ("cond",))
+    nested = time_model(times.drop(columns="scene"), ("cond",))
+
+    assert crossed.beta == pytest.approx(ORACLE["times_beta"], abs=1e-8)
+    assert crossed.beta_se == pytest.approx(ORACLE["times_se"], rel=1e-4)
+    found = (
+        crossed.participant_sd, crossed.interaction_sd, crossed.scene_sd, crossed.residual_sd,
+    )  # fmt: skip
+    assert found == pytest.approx(ORACLE["times_sd"], rel=1e-3)
+    assert crossed.log_likelihood == pytest.approx(ORACLE["times_loglik"][0], abs=1e-6)
+    assert nested.beta_se == pytest.approx(ORACLE["nested_se"], rel=1e-4)
+    found = (nested.participant_sd, nested.interaction_sd, nested.residual_sd)
+    assert found == pytest.approx(ORACLE["nested_sd"], rel=1e-3)
+    assert nested.scene_sd == 0.0
+
+
+def test_ratios_are_of_typical_times_and_turn_with_the_baseline(times):
+    model = time_model(times, ("cond",), reference="a")
+    typical = {one.condition: one.median_s for one in model.times}
+
+    assert [(one.first, one.second) for one in model.ratios] == [("b", "a"), ("c", "a")]
+    for one in model.ratios:
+        assert one.ratio == pytest.approx(typical[one.first] / typical["a"])
+        assert one.lower < one.ratio < one.upper
+        assert (one.lower > 1.0) == (one.p < 0.05)
+        assert one.df == 8
+
+
+def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
+    runs, called = proof_count(400), 0
+    rng = np.random.default_rng(8)
+    for _ in range(runs):
+        rows = pd.DataFrame(
+            [(p, s, c) for p in range(8) for s in range(4) for c in "ab" for _ in range(2)],
+            columns=["participant", "scene", "cond"],
+        )
+        own = rng.normal(0, 0.2, (8, 2))[rows["participant"], (rows["cond"] == "b").astype(int)]
+        base = rng.normal(0, 0.3, 8)[rows["participant"]] + rng.normal(0, 0.1, 4)[rows["scene"]]
+        rows["rt_s"] = np.exp(base + own + rng.normal(0, 0.3, len(rows)))
+        called += time_model(rows, ("cond",)).ratios[0].p < 0.05
+
+    assert called / runs < 0.05 + 3 * np.sqrt(0.05 * 0.95 / runs)
+
+
+def test_the_command_tells_and_writes_both(times, tmp_path):
+    file = tmp_path / "t.csv"
+    times.rename(columns={"rt_s": "seconds"}).to_csv(file, index=False)
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        app,
+        ["analysis", "reaction", str(file), "--by", "cond", "--baseline", "a",
+         "--map", "rt_s=seconds", "--out", str(out)],
+        env={"COLUMNS": "200"},
+    )  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    assert "405 reaction times of 9 participants" in result.output
+    assert "Answers to c took 1.31 times as long as those to a" in result.output
+    assert len(pd.read_csv(out / "diffusion.csv")) == 27
+    assert set(pd.read_csv(out / "diffusion_comparisons.csv")["measure"]) == {
+        "drift", "boundary", "nondecision_s",
+    }  # fmt: skip
+    assert (out / "reaction-2-column.svg").is_file()
+
+
+def test_a_baseline_that_is_none_is_refused(times, tmp_path):
+    file = tmp_path / "t.csv"
+    times.to_csv(file, index=False)
+    result = CliRunner().invoke(
+        app, ["analysis", "reaction", str(file), "--by", "cond", "--baseline", "d"]
+    )
+
+    assert result.exit_code == 2
+    assert "must be a value of 'cond' (a, b, c)" in " ".join(result.output.split())
