@@ -26,14 +26,14 @@ import typer
 from attack.mutations import mutated
 from attack.readers import READERS, Reader, absurd, write_samples
 
-from study_app.cli.errors import user_errors
+from study_app.cli.errors import shortened, user_errors
 
 HANG_CPU_S, HANG_WALL_S = 20.0, 120.0
 """What one input may take, of the processor and in all."""
 GROWTH_MIB = 1024
 """By how much the most memory that a process ever held may rise through one input."""
 MOST_MEMORY = 12 << 30
-MESSAGE_MOST = 5000
+MESSAGE_MOST = 50_000
 """Characters that a message may have: one that repeats the file is none."""
 
 
@@ -239,7 +239,7 @@ class _message:  # noqa: N801
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
         if error is not None:
-            self._told.append(str(error))
+            self._told.append(shortened(str(error)))
         return bool(self._errors.__exit__(kind, error, trace))
 
 
