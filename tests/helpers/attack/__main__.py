@@ -217,8 +217,11 @@ def table(figures: dict[str, Any]) -> str:
     if "inputs" in figures:
         kinds = Counter(failure["kind"] for failure in figures["inputs"]["failures"])
         refused = figures["inputs"]["refused"]
-        rows += ["", f"Of the harmed files {refused:,} were refused with one message, and the others"
-                 " were still whole enough to be read."]  # fmt: skip
+        rows += [
+            "",
+            f"Of the harmed files {refused:,} were refused with one message, and the others were"
+            " still whole enough to be read.",
+        ]
         if kinds:
             rows.append("Failed: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items()) + ".")
     rows += ["", f"Seed {figures['seed']}, Python {figures['python']}."]
