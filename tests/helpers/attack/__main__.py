@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from attack.builds import build_by_command, kill_builds
-from attack.campaign import Result, harmed, run_inputs
+from attack.campaign import Result, meet, run_inputs
 from attack.kills import CASES, kill_sittings
 from attack.planted import RATES_HZ, check_capture, check_timing
 from attack.readers import READERS, Reader, write_samples
@@ -34,16 +34,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = _parser().parse_args(arguments)
     readers = [r for r in READERS if not asked.reader or r.name in asked.reader]
     if asked.again is not None:
-        return _again(asked.seed, readers, asked.again)
+        return _again(readers, asked.again)
     counts = {kind: getattr(asked, kind) for kind in _KINDS}
     if not any(counts.values()):
         counts = dict(_KINDS)
     print(f"seed {asked.seed}; what fails is written to {asked.keep}", file=sys.stderr)
     until_s = time.monotonic() + asked.seconds
-    figures: dict[str, Any] = {
-        "seed": asked.seed, "revision": code_revision(), "python": platform.python_version(),
-        "machine": f"{platform.system()} {platform.machine()}",
-    }  # fmt: skip
+    figures: dict[str, Any] = {}
     with progress_bar() as bars:
         tasks = {k: bars.add_task(k, total=count) for k, count in counts.items() if count}
 
@@ -63,12 +60,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 on_input=on_input,
             )  # fmt: skip
             figures["inputs"] = _of_inputs(results)
+    how = {
+        "seed": asked.seed, "revision": code_revision(), "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+    }  # fmt: skip
+    before = json.loads(asked.json.read_text()) if asked.json.exists() else {}
+    figures = before | {kind: how | found for kind, found in figures.items()}
     asked.json.parent.mkdir(parents=True, exist_ok=True)
     asked.json.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
     print(table(figures))
     if asked.page:
         PAGE_PART.replace(asked.page, table(figures))
-    return int(any(figures[kind]["failures"] for kind in counts if kind in figures))
+    return int(any(figures[kind]["failures"] for kind, count in counts.items() if count))
 
 
 _KINDS = {"inputs": 20_000, "kills": 180, "full_disks": 90, "builds": 10, "faults": 3000,
@@ -92,12 +95,17 @@ def _parser() -> argparse.ArgumentParser:
         help="of the inputs: this reader alone; may be given more than once",
     )  # fmt: skip
     parser.add_argument(
-        "--again", type=int, metavar="N",
-        help="with --seed and --reader: harmed input N once more, in this process",
+        "--again", type=Path, metavar="FILE",
+        help="with --reader: read a file that was kept once more, in this process",
     )  # fmt: skip
     out = Path("out/attack")
     parser.add_argument("--keep", type=Path, default=out / "found", help="for inputs that fail")
-    parser.add_argument("--json", type=Path, default=out / "attack.json", help="for the figures")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        default=out / "attack.json",
+        help="for the figures; those of attacks that are not made now stay",
+    )
     parser.add_argument("--page", type=PAGE_PART.page, help="a page whose table is renewed")
     return parser
 
@@ -199,8 +207,8 @@ _OTHERS = {
 def table(figures: dict[str, Any]) -> str:
     """Return the figures as the page has them."""
     rows = [
-        "| attack | how many | lost, missed or accepted |",
-        "| --- | ---: | ---: |",
+        "| attack | how many | lost, missed or accepted | seed |",
+        "| --- | ---: | ---: | ---: |",
     ]
     says = {
         "kills": "`kill -9` of a sitting, at any write or sync",
@@ -213,7 +221,8 @@ def table(figures: dict[str, Any]) -> str:
     for kind, what in says.items():
         if kind in figures:
             found = figures[kind]
-            rows.append(f"| {what} | {found['done']:,} | {len(found['failures'])} |")
+            failed = len(found["failures"])
+            rows.append(f"| {what} | {found['done']:,} | {failed} | {found['seed']} |")
     if "inputs" in figures:
         kinds = Counter(failure["kind"] for failure in figures["inputs"]["failures"])
         refused = figures["inputs"]["refused"]
@@ -224,20 +233,21 @@ def table(figures: dict[str, Any]) -> str:
         ]
         if kinds:
             rows.append("Failed: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items()) + ".")
-    rows += ["", f"Seed {figures['seed']}, Python {figures['python']}."]
     return "\n".join(rows)
 
 
-def _again(seed: int, readers: Sequence[Reader], number: int) -> int:
+def _again(readers: Sequence[Reader], kept: Path) -> int:
     """Read one harmed file in this process, so that what comes up is seen."""
     (reader,) = readers
     with tempfile.TemporaryDirectory() as folder:
         write_samples(Path(folder))
-        data = harmed(seed, reader, number, Path(folder))
         path = Path(folder) / reader.file
-        path.write_bytes(data)
-        print(reader.read(path))
-    return 0
+        path.write_bytes(kept.read_bytes())
+        failure, refused = meet(reader, path)
+        print(failure or ("refused" if refused else "read, and nothing absurd in it"))
+        if failure and failure.kind == "traceback":
+            reader.read(path)
+    return int(failure is not None)
 
 
 if __name__ == "__main__":

@@ -197,12 +197,12 @@ def _meet(pipe: Connection, work: _Work, first: int, last: int, until_s: float) 
         work.folder.mkdir(exist_ok=True)
         path = work.folder / work.reader.file
         path.write_bytes(harmed(work.seed, work.reader, number, work.samples))
-        pipe.send(_meet_one(work.reader, path))
+        pipe.send(meet(work.reader, path))
     assert source.exists()
     pipe.send(None)
 
 
-def _meet_one(reader: Reader, path: Path) -> tuple[Failure | None, bool]:
+def meet(reader: Reader, path: Path) -> tuple[Failure | None, bool]:
     """Return the failure, if it is one, and whether the file was refused."""
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 

@@ -84,6 +84,16 @@ def _haze(place: str, value: float) -> bool:
     return place.endswith(".haze_m") and value > 0
 
 
+def _gaze(place: str, value: float) -> bool:
+    """Lost eyes, and blinks that began before the first sample."""
+    return not math.isfinite(value) or place == ".blinks_s"
+
+
+def _stamp(place: str, value: float) -> bool:
+    """Moments on a clock whose zero is arbitrary; their order is held to the plan."""
+    return math.isfinite(value) and place.endswith(("onset_s", "offset_s"))
+
+
 def _anything(_place: str, _value: float) -> bool:
     """Numbers as they stand in the file: who reads on judges them."""
     return True
@@ -151,13 +161,13 @@ READERS: tuple[Reader, ...] = (
     Reader("viewing-toml", "viewing.toml", mutations.STUDY, lambda path: open_viewing(str(path))),
     Reader("stimuli-csv", "stimuli.csv", mutations.PLAIN, read_stimuli, _anything),
     Reader("manifest", "manifest/manifest.json", mutations.TREE, lambda p: read_manifest(p.parent)),
-    Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal),
-    Reader("journal-format-1", "format1.jsonl", mutations.JOURNAL, _journal),
+    Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
+    Reader("journal-format-1", "format1.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
     Reader("gaze-csv", "g.csv", mutations.PLAIN, load_recording, _lost),
     Reader("gaze-csv-gz", "g.csv.gz", mutations.PACKED, load_recording, _lost),
-    Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _lost),
+    Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
     Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_gaze(str(path))),
     Reader("decisions-csv", "decisions.csv", mutations.PLAIN, read_decisions, _lost, 0.3),
     Reader("trials-csv", "trials.csv", mutations.PLAIN, read_trials, _lost),
