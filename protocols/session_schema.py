@@ -312,7 +312,7 @@ class Privacy(Model):
 
         try:
             re.compile(self.code_pattern)
-        except re.error as error:
+        except (re.error, OverflowError, RecursionError) as error:
             raise ValueError(
                 f"code_pattern must be a regular expression (got {self.code_pattern!r}: {error})"
             ) from None

@@ -42,6 +42,13 @@ def storable(value: N) -> N:
     return value
 
 
+def pixels(value: int) -> int:
+    """Refuse edges that no screen and no picture has."""
+    if value > 1_000_000:
+        raise ValueError("must be at most 1,000,000 px")
+    return value
+
+
 Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"})]
 SecondsOrNone = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
 """Zero means that the wait is left out."""
@@ -51,7 +58,7 @@ Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"})]
 Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"})]
 """Degrees of visual angle."""
 SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
-Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"})]
+Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"}), AfterValidator(pixels)]
 Millimetres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "mm"})]
 Metres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
 Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]

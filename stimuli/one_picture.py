@@ -149,6 +149,8 @@ def _pose(row: str, where: str) -> NDArray[np.float64]:
         numbers = np.array([float(part) for part in re.split(r"[\s,]+", row.strip())])
     except ValueError:
         numbers = np.empty(0)
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where}: must hold finite numbers (got {row!r})")
     if len(numbers) == 16:
         return numbers.reshape(4, 4)
     if len(numbers) not in (7, 8):

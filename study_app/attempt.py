@@ -42,6 +42,8 @@ class Log:
     samples: list[GazeSample] = field(default_factory=list)
     answer: KeyPress | None = None
     quality: GazeQuality | None = None
+    disturbance: str = ""
+    """What came between participant and display, if it voided the attempt."""
 
 
 @dataclass(frozen=True)
@@ -174,8 +176,9 @@ def _read_keys(
             place = next((i for i, keys in enumerate(response.keys) if press.key in keys), None)
             if place is not None:
                 answer, log.answer = planned.answers[place], press
-    if interrupt is None and stage.focus_lost() and not state.over:
-        interrupt = "focus-lost"
+    disturbance = stage.disturbed() if interrupt is None else ""
+    if disturbance and not state.over:
+        interrupt, log.disturbance = "focus-lost", disturbance
     return answer, interrupt
 
 

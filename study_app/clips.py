@@ -211,6 +211,14 @@ class ClipStore:
         self._shown = next(i for i, slot in enumerate(self._slots) if slot.names == names)
         return self._slots[self._shown].arrays
 
+    def too_slow(self, waited_s: float) -> StudyError:
+        """Return what to say of a disk that gives nothing any more."""
+        return StudyError(
+            f"{self._folder}: the next frame must come from the disk (none came for {waited_s:g}"
+            " s); everything up to here is saved. See to the disk or its network, copy the clips to"
+            " a disk of this machine, and 'metamerlab session resume'"
+        )
+
     def close(self) -> None:
         """Stop the thread and free the memory."""
         self._stopped = True

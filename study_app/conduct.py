@@ -19,15 +19,15 @@ from protocols.journal import (
     Pause,
     SessionEnd,
     SessionStart,
-    VoidReason,
 )
 from protocols.plan import Plan
 from protocols.viewing import Viewing
-from study_app.attempt import Log, Watcher, run_attempt
+from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSource
+from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
 from study_app.recorder import DiskError, Recorder
@@ -272,6 +272,7 @@ class _Conductor:
             self._recorder.append(event)
             self._on_attempt(event)
 
+        left_out = self._left_out()
         result = run_attempt(
             step.trial,
             timeline,
@@ -281,22 +282,26 @@ class _Conductor:
             write,
             lambda phase, t_s: self._mark(f"{step.trial.id} attempt {step.attempt} {phase}", t_s),
         )
-        return self._interrupted(result.interrupts, result.trial.void_reason)
+        if (lacking := self._left_out() - left_out) > 0:
+            text = f"gaze: {lacking} samples were left out, their stamps fell or lay ahead"
+            self._recorder.append(Note(**self._recorder.stamps(), text=text))
+        return self._interrupted(result)
 
-    def _interrupted(
-        self, interrupts: tuple[VoidReason, ...], void_reason: VoidReason | None
-    ) -> bool:
-        """Ask once after the quit key; rest after the pause key or a lost focus."""
+    def _left_out(self) -> int:
+        source = self._watcher.source if self._watcher else None
+        return source.left_out if isinstance(source, TrustedGaze) else 0
+
+    def _interrupted(self, result: AttemptResult) -> bool:
+        """Ask once after the quit key; rest after the pause key or a disturbance."""
+        interrupts, void_reason = result.interrupts, result.trial.void_reason
         if "quit" in interrupts:
             return not self._pages.quit_pressed(self._pages.ask_to_quit())
         if "paused" in interrupts or void_reason == "focus-lost":
             if void_reason == "focus-lost":
-                self._recorder.append(
-                    Note(**self._recorder.stamps(), text="another window took the keyboard")
-                )
-            result = self._pages.show("paused", self._texts.paused)
+                self._recorder.append(Note(**self._recorder.stamps(), text=result.log.disturbance))
+            page = self._pages.show("paused", self._texts.paused)
             self._recorder.append(
-                Pause(**self._recorder.stamps(), duration_s=round(result.duration_s, 6))
+                Pause(**self._recorder.stamps(), duration_s=round(page.duration_s, 6))
             )
-            return not self._pages.quit_pressed(result)
+            return not self._pages.quit_pressed(page)
         return True

@@ -33,6 +33,8 @@ _POLL_SHARE = 0.6
 """Share of a refresh in which keys are taken as they come while an answer is awaited."""
 _UPLOAD_SHARE = 0.4
 """Share of a refresh that uploads may take while nothing moves."""
+CLIP_PATIENCE_S = 60.0
+"""How long to wait for the next frame of a disk that answers no more."""
 
 
 class Presenter:
@@ -152,10 +154,16 @@ class Presenter:
             self._store.pump(self.now())
         self._notice = None
         self._store.expect(trial.stimuli)
+        moved_s = self.now()
         while not self._store.ready(trial.stimuli):
-            self._store.pump(self.now() + _UPLOAD_SHARE / self._refresh_hz)
+            self._window.require_display()
+            if self._store.pump(self.now() + _UPLOAD_SHARE / self._refresh_hz):
+                moved_s = self.now()
+            elif self.now() > moved_s + CLIP_PATIENCE_S:
+                raise self._store.too_slow(CLIP_PATIENCE_S)
             if not self._store.ready(trial.stimuli):
                 self._flip(lambda: self._draw_static("preparing"))
+        self._window.require_display()
         self._store.allow(False)
         self._trial, self._attempt, self._next = trial, attempt, None
         self._stimuli = self._store.show(trial.stimuli)
@@ -165,7 +173,7 @@ class Presenter:
         gc.collect()
         gc.disable()
         self._window.poll()
-        self._window.focus_lost()  # what happened while preparing voids nothing
+        self._window.disturbed()  # what happened while preparing voids nothing
 
     def show(self, picture: Picture) -> Shown:
         """Draw, flip, and return the flip's stamp and number."""
@@ -188,9 +196,9 @@ class Presenter:
             self._answer = None
         return presses
 
-    def focus_lost(self) -> bool:
-        """Return whether another window has the keyboard."""
-        return self._window.focus_lost()
+    def disturbed(self) -> str:
+        """Return what came between participant and display since the last call."""
+        return self._window.disturbed()
 
     def page(self, page: Page) -> PageResult:
         """Show a page until one of its keys goes down."""
@@ -218,6 +226,7 @@ class Presenter:
 
         until_s = self.now() + duration_s
         while self.now() < until_s:
+            self._window.require_display()
             self._flip(draw)
             poll()
             if any(press.key in self._protocol.response.quit_keys for press in self.key_presses()):
@@ -225,6 +234,7 @@ class Presenter:
         return True
 
     def _flip_and_load(self, draw: Callable[[], None]) -> None:
+        self._window.require_display()
         self._store.pump(self.now())
         self._flip(draw)
 

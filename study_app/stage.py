@@ -104,8 +104,11 @@ class Stage(Protocol):
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that went down since the last call. Never waits."""
 
-    def focus_lost(self) -> bool:
-        """Return whether another window has the keyboard."""
+    def disturbed(self) -> str:
+        """Return what came between participant and display since the last call; empty: nothing.
+
+        Another window has the keyboard, the machine slept, the monitor is gone.
+        """
 
     def page(self, page: Page) -> PageResult:
         """Show a page until one of its keys goes down."""

@@ -148,9 +148,9 @@ class VirtualStage:
         self._pending = [press for press in self._pending if press.t_s > now_s]
         return due
 
-    def focus_lost(self) -> bool:
-        """Nothing else wants the keyboard."""
-        return False
+    def disturbed(self) -> str:
+        """Nothing comes between."""
+        return ""
 
     def page(self, page: Page) -> PageResult:
         """Let the observer turn the page."""

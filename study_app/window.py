@@ -22,10 +22,13 @@ from protocols.errors import StudyError
 from study_app.gamepad import Gamepad
 from study_app.keys import key_name
 from study_app.monitor import check_mode, choose_monitor, plain_text
+from study_app.one_screen import claim_screen
+from study_app.sleep_watch import SleepWatch
 from study_app.stage import KeyPress
 from study_app.vsync import Evidence, SyncValues
 
 Pacing = Literal["vsync", "software"]
+_NO_KEYBOARD = "another window took the keyboard"
 _SETTLE_S = 5.0
 """How long a window manager may take to make the window cover the screen."""
 
@@ -59,11 +62,14 @@ class Window:
         self._presses: list[KeyPress] = []
         self._typed: list[str] = []
         self._closing, self._is_open = False, False
-        self._focused, self._lost_focus = False, False
+        self._focused, self._disturbance = False, ""
+        self._sleep = SleepWatch()
         self._line_s = -math.inf  # software pacing: the grid line of the flip before
         self._last_s = -math.inf
         glfw.ERROR_REPORTING = "ignore"
+        self._claim = claim_screen()
         if not glfw.init():
+            self._claim.close()
             raise StudyError(
                 "a session needs a screen (found none:"
                 f" DISPLAY={os.environ.get('DISPLAY', '')!r}); start it from the desktop of the"
@@ -73,6 +79,7 @@ class Window:
             self._open(display)
         except BaseException:
             glfw.terminate()
+            self._claim.close()
             raise
 
     def _open(self, display: Display) -> None:
@@ -119,10 +126,12 @@ class Window:
         glfw.set_char_callback(self._handle, self._on_char)
         glfw.set_window_focus_callback(self._handle, self._on_focus)
         glfw.set_window_close_callback(self._handle, self._on_close)
+        glfw.set_framebuffer_size_callback(self._handle, self._on_size)
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         self._gamepad = Gamepad(glfw)
         self._take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
+        self._size = self.size
 
     def __enter__(self) -> Window:
         return self
@@ -136,6 +145,7 @@ class Window:
             self._is_open = False
             glfw.destroy_window(self._handle)
             glfw.terminate()
+            self._claim.close()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -182,6 +192,8 @@ class Window:
         """Take what events there are."""
         glfw.poll_events()
         self._gamepad.poll(self._press)
+        if (slept_s := self._sleep.slept_s()) > 0:
+            self._disturbance = f"the machine slept for {slept_s:.0f} s"
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that went down since the last call, oldest first."""
@@ -202,10 +214,34 @@ class Window:
         asked, self._closing = self._closing, False
         return asked
 
-    def focus_lost(self) -> bool:
-        """Return whether another window has, or had since the last call, the keyboard."""
-        lost, self._lost_focus = self._lost_focus or not self._focused, False
-        return lost
+    def disturbed(self) -> str:
+        """Return what comes, or came since the last call, between participant and window.
+
+        Empty: nothing. Another window has the keyboard, the machine slept, the monitor is gone.
+        """
+        before, self._disturbance = self._disturbance, ""
+        return self._display_lost() or before or ("" if self._focused else _NO_KEYBOARD)
+
+    def require_display(self) -> None:
+        """Refuse to go on where nobody sees the whole window any more.
+
+        Raises
+        ------
+        StudyError
+            If the monitor is gone, or the window has another size.
+        """
+        if lost := self._display_lost():
+            raise StudyError(
+                f"display {self.display.name!r}: {lost}; everything up to here is saved. Put the"
+                " display in order and 'metamerlab session resume'"
+            )
+
+    def _display_lost(self) -> str:
+        if not glfw.get_window_monitor(self._handle):  # GLFW takes it from a window with it
+            return "the monitor was disconnected"
+        if self._size != self.size:
+            return f"the window has {self._size[0]}x{self._size[1]} pixels now"
+        return ""
 
     def take_focus(self) -> None:
         """Ask for the keyboard again."""
@@ -238,7 +274,7 @@ class Window:
         while not glfw.get_window_attrib(self._handle, glfw.FOCUSED) and self.now() < until_s:
             glfw.wait_events_timeout(0.02)
         self._focused = bool(glfw.get_window_attrib(self._handle, glfw.FOCUSED))
-        self._lost_focus = False
+        self._disturbance = ""
 
     def _wait_for_line(self) -> None:
         period_s = 1.0 / self.display.refresh_hz
@@ -264,7 +300,11 @@ class Window:
 
     def _on_focus(self, _window: Any, focused: int) -> None:
         self._focused = bool(focused)
-        self._lost_focus = self._lost_focus or not focused
+        if not focused:
+            self._disturbance = self._disturbance or _NO_KEYBOARD
+
+    def _on_size(self, _window: Any, width: int, height: int) -> None:
+        self._size = width, height
 
     def _on_close(self, window: Any) -> None:
         glfw.set_window_should_close(window, False)

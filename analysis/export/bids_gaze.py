@@ -86,7 +86,7 @@ def read_samples(folder: Path, side: SideFile) -> list[Sample]:
         ]
         if not all(math.isfinite(value) for row in samples for value in row if value is not None):
             raise ValueError
-    except ValueError:
+    except (ValueError, csv.Error):
         raise StudyError(
             f"{name}: must be a table of {', '.join(HEADER)}, all finite numbers"
         ) from None

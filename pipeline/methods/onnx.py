@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.limits import reading
 from pipeline.methods.method import composite
 from pipeline.methods.onnx_files import network_files
 
@@ -53,7 +54,8 @@ class OnnxNetwork:
         self.value_range = value_range
         self.multiple_px = multiple_px
         self._session = _open(path)
-        self._inputs = _understand(path, self._session)
+        with reading(path, "an ONNX model that can be read"):  # names may be no text
+            self._inputs = _understand(path, self._session)
 
     @staticmethod
     def files(path: Path) -> list[Path]:

@@ -96,8 +96,9 @@ def load_world(
     facets = lit and not _brings_normals(path)
     parts, triangles = [], 0
     materials: dict[int, Material] = {}
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
+    with reading(path, f"a whole {path.suffix} file"):  # names may be no text
+        placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    for transform, name in placed:
         geometry = scene.geometry[name]
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue

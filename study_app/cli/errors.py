@@ -14,6 +14,8 @@ from protocols.errors import StudyError
 from study_app.cli.terminal import say
 
 EXIT_USER_ERROR = 2
+_LINE_MOST, _LINES_MOST = 1500, 200
+"""Characters and lines of a message: no file makes it longer than a screen or two."""
 
 _CURES = {
     errno.ENOENT: "check the path",
@@ -51,8 +53,20 @@ def user_errors() -> Iterator[None]:
     else:
         return
     # Outside the handlers, so that no chain of exceptions hangs on the exit.
-    say("error: " + message.replace("\n", "\n       "), file=sys.stderr)
+    say("error: " + shortened(message).replace("\n", "\n       "), file=sys.stderr)
     raise typer.Exit(EXIT_USER_ERROR)
+
+
+def shortened(message: str) -> str:
+    """Return a message without the middles of endless lines, and without endless lists."""
+    half = _LINE_MOST // 2
+    lines = [
+        line if len(line) <= _LINE_MOST else f"{line[:half]} ... {line[-half:]}"
+        for line in message.split("\n")
+    ]
+    if len(lines) > _LINES_MOST:
+        lines[_LINES_MOST:] = [f"... and {len(lines) - _LINES_MOST} more"]
+    return "\n".join(lines)
 
 
 def _is_the_users(error: OSError) -> bool:

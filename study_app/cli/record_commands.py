@@ -15,6 +15,7 @@ from protocols.errors import StudyError
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.load import load_protocol
+from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
 from study_app.cli.terminal import PlainConsole, say
@@ -72,22 +73,36 @@ def watch(
 
 def verify(
     sessions: Annotated[
-        Path, typer.Argument(help="Folder of one session, of a study's, or of all sessions.")
+        Path,
+        typer.Argument(
+            help="Folder of one session, of a study's, or of all sessions; or an archive."
+        ),
     ],
     protocol: Annotated[
         Path | None,
         typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
     ] = None,
+    identity: IdentityOption = None,
 ) -> None:
     """Prove that what was recorded is as it was written: journals, gaze, flips, display reports.
 
     Every line of a journal is held to its checksum, and every file to the hash that the journal has
     of it. With a protocol, trials, conditions, answers, times and order are compared with the plan.
+    An archive, packed or unpacked, is held to its list of files as well, and brings its protocol.
     Nothing is changed. Ends with status 2 where something is not as it was.
 
-    Example: metamerlab session verify sessions --protocol demo
+    Examples:
+
+        metamerlab session verify sessions --protocol demo
+
+        metamerlab session verify backup.zip
     """
     with user_errors():
+        if is_archive(sessions):
+            if protocol is not None:
+                raise StudyError("--protocol: must be left out: an archive has its own")
+            verify_archive(sessions, identity)
+            return
         study = load_protocol(protocol) if protocol else None
         paths = find_journals(sessions)
         if not paths:

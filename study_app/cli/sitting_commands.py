@@ -12,6 +12,7 @@ from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
+from study_app.cli import archive_commands
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
@@ -207,6 +208,7 @@ def register(app: typer.Typer) -> None:
     app.command()(watch)
     app.command()(verify)
     app.command()(withdraw)
+    archive_commands.register(app)
 
 
 def shipped_paths() -> list[Path]:

@@ -18,6 +18,11 @@ from protocols.errors import StudyError
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
 
 _BUFFER_S = 10
+_CHANNELS_MOST = 256
+"""Of a stream: each sample comes with all of its channels, several times per refresh."""
+_RATE_MOST_HZ = 20_000.0
+_RATE_FACTOR = 1.5
+"""How far the rate of the first samples may be from the one that the stream says."""
 _X_LABELS = ("x_px", "gaze_x", "x", "gazex", "por_x", "screen_x", "norm_pos_x")
 _Y_LABELS = ("y_px", "gaze_y", "y", "gazey", "por_y", "screen_y", "norm_pos_y")
 
@@ -125,6 +130,7 @@ class LslGaze:
                 f" {', '.join(others) or 'no stream at all'}); start the tracker's LSL program,"
                 " or name another stream with --gaze lsl:NAME"
             )
+        _check_stream(pylsl, found[0])
         inlet = pylsl.StreamInlet(found[0], max_buflen=_BUFFER_S, recover=True)
         try:
             stream = inlet.info(timeout=self._wait_s)
@@ -139,7 +145,7 @@ class LslGaze:
         self._inlet = inlet
         labels, units = _labels(stream)
         self._choose_channels(labels, units, int(stream.channel_count()))
-        rate_hz = float(stream.nominal_srate()) or _rate_of(stamps)
+        rate_hz = _checked_rate(float(stream.nominal_srate()), stamps)
         self._info = SourceInfo(
             "lsl", f"{stream.name()} on {stream.hostname()}", rate_hz, self._offset_s
         )
@@ -194,8 +200,9 @@ class LslGaze:
         enough_s = math.inf
         while self._clock() < min(until_s, enough_s):
             _, new = inlet.pull_chunk(timeout=0.05, max_samples=4096)
+            new = [stamp for stamp in new if math.isfinite(stamp)]
             if new and not stamps:
-                enough_s = self._clock() + 0.3
+                enough_s = self._clock() + 0.5
             stamps += new
         if not stamps:
             raise StudyError(
@@ -239,6 +246,35 @@ def _labels(stream: Any) -> tuple[list[str], list[str]]:
         units.append(channel.child_value("unit"))
         channel = channel.next_sibling("channel")
     return labels, units
+
+
+def _check_stream(pylsl: Any, stream: Any) -> None:
+    """Refuse a stream that is none of gaze before any of it is asked for."""
+    name, channels, rate_hz = stream.name(), stream.channel_count(), stream.nominal_srate()
+    if channels > _CHANNELS_MOST:
+        raise StudyError(
+            f"gaze: stream {name!r} must have at most {_CHANNELS_MOST} channels (got {channels});"
+            " have the tracker's LSL program send gaze in a stream of its own"
+        )
+    if stream.channel_format() in (pylsl.cf_string, pylsl.cf_undefined):
+        raise StudyError(f"gaze: stream {name!r} must send numbers (it sends text)")
+    if not 0 <= rate_hz <= _RATE_MOST_HZ:
+        raise StudyError(
+            f"gaze: stream {name!r} must send at most {_RATE_MOST_HZ:g} Hz (it says {rate_hz:g})"
+        )
+
+
+def _checked_rate(nominal_hz: float, stamps: Sequence[float]) -> float:
+    """Return the stream's rate; where it says one, its samples must come at about that rate."""
+    measured_hz = _rate_of(stamps)
+    if nominal_hz == 0:
+        return measured_hz
+    if not nominal_hz / _RATE_FACTOR <= measured_hz <= nominal_hz * _RATE_FACTOR:
+        raise StudyError(
+            f"gaze: the stream must send at the rate that it says ({nominal_hz:g} Hz, its first"
+            f" samples came at {measured_hz:.3g} Hz); correct the rate in the tracker's LSL program"
+        )
+    return nominal_hz
 
 
 def _rate_of(stamps: Sequence[float]) -> float:

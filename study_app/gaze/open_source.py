@@ -18,6 +18,7 @@ from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
+from study_app.gaze.trusted import TrustedGaze
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,10 @@ ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
 """By the word before the colon; entry points of ``metamerlab.trackers`` name such functions."""
 
 
-def open_gaze(specification: str, desk: Desk) -> GazeSource:
+def open_gaze(specification: str, desk: Desk) -> TrustedGaze:
     """Open the source that ``lsl``, ``lsl:NAME``, ``mouse`` or ``replay:FILE`` names.
+
+    Whatever it sends, its samples can be judged: see `study_app.gaze.trusted`.
 
     Raises
     ------
@@ -72,6 +75,6 @@ def open_gaze(specification: str, desk: Desk) -> GazeSource:
             f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})"
             f"{did_you_mean(kind, ADAPTERS)}"
         )
-    source = ADAPTERS[kind](rest, desk)
+    source = TrustedGaze(ADAPTERS[kind](rest, desk), desk.clock)
     source.open()
     return source

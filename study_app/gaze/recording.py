@@ -95,6 +95,8 @@ def _read_asc(path: Path, text: str) -> Recording:
     _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
+    if any(not a <= b for a, b in blinks):
+        raise StudyError(f"{path}: a blink (EBLINK) must not end before it begins")
     blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
     return Recording(path, stamps, t_s, x, y, rate_hz or _median_rate(path, t_s), screen, blinks_s)
 

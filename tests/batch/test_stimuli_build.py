@@ -6,18 +6,17 @@ import dataclasses
 import errno
 import json
 import os
-import random
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 import pytest
+from attack.builds import COMMAND, contents, kill_builds
 
 import stimuli.build
 import stimuli.clip
@@ -32,33 +31,11 @@ from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
 from stimuli.worker import describe_renderer
 
-COMMAND = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
-
 
 def run(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=240, **options
     )
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Everything that is promised to repeat: frames, masks and the manifest.
-
-    Not the revision: someone may commit between two builds of one test.
-    """
-    found = {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.suffix in (".png", ".json")
-    }
-    if "manifest.json" in found:
-        found["manifest.json"] = re.sub(rb'"revision": "[^"]*"', b"", found["manifest.json"])
-    return found
-
-
-def entries(folder: Path) -> int:
-    """Count everything in a folder that others are writing in."""
-    return sum(len(folders) + len(files) for _, folders, files in os.walk(folder))
 
 
 @pytest.fixture(scope="module")
@@ -287,37 +264,7 @@ def test_check_finds_a_manifest_that_its_own_frames_and_masks_contradict(copy, c
 
 def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
     """kill -9 after random amounts of work, then the same command until it ends."""
-    out = tmp_path / "clips"
-    rng = random.Random(11)
-    arguments = [*COMMAND, "build", str(small_study), "--out", str(out), "--workers", "2"]
-    whole = entries(batch)
-    killed, wanted, finished = 0, proof_count(20), 0
-    while killed < wanted:
-        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        # By what lies on the disk, not by the clock: a busy machine is killed as far on.
-        enough = entries(out) + rng.randint(1, whole)
-        began = time.monotonic()
-        while entries(out) < enough and process.poll() is None:
-            assert time.monotonic() - began < 240
-            time.sleep(0.01)
-        time.sleep(rng.uniform(0, 0.1))
-        process.send_signal(signal.SIGKILL)
-        status = process.wait()
-        assert status in (0, -signal.SIGKILL)
-        print("finished" if status == 0 else f"killed with {entries(out)} of {whole} entries")
-        if status != 0:
-            killed += 1
-            assert not (out / "manifest.json").exists() or check_batch(out).in_order
-        else:  # it was faster: begin anew
-            finished += 1
-            assert contents(out) == contents(batch)
-            shutil.rmtree(out)
-    result = run("build", small_study, "--out", out, "--workers", "2")
-    assert result.returncode == 0, result.stderr
-    assert contents(out) == contents(batch)
-    assert not (out / ".build").exists()
-    assert not list(out.rglob("*.part"))
-    print(f"{killed} kills, {finished} builds finished between them")
+    kill_builds(small_study, batch, tmp_path / "clips", proof_count(20))
 
 
 def test_a_frame_that_a_kill_cut_short_does_not_reach_the_clip(tmp_path):

@@ -11,6 +11,20 @@ import pytest
 
 from protocols.folder_hold import only_build
 
+# One window may be on a desktop at a time; the second one here stands for another desktop's.
+ANOTHER_DESKTOP = """
+import os
+os.environ["WAYLAND_DISPLAY"] = "another"
+from study_app import window
+before = window.claim_screen
+def claimed():
+    held = before()
+    del os.environ["WAYLAND_DISPLAY"]
+    return held
+window.claim_screen = claimed
+from study_app.cli import main
+main()
+"""
 METAMERLAB = [sys.executable, "-c", "from study_app.cli import main; main()"]
 
 
@@ -39,8 +53,9 @@ def ended():
 def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study, wait, ended):
     study = make_study()
     before = files_of(study.stimuli)
-    for code in ("P01", "P02"):  # each waits for consent, with nobody to give it
-        ended.append(screen.start(*screen.session("run", study, code=code)))
+    for code, how in (("P01", METAMERLAB[-1]), ("P02", ANOTHER_DESKTOP)):
+        # Each waits for consent, with nobody to give it.
+        ended.append(screen.start(*screen.session("run", study, code=code), code=how))
         journal = study.sessions / "demo" / code / "journal.jsonl"
         wait(journal.exists, "the journal", process=ended[-1])
 

@@ -6,64 +6,23 @@ import math
 import random
 
 import pytest
+from attack.planted import RATES_HZ, check_capture, check_timing, planted, stage_with
 
 from protocols.load import load_display
 from study_app.attempt import BLANK
-from study_app.observers import ArtificialObserver, PreferenceModel
-from study_app.pacing import LATE_SHARE, Pacer
+from study_app.pacing import Pacer
 from study_app.stage import Picture
-from study_app.virtual import Fault, VirtualClock, VirtualStage
-
-RATES_HZ = [60, 90, 120, 144, 240]
-
-
-def stage_with(faults, rate_hz, true_hz=None):
-    """A virtual display with faults by number of flip, and no one before it."""
-    observer = ArtificialObserver(PreferenceModel(), None, 0, "P01")
-    stage = VirtualStage(
-        VirtualClock(),
-        true_hz or rate_hz,
-        observer,
-        nominal_hz=rate_hz,
-        on_prepare=lambda _trial, _attempt: faults,
-    )
-    stage.prepare(None, 1)
-    return stage
-
-
-def planted(count, flips, seed):
-    """Faults at distinct flips, never at the first: there is no flip before to judge it by."""
-    chance = random.Random(seed)
-    faults = {}
-    for flip in sorted(chance.sample(range(1, flips), count)):
-        kind = chance.choice(["late", "missed", "doubled"])
-        amount = {
-            "late": chance.uniform(LATE_SHARE + 0.05, 0.45),
-            "missed": float(chance.randint(1, 4)),
-            "doubled": 0.0,
-        }[kind]
-        faults[flip] = Fault(kind, amount)
-    return faults
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("off_share", [0.0, 0.0005, -0.0005])
 def test_200_planted_faults_are_found_and_no_other(rate_hz, off_share):
-    faults = planted(200, 3000, seed=rate_hz)
-    stage = stage_with(faults, rate_hz, rate_hz * (1 + off_share))
-    pacer = Pacer(stage.refresh_hz)
+    check_timing(200, rate_hz, off_share, seed=rate_hz)
 
-    found = {}
-    for number in range(3000):
-        flip = pacer.flip(stage.show(Picture(BLANK)).t_s)
-        if flip.kind not in ("first", "on-time"):
-            found[number] = (flip.kind, flip.missed)
 
-    wanted = {
-        number: (fault.kind, int(fault.amount) if fault.kind == "missed" else 0)
-        for number, fault in faults.items()
-    }
-    assert found == wanted  # precision and recall are both 1
+@pytest.mark.parametrize("seed", range(30))
+def test_whatever_is_amiss_in_a_capture_is_found(seed):
+    check_capture(seed)
 
 
 def test_jitter_below_the_threshold_is_no_fault():

@@ -7,13 +7,13 @@ import dataclasses
 import math
 import os
 import random
-import signal
 import time
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from attack.kills import disturbed_at_write, in_a_child
 from gaze_persistence import persistence_s
 
 from protocols.errors import StudyError
@@ -540,40 +540,6 @@ def test_presented_is_planned_over_1000_random_protocols():
 # --- killed, resumed -----------------------------------------------------------------------
 
 
-def in_a_child(work, *, kill_after_s: float | None = None) -> None:
-    """Run `work` in a forked process; kill it with SIGKILL after a time, if it still runs."""
-    child = os.fork()
-    if child == 0:
-        try:
-            work()
-        finally:
-            os._exit(0)
-    if kill_after_s is not None:
-        time.sleep(kill_after_s)
-        os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-
-
-def killed_at_write(point: int, part: float) -> None:
-    """From now on, die at the `point`-th write or sync; a write gets `part` of its bytes out."""
-    real_write, real_sync, calls = os.write, os.fsync, [0]
-
-    def write(descriptor, data):
-        calls[0] += 1
-        if calls[0] == point:
-            real_write(descriptor, bytes(data)[: int(part * len(data))])
-            os.kill(os.getpid(), signal.SIGKILL)
-        return real_write(descriptor, data)
-
-    def sync(descriptor):
-        calls[0] += 1
-        if calls[0] == point:
-            os.kill(os.getpid(), signal.SIGKILL)
-        real_sync(descriptor)
-
-    os.write, os.fsync = write, sync
-
-
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
     """SIGKILL at random times and at random writes; every sitting goes on to the end."""
@@ -601,7 +567,7 @@ def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_pa
                 point, part = chance.randint(1, 70), chance.random()
 
                 def work(root=root, point=point, part=part):
-                    killed_at_write(point, part)
+                    disturbed_at_write(point, part)
                     simulate_sitting(sim, root, "S001")
 
                 in_a_child(work)

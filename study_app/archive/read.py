@@ -1,0 +1,252 @@
+"""Reads archives as if an enemy had made them: nothing is believed that the list does not say."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from protocols.errors import StudyError
+from protocols.journal_file import find_journals, read_journal
+from protocols.limits import UNPACKED, VARIABLE, limit, reading
+from protocols.load import SECRET_SUFFIX, load_protocol
+from protocols.manifest import MANIFEST_NAME, read_manifest
+from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Index, plain
+from study_app.archive.seal import unseal
+from study_app.sittings import Sitting
+from study_app.verification import verify
+
+_PIECE = 1 << 20
+_LARGER = 4
+"""An archive may unpack to so many times its own size, however large it is."""
+_UNPACKED = (f"{STUDY}/", f"{SESSIONS}/", f"{CLIPS}/{MANIFEST_NAME}")
+"""What is looked at as a study; of other files the hash says all."""
+_PLAIN_FILES = {0, stat.S_IFREG}
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was found of an archive."""
+
+    index: Index
+    sittings: int
+    problems: tuple[str, ...]
+    """What is not as it was; empty: all is."""
+    notes: tuple[str, ...]
+    """What could not be checked."""
+
+
+@contextmanager
+def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iterator[BinaryIO]:
+    """Yield a plain archive, decrypted into a file without a name if it has to be.
+
+    Raises
+    ------
+    StudyError
+        If there is no such file, or it does not open.
+    """
+    try:
+        sealed = path.open("rb")
+    except OSError as error:
+        raise StudyError(f"{path}: an archive must be readable ({error.strerror})") from None
+    with sealed, tempfile.TemporaryFile() as plain_file:
+        unseal(path, sealed, plain_file, identity=identity, ask=ask)
+        yield plain_file
+
+
+def check(path: Path, file: BinaryIO) -> Findings:
+    """Prove an archive whole: each file against the list, each sitting as `session verify` does.
+
+    The study's file and the sittings are unpacked into a temporary folder for that, clips are not.
+
+    Raises
+    ------
+    StudyError
+        If it is no archive, or one that no program of ours wrote.
+    """
+    with _members(path, file) as (archive, index), tempfile.TemporaryDirectory() as folder:
+        problems, unpack = [], Path(folder)
+        for entry in index.files:
+            inside = entry.path.startswith(
+                (f"{STUDY}/", f"{SESSIONS}/", f"{CLIPS}/{MANIFEST_NAME}")
+            )
+            target = _target(unpack, entry.path) if inside else None
+            with reading(path, "a whole archive; copy it again"), archive.open(entry.path) as data:
+                found = _copied(data, target)
+            if found != (entry.bytes, entry.sha256):
+                problems.append(f"{entry.path} was changed")
+        wrong, notes, sittings = _of_study(unpack, index)
+        return Findings(index, sittings, (*problems, *wrong), notes)
+
+
+def check_folder(folder: Path) -> Findings:
+    """Prove whole what was unpacked by any program.
+
+    Raises
+    ------
+    StudyError
+        If its list cannot be read.
+    """
+    path = folder / INDEX_NAME
+    index, problems = _index(path, path.read_bytes()), []
+    for entry in index.files:
+        place = folder / entry.path
+        if place.is_symlink() or not place.is_file():
+            problems.append(f"{entry.path} is missing")
+            continue
+        with place.open("rb") as data:
+            if _copied(data, None) != (entry.bytes, entry.sha256):
+                problems.append(f"{entry.path} was changed")
+    wrong, notes, sittings = _of_study(folder, index)
+    return Findings(index, sittings, (*problems, *wrong), notes)
+
+
+def restore(path: Path, file: BinaryIO, out: Path) -> Index:
+    """Unpack an archive into a folder that did not exist before, file by file against the list.
+
+    Raises
+    ------
+    StudyError
+        If `out` exists, the archive is not whole, or the disk refuses. Nothing is left behind then.
+    """
+    if out.exists() or out.is_symlink():
+        raise StudyError(f"{out}: must not exist yet; nothing is restored over what is there")
+    part = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        with _members(path, file) as (archive, index):
+            part.mkdir(parents=True)
+            for entry in index.files:
+                with reading(path, "a whole archive"), archive.open(entry.path) as data:
+                    found = _copied(data, _target(part, entry.path))
+                if found != (entry.bytes, entry.sha256):
+                    raise StudyError(f"{path}: {entry.path} was changed; nothing was restored")
+            (part / INDEX_NAME).write_bytes(index.to_bytes())
+        part.rename(out)
+    except OSError as error:
+        raise StudyError(f"{out}: the disk refused ({error.strerror})") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return index
+
+
+@contextmanager
+def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Index]]:
+    """Yield an archive whose members are exactly those of its list, and none of them a trap."""
+    with reading(path, "an archive of 'session archive'"):
+        archive = zipfile.ZipFile(file)
+    with archive:
+        infos = {info.filename: info for info in archive.infolist()}
+        size = os.fstat(file.fileno()).st_size
+        most = max(limit("unpacked", UNPACKED), _LARGER * size)
+        total = sum(info.file_size for info in archive.infolist())
+        if total > most:
+            raise StudyError(
+                f"{path}: must unpack to at most {most:,} bytes (says {total:,}); if it is right,"
+                f" raise the limit with {VARIABLE}=unpacked={total}"
+            )
+        for info in archive.infolist():
+            if wrong := _trap(info):
+                raise StudyError(f"{path}: {info.filename[:200]!r}: {wrong}; nothing was unpacked")
+        if len(infos) != len(archive.infolist()):
+            raise StudyError(f"{path}: must name each file once")
+        if INDEX_NAME not in infos:
+            raise StudyError(
+                f"{path}: must be an archive of 'session archive' (it has no {INDEX_NAME})"
+            )
+        with reading(path, "a whole archive"):
+            listed = archive.read(INDEX_NAME)
+        index = _index(path, listed)
+        lacking = sorted({entry.path for entry in index.files} ^ (infos.keys() - {INDEX_NAME}))
+        if lacking or len(index.files) != len(infos) - 1:
+            raise StudyError(
+                f"{path}: must hold the files of its list and no other (differs in"
+                f" {len(lacking)}: {', '.join(lacking[:3])})"
+            )
+        yield archive, index
+
+
+def _trap(info: zipfile.ZipInfo) -> str | None:
+    """Return why a member is none that we write."""
+    if info.orig_filename != info.filename:
+        return "a name must be plain"
+    try:
+        plain(info.filename)
+    except ValueError as error:
+        return str(error)
+    if stat.S_IFMT(info.external_attr >> 16) not in _PLAIN_FILES:
+        return "must be a file, and no link"
+    if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        return "must be stored or deflated"
+    return None
+
+
+def _index(path: Path, data: bytes) -> Index:
+    with reading(path, f"an archive whose {INDEX_NAME} is as it was written"):
+        index = Index.model_validate_json(data)
+        if index.to_bytes() != data:
+            raise ValueError("it was written anew")
+    return index
+
+
+def _target(folder: Path, name: str) -> Path:
+    target = folder / name
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise StudyError(f"{name}: a file must not be a folder as well") from None
+    if target.is_dir():
+        raise StudyError(f"{name}: a file must not be a folder as well")
+    return target
+
+
+def _copied(data: IO[bytes], target: Path | None) -> tuple[int, str]:
+    """Read a file to its end, into another one if wanted; return its length and hash."""
+    digest, length = hashlib.sha256(), 0
+    out = target.open("xb") if target else None
+    try:
+        while piece := data.read(_PIECE):
+            digest.update(piece)
+            length += len(piece)
+            if out:
+                out.write(piece)
+    finally:
+        if out:
+            out.close()
+    return length, digest.hexdigest()
+
+
+def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:
+    """Return what is wrong with protocol, sittings and clips as they were unpacked."""
+    problems, notes = [], []
+    study = load_protocol(folder / index.protocol)
+    if study.sha256 != index.protocol_sha256:
+        problems.append(f"{index.protocol} says something else than it did")
+    secret = (folder / index.protocol).with_suffix(SECRET_SUFFIX)
+    compared = study if secret.exists() or not study.privacy.secret_sha256 else None
+    if compared is None:
+        notes.append("trials are not compared with the plan: the study's secret is not in it")
+    paths = find_journals(folder / SESSIONS)
+    for path in paths:
+        sitting = Sitting(path.parent, read_journal(path, lenient=True))
+        found = verify(sitting, compared)
+        problems += [f"{sitting.participant}: {problem}" for problem in found.problems]
+        notes += [f"{sitting.participant}: {note}" for note in found.notes]
+    if (folder / CLIPS / MANIFEST_NAME).exists():
+        frames = {
+            f"{CLIPS}/{clip.frame_path(number)}": sha256
+            for clip in read_manifest(folder / CLIPS).clips
+            for number, sha256 in enumerate(clip.frames_sha256)
+        }
+        held = {entry.path: entry.sha256 for entry in index.files}
+        for name, sha256 in frames.items() if index.clips else ():
+            if held.get(name) != sha256:
+                problems.append(f"{name} is not the frame that its manifest has")
+    return problems, tuple(notes), len(paths)

@@ -1,0 +1,208 @@
+"""Writes an archive: under a temporary name, read back, and only then there; never over a file."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+from protocols.errors import StudyError
+from protocols.hashing import sha256_bytes
+from protocols.journal import SessionResume, SessionStart
+from protocols.load import SECRET_SUFFIX, load_protocol, read_bytes, shipped
+from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
+from protocols.revision import code_revision, package_version
+from protocols.schema import StudyProtocol
+from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Entry, Index
+from study_app.archive.read import Findings, check
+from study_app.archive.seal import seal
+from study_app.sittings import find_sittings
+
+Progress = Callable[[str, int, int], None]
+_MOMENT = (1980, 1, 1, 0, 0, 0)  # equal studies, equal bytes
+_PACKED_ALREADY = {".png", ".gz", ".webm"}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What an archive is to hold, and how it is to be closed."""
+
+    protocol: Path
+    sessions: Path
+    clips: Path | None = None
+    """The folder of built clips; None: not even their manifest."""
+    frames: bool = False
+    """Their frames as well."""
+    secret: bool = False
+    """The study's secret also where the archive is not encrypted."""
+    recipients: Sequence[str] = ()
+    passphrase: str | None = None
+    as_it_is: bool = False
+    """Also what is not as it was recorded."""
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether nobody reads it without a key."""
+        return bool(self.recipients) or self.passphrase is not None
+
+
+def write_archive(
+    wanted: Wanted, out: Path, progress: Progress = lambda _what, _done, _all: None
+) -> tuple[Index, Findings]:
+    """Write a study into one file that did not exist before.
+
+    Returns
+    -------
+    Index
+        What it holds.
+    Findings
+        What reading it back found.
+
+    Raises
+    ------
+    StudyError
+        If `out` exists, something cannot be read or is a link, a sitting or a frame is not as it
+        was recorded (unless `as_it_is`), or the disk refuses. Nothing is left behind then.
+    """
+    if out.exists() or out.is_symlink():
+        raise StudyError(f"{out}: must not exist yet; an archive is never written over a file")
+    path = wanted.protocol if wanted.protocol.exists() else shipped("studies").get(
+        str(wanted.protocol), wanted.protocol
+    )  # fmt: skip
+    protocol = load_protocol(path)
+    members = list(_members(wanted, path, protocol))
+    with _appearing(out) as final, _plain(final, wanted.encrypted) as file:
+        entries = _pack(file, members, progress)
+        index = Index(
+            format=1,
+            study=protocol.study.name,
+            protocol=f"{STUDY}/{path.name}",
+            protocol_sha256=protocol.sha256,
+            revision=f"{package_version()} {code_revision()}",
+            secret=any(entry.path.endswith(SECRET_SUFFIX) for entry in entries),
+            clips=wanted.frames,
+            files=entries,
+        )
+        with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(zipfile.ZipInfo(INDEX_NAME, _MOMENT), index.to_bytes())
+        file.seek(0)
+        found = check(out, file)
+        if found.problems and not wanted.as_it_is:
+            told = "; ".join(found.problems[:3]) + ("; ..." if found.problems[3:] else "")
+            raise StudyError(
+                f"{out}: what is archived must be as it was recorded ({told}); restore it from a"
+                " copy, or archive it as it is with --as-it-is. Nothing was written"
+            )
+        if wanted.encrypted:
+            file.seek(0)
+            seal(file, final, recipients=wanted.recipients, passphrase=wanted.passphrase)
+    return index, found
+
+
+def _members(wanted: Wanted, path: Path, protocol: StudyProtocol) -> Iterator[tuple[str, Path]]:
+    """Yield each file's place in the archive, and the file."""
+    yield f"{STUDY}/{path.name}", path
+    secret = path.with_suffix(SECRET_SUFFIX)
+    if protocol.privacy.secret_sha256 and secret.exists() and (wanted.encrypted or wanted.secret):
+        yield f"{STUDY}/{secret.name}", secret
+    for name in (protocol.display.display, getattr(protocol.stimuli, "table", None)):
+        if name is None:
+            continue
+        place, known = PurePosixPath(name), shipped("displays")
+        if name in known:
+            yield f"{STUDY}/displays/{name}.toml", known[name]
+        elif place.is_absolute() or ".." in place.parts:
+            raise StudyError(
+                f"{path}: {name} must lie in the study's folder to be archived with it; copy it"
+                " there"
+            )
+        else:
+            yield f"{STUDY}/{place}", path.parent / place
+    yield from _sittings(wanted.sessions, protocol.study.name)
+    if wanted.clips is not None:
+        manifest = read_manifest(wanted.clips)
+        check_manifest(protocol, manifest)
+        yield f"{CLIPS}/{MANIFEST_NAME}", wanted.clips / MANIFEST_NAME
+        for clip in manifest.clips if wanted.frames else ():
+            for number in range(len(clip.frames_sha256)):
+                frame = clip.frame_path(number)
+                yield f"{CLIPS}/{frame}", wanted.clips / frame
+
+
+def _sittings(root: Path, study: str) -> Iterator[tuple[str, Path]]:
+    sittings = find_sittings(root, study)
+    if not sittings:
+        raise StudyError(f"{root}: must hold sittings of {study} (found none); name --sessions")
+    reports = set()
+    for sitting in sittings:
+        for path in sorted(sitting.folder.rglob("*")):
+            if path.is_symlink() or not path.is_dir():
+                yield f"{SESSIONS}/{path.relative_to(root).as_posix()}", path
+        for event in sitting.journal.events:
+            if isinstance(event, SessionStart | SessionResume) and event.display_report:
+                reports.add(event.display_report.file)
+    for report in sorted(reports):
+        place = PurePosixPath(report)
+        if not place.is_absolute() and ".." not in place.parts and (root / place).is_file():
+            yield f"{SESSIONS}/{place}", root / place
+
+
+def _pack(
+    file: BinaryIO, members: Sequence[tuple[str, Path]], progress: Progress
+) -> tuple[Entry, ...]:
+    entries = []
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for done, (name, path) in enumerate(sorted(members), start=1):
+            if path.is_symlink():
+                raise StudyError(f"{path}: must be a file of its own (it is a symbolic link)")
+            data = read_bytes(path, "a file of the study")
+            packing = zipfile.ZIP_STORED if path.suffix in _PACKED_ALREADY else zipfile.ZIP_DEFLATED
+            archive.writestr(zipfile.ZipInfo(name, _MOMENT), data, packing)
+            entries.append(Entry(path=name, bytes=len(data), sha256=sha256_bytes(data)))
+            progress("archiving", done, len(members))
+    return tuple(entries)
+
+
+@contextmanager
+def _appearing(out: Path) -> Iterator[BinaryIO]:
+    """Yield a file beside `out` that takes its name once it is whole and on the disk."""
+    part = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        with part.open("x+b") as file:
+            part.chmod(0o600)  # it may hold a secret
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        _name(part, out)
+    except OSError as error:
+        raise StudyError(f"{out}: the disk refused ({error.strerror}); choose another") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _name(part: Path, out: Path) -> None:
+    """Give a file its name, never in another's place."""
+    try:
+        os.link(part, out)
+    except FileExistsError:
+        raise StudyError(f"{out}: must not exist yet; another program wrote it") from None
+    except OSError:  # no hard links on this disk
+        if out.exists():
+            raise StudyError(f"{out}: must not exist yet; another program wrote it") from None
+        shutil.move(part, out)
+
+
+@contextmanager
+def _plain(final: BinaryIO, encrypted: bool) -> Iterator[BinaryIO]:
+    """Yield where the readable archive goes: a file without a name where another is to be kept."""
+    if not encrypted:
+        yield final
+        return
+    with tempfile.TemporaryFile() as file:
+        yield file

@@ -1,0 +1,157 @@
+"""The commands of `metamerlab session` for copies of a whole study: writing and restoring one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from protocols.errors import StudyError
+from study_app.archive.index import INDEX_NAME
+from study_app.archive.read import Findings, check, check_folder, opened
+from study_app.archive.read import restore as restore_archive
+from study_app.archive.write import Wanted, write_archive
+from study_app.cli.errors import user_errors
+from study_app.cli.options import ProtocolArgument
+from study_app.cli.progress import one_line
+from study_app.cli.terminal import say
+
+PASSPHRASE = "METAMERLAB_PASSPHRASE"
+"""Environment variable that scripts give a passphrase in; people are asked for it."""
+IdentityOption = Annotated[
+    Path | None,
+    typer.Option(help="File of age-keygen with the secret key, for archives encrypted to a key."),
+]
+
+
+def archive(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="File to write; it appears when it is whole.")],
+    sessions: Annotated[Path, typer.Option(help="Folder of sessions.")] = Path("sessions"),
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of the built clips: their manifest goes along.")
+    ] = None,
+    with_clips: Annotated[
+        bool, typer.Option("--with-clips", help="The frames as well as their manifest.")
+    ] = False,
+    passphrase: Annotated[
+        bool, typer.Option("--passphrase", help="Encrypt by a passphrase, which is asked for.")
+    ] = False,
+    recipient: Annotated[
+        list[str] | None,
+        typer.Option(help="Encrypt to a public key of age, age1...; may be given more than once."),
+    ] = None,
+    with_secret: Annotated[
+        bool,
+        typer.Option(
+            "--with-secret", help="The study's secret also where the archive is not encrypted."
+        ),
+    ] = False,
+    as_it_is: Annotated[
+        bool, typer.Option("--as-it-is", help="Also what is not as it was recorded.")
+    ] = False,
+) -> None:
+    """Write a verified copy of a study into one file: study, sittings, manifest, clips if wanted.
+
+    The file is a zip archive, or one encrypted with age. An encrypted one holds the study's secret,
+    a plain one does not unless asked to. It is read back before it gets its name, and never
+    replaces a file. Nothing of the study is changed.
+
+    Examples:
+
+        metamerlab session archive study.toml --stimuli clips --out backup.zip
+
+        metamerlab session archive study.toml --stimuli clips --passphrase --out backup.zip.age
+    """
+    with user_errors():
+        if passphrase and recipient:
+            raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
+        if with_clips and stimuli is None:
+            raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
+        wanted = Wanted(
+            protocol,
+            sessions,
+            clips=stimuli,
+            frames=with_clips,
+            secret=with_secret,
+            recipients=tuple(recipient or ()),
+            passphrase=_passphrase(new=True) if passphrase else None,
+            as_it_is=as_it_is,
+        )
+        with one_line() as progress:
+            index, found = write_archive(wanted, out, progress)
+        _tell(out, found)
+        if not index.secret and found.notes and not wanted.encrypted:
+            say("note: keep the study's secret elsewhere, or archive it with --with-secret")
+
+
+def restore(
+    file: Annotated[Path, typer.Argument(help="File of 'session archive'.")],
+    out: Annotated[Path, typer.Option(help="New folder; it appears when it is whole.")],
+    identity: IdentityOption = None,
+) -> None:
+    """Unpack an archive into a new folder, every file held to its hash.
+
+    Example: metamerlab session restore backup.zip --out restored
+    """
+    with user_errors():
+        with opened(file, identity=identity, ask=_passphrase) as plain:
+            index = restore_archive(file, plain, out)
+        say(f"{out}: {len(index.files)} files of {index.study}, each as it was archived")
+
+
+def verify_archive(path: Path, identity: Path | None) -> None:
+    """Prove an archive whole, as a file or as the folder it was unpacked into; say what was found.
+
+    Raises
+    ------
+    StudyError
+        If it is not.
+    """
+    if path.is_dir():
+        found = check_folder(path)
+    else:
+        with opened(path, identity=identity, ask=_passphrase) as plain:
+            found = check(path, plain)
+    _tell(path, found)
+    if found.problems:
+        raise StudyError(
+            f"{path}: must be as it was archived ({len(found.problems)} differences); take another"
+            " copy; nothing was changed"
+        )
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether a path is a file, or a folder that one was unpacked into."""
+    return path.is_file() or (path / INDEX_NAME).is_file()
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the group `session`."""
+    app.command()(archive)
+    app.command()(restore)
+
+
+def _tell(path: Path, found: Findings) -> None:
+    index = found.index
+    verdict = "NOT as it was recorded" if found.problems else "whole"
+    holds = [f"{found.sittings} sittings", f"{len(index.files)} files"]
+    holds.append("clips" if index.clips else "no clips")
+    holds.append("the study's secret" if index.secret else "no secret")
+    say(f"{path}: {verdict} ({index.study}: {', '.join(holds)})")
+    for problem in found.problems:
+        say(f"  {problem}")
+    for note in found.notes:
+        say(f"  note: {note}")
+    say(f"list of files: SHA-256 {index.sha256}; noted elsewhere, it vouches for every byte")
+
+
+def _passphrase(*, new: bool = False) -> str:
+    given = os.environ.get(PASSPHRASE)
+    if given is None:
+        given = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=new, err=True)
+    if not given:
+        raise StudyError("passphrase: must not be empty")
+    return str(given)

@@ -1,0 +1,72 @@
+"""Keeps what no rule can judge away from all rules: samples of other times, places off the world.
+
+Whatever a tracker sends, the samples that go on have finite stamps that do not fall and do not lie
+ahead of the session's clock. What is left out is missing, and missing samples are silence: an
+attempt that they belong to is void, and a source that sends no others ends the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource, SourceInfo
+
+AHEAD_S = 0.05
+"""How far stamps may lie ahead: two clocks agree no better than some milliseconds."""
+FARTHEST_PX = 1e6
+"""Gaze beyond that, or nowhere, is a lost eye."""
+
+
+class TrustedGaze:
+    """Another source, with samples that can be judged.
+
+    Parameters
+    ----------
+    source : GazeSource
+        Any.
+    clock : callable
+        The session's clock.
+    """
+
+    def __init__(self, source: GazeSource, clock: Callable[[], float]) -> None:
+        self.source, self._clock = source, clock
+        self._last_s = -math.inf
+        self.left_out = 0
+        """Samples so far whose stamps were none, fell, or lay ahead."""
+
+    def open(self) -> None:
+        """Connect."""
+        self.source.open()
+
+    def info(self) -> SourceInfo:
+        """Describe the source."""
+        return self.source.info()
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples since the last call that can be judged. Never waits."""
+        kept = []
+        latest_s = self._clock() + AHEAD_S
+        for sample in self.source.poll():
+            t_s, raw_t, x_px, y_px = sample
+            # Written so that what is no number fails.
+            if not (self._last_s <= t_s <= latest_s and math.isfinite(raw_t)):
+                self.left_out += 1
+                continue
+            self._last_s = t_s
+            if not (abs(x_px) <= FARTHEST_PX and abs(y_px) <= FARTHEST_PX):
+                sample = GazeSample(t_s, raw_t, math.nan, math.nan)
+            kept.append(sample)
+        return kept
+
+    def mark(self, text: str) -> None:
+        """Pass a marker on."""
+        self.source.mark(text)
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """Run the tracker's own calibration; None where it has none."""
+        return self.source.calibrate(points_px)
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        self.source.close()

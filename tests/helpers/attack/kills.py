@@ -1,0 +1,296 @@
+"""Kills sittings, and fills their disk, at any write or sync; then lets them go on to the end."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import re
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocols.hashing import sha256_file
+from protocols.journal import Attempt, SessionEnd
+from protocols.journal_file import Journal, read_journal
+from protocols.load import load_display, load_protocol
+from protocols.new_study import study_files
+from study_app.gaze.simulated import GazeBehaviour
+from study_app.recorder import DiskError
+from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.sittings import Sitting
+from study_app.verification import verify
+
+RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)
+QUEST_PLUS = ("# [task.adaptive]", "# falling = false")
+UP_DOWN = ('# [task.adaptive]\n# rule = "up-down"', "# falling = false")
+ACTIVE = ("# [task.sampling]", "# trials = 60")
+
+
+@dataclass(frozen=True)
+class Case:
+    task: str
+    adaptive: tuple[str, str] | None = None
+    """First and last line of the template's example that is set."""
+
+
+CASES = {
+    "two-interval": Case("two-interval"),
+    "two-alternative": Case("two-alternative"),
+    "yes-no": Case("yes-no"),
+    "identification": Case("identification"),
+    "abx": Case("abx"),
+    "which-half": Case("which-half"),
+    "yes-no by QUEST+": Case("yes-no", QUEST_PLUS),
+    "identification by up-down": Case("identification", UP_DOWN),
+    "abx by QUEST+": Case("abx", QUEST_PLUS),
+    "active pairs": Case("two-interval", ACTIVE),
+}
+ROWS = {
+    # Few enough for a short sitting.
+    "yes-no": [
+        ("one", "fine", pattern, contrast)
+        for pattern in ("grating", "none")
+        for contrast in (0.04, 0.08, 0.12, 0.16, 0.2)
+    ],
+    "identification": [
+        ("thick", gap, contrast)
+        for gap in ("left", "up", "down", "right")
+        for contrast in (0.04, 0.2)
+    ],
+    "abx": [
+        (scene, "fine", blur) for scene in ("one", "two") for blur in (0.0, 0.5, 1.0, 1.5, 2.0)
+    ],
+}
+ROWS["which-half"] = ROWS["abx"]
+COLUMNS = {
+    "yes-no": "scene,noise,pattern,contrast",
+    "identification": "stroke,gap,contrast",
+    "abx": "scene,texture,blur_px",
+    "which-half": "scene,texture,blur_px",
+}
+
+
+@dataclass(frozen=True)
+class Kills:
+    """What came of the kills of one task's sittings; nothing was lost, or it would have raised."""
+
+    kills: int
+    """Processes that were to die or to find their disk full."""
+    died: int
+    """Those that did; the others had come to their end before."""
+    sittings: int
+
+
+def write_study(folder: Path, case: Case) -> Simulation:
+    """Write a short new study of a task; return what simulates it."""
+    display = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
+    files = study_files("killed", "Killed", display, case.task)
+    text = files["study.toml"]
+    if case.adaptive is not None:
+        before, first, rest = text.partition(case.adaptive[0])
+        block, last, after = (first + rest).partition(case.adaptive[1])
+        lines = [
+            line.removeprefix("# ") if re.match(r"# (\[|\w+ = )", line) else line
+            for line in (block + last).splitlines()
+        ]
+        text = before + "\n".join(lines) + after
+        text = re.sub(r"^trials = \d\d$", "trials = 12", text, count=1, flags=re.M)
+    if case.adaptive == ACTIVE:
+        text = text.replace('pairings = "all"\n', "")
+    for old, new in (
+        ("repeats = 2", "repeats = 1"),
+        ("break_s = 30.0", "break_s = 1.0"),
+        ("duration_s = 1.0", "duration_s = 0.2"),
+        ("stimulus_s = 0.5", "stimulus_s = 0.1"),
+        ("gap_s = 0.5", "gap_s = 0.1"),
+        ("fixation_s = 0.5", "fixation_s = 0.2"),
+    ):
+        text = text.replace(old, new)
+    if case.task == "identification":
+        text = text.replace("0.06, 0.08, 0.1, 0.12, 0.16]", "0.12]")
+        text = text.replace("easier = [0.12]", "easier = [0.16]")
+        text = text.replace("harder = [0.04]", "harder = [0.16]")
+    if case.task in ROWS:
+        rows = [
+            f"s{index},s{index}.png," + ",".join(map(str, row))
+            for index, row in enumerate(ROWS[case.task])
+        ]
+        header = f"stimulus,file,{COLUMNS[case.task]}"
+        (folder / "stimuli.csv").write_text("\n".join([header, *rows]) + "\n")
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return Simulation(load_protocol(path), display, seed=5, gaze=RESTLESS)
+
+
+def journal_of(root: Path) -> Journal:
+    return read_journal(root / "killed" / "S001" / "journal.jsonl")
+
+
+def told(attempts: tuple[Attempt, ...]) -> list[tuple[object, ...]]:
+    """Return what must not change: order, what was shown at which level, what was answered."""
+    return [
+        (
+            a.trial, a.role, a.block, a.attempt, a.position, dict(a.condition), a.track,
+            tuple(s.name for s in a.stimuli), a.answers, a.expected, a.outcome, a.void_reason,
+            a.answer, a.correct,
+        )
+        for a in attempts
+    ]  # fmt: skip
+
+
+def in_a_child(work: Callable[[], object], *, kill_after_s: float | None = None) -> int:
+    """Do `work` in a forked process, killed after a time if it still runs; return its status."""
+    child = os.fork()
+    if child == 0:
+        status = 0
+        try:
+            work()
+        except DiskError:
+            status = FULL
+        except BaseException:
+            status = 1
+        finally:
+            os._exit(status)
+    if kill_after_s is not None:
+        time.sleep(kill_after_s)
+        os.kill(child, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+FULL = 71
+"""Exit status of a child whose disk was full, and said so as it should."""
+
+
+def disturbed_at_write(point: int, part: float, full: bool = False) -> None:
+    """From now on, die at the `point`-th write or sync, or find the disk full from there on.
+
+    A write gets `part` of its bytes out.
+    """
+    real_write, real_sync, calls = os.write, os.fsync, [0]
+
+    def write(descriptor: int, data: bytes) -> int:
+        calls[0] += 1
+        if calls[0] == point:
+            real_write(descriptor, bytes(data)[: int(part * len(data))])
+            disturb()
+        elif full and calls[0] > point:
+            disturb()
+        return real_write(descriptor, data)
+
+    def sync(descriptor: int) -> None:
+        calls[0] += 1
+        if calls[0] == point:
+            disturb()
+        real_sync(descriptor)
+
+    def disturb() -> None:
+        if full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    os.write, os.fsync = write, sync  # type: ignore[assignment]
+
+
+def writes_of(simulation: Simulation, root: Path) -> int:
+    """Return how often an undisturbed sitting writes or syncs."""
+    calls = [0]
+    real_write, real_sync = os.write, os.fsync
+
+    def write(descriptor: int, data: bytes) -> int:
+        calls[0] += 1
+        return real_write(descriptor, data)
+
+    def sync(descriptor: int) -> None:
+        calls[0] += 1
+        real_sync(descriptor)
+
+    os.write, os.fsync = write, sync  # type: ignore[assignment]
+    try:
+        simulate_sitting(simulation, root, "S001")
+    finally:
+        os.write, os.fsync = real_write, real_sync
+    return calls[0]
+
+
+def kill_sittings(
+    name: str,
+    folder: Path,
+    points: int,
+    *,
+    seed: int = 0,
+    full: bool = False,
+    on_kill: Callable[[], None] = lambda: None,
+) -> Kills:
+    """Kill sittings of one task, several times each, at writes spread over all of it.
+
+    Parameters
+    ----------
+    name : str
+        One of `CASES`.
+    full : bool
+        Fill the disk in place of the kill.
+
+    Raises
+    ------
+    AssertionError
+        If anything was lost, doubled, or came in another order than in an undisturbed sitting.
+    """
+    simulation = write_study(folder, CASES[name])
+    writes = writes_of(simulation, folder / "whole")
+    undisturbed = journal_of(folder / "whole")
+    wanted = told(undisturbed.attempts)
+    assert any(a.outcome == "void" for a in undisturbed.attempts)
+    chance = random.Random(f"{name} {seed}")
+    kills, sittings, died = 0, 0, 0
+    while kills < points:
+        root = folder / f"killed-{sittings}"
+        sittings += 1
+        saved = b""
+        for _ in range(min(4, points - kills)):
+            # Early, middle and late alike: each run goes on from the last, so a quarter is far.
+            kills += 1
+            point = 1 + (kills * writes // points + chance.randrange(writes)) % (writes // 2)
+            part = chance.random()
+
+            def work(root: Path = root, point: int = point, part: float = part) -> None:
+                disturbed_at_write(point, part, full)
+                simulate_sitting(simulation, root, "S001")
+
+            status = in_a_child(work)
+            on_kill()
+            assert status in (0, FULL if full else -signal.SIGKILL)
+            died += status != 0
+            path = root / "killed" / "S001" / "journal.jsonl"
+            if not path.exists():
+                continue
+            written = path.read_bytes()
+            assert written.startswith(saved), "what was saved is lost"
+            saved = written[: written.rfind(b"\n") + 1]
+        simulate_study(simulation, root, 1)
+        _check_whole(journal_of(root), undisturbed, wanted, saved, simulation)
+    return Kills(kills, died, sittings)
+
+
+def _check_whole(
+    journal: Journal,
+    undisturbed: Journal,
+    wanted: list[tuple[object, ...]],
+    saved: bytes,
+    simulation: Simulation,
+) -> None:
+    assert journal.path.read_bytes().startswith(saved), "what was saved is lost"
+    assert told(journal.attempts) == wanted
+    assert journal.start.plan_sha256 == undisturbed.start.plan_sha256
+    assert [event.n for event in journal.events] == list(range(len(journal.events)))
+    assert isinstance(journal.events[-1], SessionEnd)
+    done = Counter(a.trial for a in journal.attempts if a.outcome == "completed")
+    assert set(done.values()) == {1}
+    for attempt in journal.attempts:
+        for side in (attempt.gaze_file, attempt.flips_file):
+            assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
+    found = verify(Sitting(journal.path.parent, journal), simulation.protocol)
+    assert (found.problems, found.notes) == ((), ())

@@ -1,0 +1,344 @@
+"""Every reader of files that come from outside: a whole file to harm, the reader, and what no value
+that it returns may be. One entry of `READERS` each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import gzip
+import math
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import trimesh
+from attack import mutations
+from attack.mutations import Shape
+from PIL import Image
+from pydantic import BaseModel
+
+from analysis.export.bids_gaze import read_samples
+from analysis.plain_csv import read_decisions
+from analysis.tidy import read_sessions
+from analysis.trials_csv import read_trials
+from pipeline.image_file import write_pixels
+from pipeline.methods.onnx import OnnxNetwork
+from protocols.display import Display
+from protocols.feasibility import virtual_manifest
+from protocols.hashing import sha256_bytes
+from protocols.journal import SideFile
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol, load_toml, shipped
+from protocols.manifest import read_manifest, write_manifest
+from protocols.recipes.files import read_table as read_stimuli
+from protocols.upgrade import upgraded_text
+from stimuli.exr import load_colour, load_plane, load_warp_input
+from stimuli.exr_parts import read_parts
+from stimuli.flow_file import read_flo, write_flo
+from stimuli.foveated.any_picture import read_any
+from stimuli.one_picture import read_pose
+from stimuli.png import decode
+from stimuli.read_file import read_frames, read_picture
+from stimuli.scenes.mesh_file import load_world
+from stimuli.scenes.photo import load_depth
+from stimuli.scenes.stereo import _load_disparity
+from stimuli.score.viewing import open_viewing, read_gaze
+from study_app.gaze.recording import load_recording
+from study_app.gaze.simulated import STEADY
+from study_app.simulate import Simulation, simulate_study
+from study_app.sittings import Sitting
+from study_app.verification import verify
+
+SIZE = (20, 14)
+"""Of pictures: width and height."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One reader of files from outside."""
+
+    name: str
+    file: str
+    """Whole, below the folder of samples; its folder comes along."""
+    shape: Shape
+    read: Callable[[Path], Any]
+    may_be: Callable[[str, float], bool] = lambda _place, _value: False
+    """Which numbers that look absurd are none: not a number where the eye was lost, say."""
+    weight: float = 1.0
+    """Its part of all inputs, against 1 of the others: less for what takes long."""
+
+
+def _lost(_place: str, value: float) -> bool:
+    """Depth, disparity and gaze say what is unknown by numbers that are not finite."""
+    return not math.isfinite(value)
+
+
+def _haze(place: str, value: float) -> bool:
+    """A scene without haze sees infinitely far."""
+    return place.endswith(".haze_m") and value > 0
+
+
+def _gaze(place: str, value: float) -> bool:
+    """Lost eyes, and blinks that began before the first sample."""
+    return not math.isfinite(value) or place == ".blinks_s"
+
+
+def _stamp(place: str, value: float) -> bool:
+    """Moments on a clock whose zero is arbitrary; their order is held to the plan."""
+    return math.isfinite(value) and place.endswith(("onset_s", "offset_s"))
+
+
+def _anything(_place: str, _value: float) -> bool:
+    """Numbers as they stand in the file: who reads on judges them."""
+    return True
+
+
+def _journal(path: Path) -> Any:
+    strict = []
+    try:
+        strict = list(read_journal(path).events)
+    finally:
+        lenient = read_journal(path, lenient=True)
+    return [strict, lenient.events]
+
+
+def _sittings(path: Path) -> Any:
+    study = load_protocol(Path("demo"))
+    verify(Sitting(path.absolute().parent, read_journal(path, lenient=True)), study)
+    tidy = read_sessions(path.parent.parent, study)
+    return [tidy.attempts, tidy.decisions]
+
+
+def _samples(path: Path) -> Any:
+    return read_samples(
+        path.parent, SideFile(file=path.name, sha256=sha256_bytes(path.read_bytes()))
+    )
+
+
+def _video(path: Path) -> Any:
+    return list(read_frames(path, (16, 12), 3, 30.0))
+
+
+def _network(path: Path) -> Any:
+    return len(OnnxNetwork.files(path)), OnnxNetwork(path).value_range
+
+
+READERS: tuple[Reader, ...] = (
+    Reader("picture-png", "p.png", mutations.PNG, read_picture),
+    Reader("picture-jpeg", "p.jpg", mutations.RAW, read_any),
+    Reader("picture-tiff", "p.tif", mutations.RAW, load_colour),
+    Reader("picture-hdr", "p.hdr", mutations.RAW, read_any),
+    Reader("frame-png", "p.png", mutations.PNG, decode),
+    Reader("video", "v.avi", mutations.RAW, _video),
+    Reader("depth-png", "d.png", mutations.PNG, partial(load_depth, scale=0.001)),
+    Reader("exr-parts", "w.exr", mutations.RAW, read_parts, _anything),
+    Reader("exr-warp-input", "w.exr", mutations.RAW, load_warp_input, _lost),
+    Reader("pfm", "d.pfm", mutations.PLAIN, load_plane, _anything),
+    Reader("numpy-npy", "d.npy", mutations.RAW, _load_disparity, _anything),
+    Reader("numpy-npz", "d.npz", mutations.ZIPPED, _load_disparity, _anything),
+    Reader("flow-flo", "f.flo", mutations.RAW, read_flo),
+    Reader("mesh-glb", "s.glb", mutations.GLB, load_world, _haze),
+    Reader("mesh-gltf", "gltf/s.gltf", mutations.TREE, load_world, _haze),
+    Reader("mesh-obj", "obj/s.obj", mutations.PLAIN, load_world, _haze),
+    Reader(
+        "material-mtl",
+        "mtl/s.mtl",
+        mutations.PLAIN,
+        lambda p: load_world(p.with_name("s.obj")),
+        _haze,
+    ),
+    Reader("network-onnx", "net.onnx", mutations.RAW, _network, _anything, 0.5),
+    Reader("pose", "poses.txt", mutations.PLAIN, lambda path: read_pose(f"{path}:2")),
+    Reader("study-toml", "study.toml", mutations.STUDY, load_protocol),
+    Reader("study-toml-format-1", "format1.toml", mutations.STUDY, upgraded_text),
+    Reader("display-toml", "display.toml", mutations.STUDY, lambda path: load_toml(path, Display)),
+    Reader("viewing-toml", "viewing.toml", mutations.STUDY, lambda path: open_viewing(str(path))),
+    Reader("stimuli-csv", "stimuli.csv", mutations.PLAIN, read_stimuli, _anything),
+    Reader("manifest", "manifest/manifest.json", mutations.TREE, lambda p: read_manifest(p.parent)),
+    Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
+    Reader("journal-format-1", "format1.jsonl", mutations.JOURNAL, _journal, _stamp),
+    Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
+    Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
+    Reader("gaze-csv", "g.csv", mutations.PLAIN, load_recording, _lost),
+    Reader("gaze-csv-gz", "g.csv.gz", mutations.PACKED, load_recording, _lost),
+    Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
+    Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_gaze(str(path))),
+    Reader("decisions-csv", "decisions.csv", mutations.PLAIN, read_decisions, _lost, 0.3),
+    Reader("trials-csv", "trials.csv", mutations.PLAIN, read_trials, _lost),
+)
+
+
+def write_samples(folder: Path) -> None:
+    """Write a whole file of every kind that `READERS` names."""
+    rng = np.random.default_rng(7)
+    width, height = SIZE
+    picture = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    for name in ("p.png", "p.jpg", "p.tif"):
+        Image.fromarray(picture).save(folder / name)
+    write_pixels(folder / "p.hdr", rng.random((height, width, 3), np.float32), ("R", "G", "B"))
+    depth = rng.uniform(1, 4, (height, width)).astype(np.float32)
+    Image.fromarray((1000 * depth).astype(np.uint16)).save(folder / "d.png")
+    planes = np.dstack([rng.random((height, width, 3), np.float32), depth,
+                        rng.normal(0, 2, (height, width, 2)).astype(np.float32)])  # fmt: skip
+    write_pixels(folder / "w.exr", planes, ("R", "G", "B", "Z", "flow.x", "flow.y"))
+    head = f"Pf\n{width} {height}\n-1.0\n".encode()
+    (folder / "d.pfm").write_bytes(head + depth.tobytes())
+    np.save(folder / "d.npy", depth)
+    np.savez(folder / "d.npz", depth)
+    write_flo(folder / "f.flo", planes[..., 4:])
+    video = cv2.VideoWriter(str(folder / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
+    for _ in range(3):
+        video.write(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8))
+    video.release()
+    _write_meshes(folder, picture)
+    _write_network(folder / "net.onnx")
+    _write_tables(folder, rng)
+    _write_studies(folder)
+
+
+def _write_meshes(folder: Path, picture: Any) -> None:
+    uv = np.random.default_rng(3).random((8, 2))
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(uv=uv, image=Image.fromarray(picture))
+    scene = trimesh.Scene([box, trimesh.creation.icosphere(subdivisions=1)])
+    (folder / "s.glb").write_bytes(scene.export(file_type="glb"))
+    for kind in ("gltf", "obj", "mtl"):
+        (folder / kind).mkdir()
+    for name, data in scene.export(file_type="gltf").items():
+        (folder / "gltf" / ("s.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
+    for kind in ("obj", "mtl"):
+        (folder / kind / "s.mtl").write_text("newmtl m\nKd 0.8 0.5 0.2\nd 0.9\nmap_Kd t.png\n")
+        Image.fromarray(picture).save(folder / kind / "t.png")
+        (folder / kind / "s.obj").write_text(
+            "mtllib s.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+            "vn 0 0 1\nusemtl m\nf 1/1/1 2/2/1 3/3/1\nf 1//1 3//1 4//1\nf -1 -2 -3\n"
+        )
+
+
+def _write_network(path: Path) -> None:
+    import onnx
+    from onnx import TensorProto, helper
+
+    shapes = (("image", [1, 3, "H", "W"]), ("mask", [1, 1, "H", "W"]), ("out", [1, 3, "H", "W"]))
+    *inputs, out = (helper.make_tensor_value_info(n, TensorProto.FLOAT, s) for n, s in shapes)
+    half = helper.make_tensor("half", TensorProto.FLOAT, [1], [0.5])
+    nodes = [helper.make_node("Mul", ["mask", "half"], ["shift"]),
+             helper.make_node("Add", ["image", "shift"], ["out"])]  # fmt: skip
+    graph = helper.make_graph(nodes, "net", inputs, [out], initializer=[half])
+    opset = [helper.make_opsetid("", 17)]
+    onnx.save(helper.make_model(graph, opset_imports=opset, ir_version=9), path)
+
+
+def _write_tables(folder: Path, rng: np.random.Generator) -> None:
+    times = np.arange(40) * 0.004
+    gaze = [
+        f"{t:.3f},{x:.2f},{y:.2f}"
+        for t, (x, y) in zip(times, rng.normal(500, 9, (40, 2)), strict=True)
+    ]
+    gaze[7] = "0.028,,"
+    text = "t_s,x_px,y_px\n" + "\n".join(gaze) + "\n"
+    (folder / "g.csv").write_text(text)
+    (folder / "g.csv.gz").write_bytes(gzip.compress(text.encode(), 1))
+    (folder / "points.csv").write_text("x_px,y_px\n1.5,2\n3,4\n5,6\n")
+    rows = [f"{100 + 4 * n}\t{500 + n}.1\t{400 - n}.2\t900.0\t..." for n in range(30)]
+    rows[9] = "136\t   .\t   .\t0.0\t..."
+    (folder / "g.asc").write_text(
+        "** CONVERTED\nMSG\t90 GAZE_COORDS 0.00 0.00 1919.00 1079.00\n"
+        "START\t100 \tLEFT\tSAMPLES\nSAMPLES\tGAZE\tLEFT\tRATE\t 250.00\tTRACKING\tCR\n"
+        + "\n".join(rows) + "\nEBLINK L 136\t136\t4\nEND\t220 \tSAMPLES\n"
+    )  # fmt: skip
+    (folder / "0001.csv").write_text(
+        "t_s,raw_t,x_px,y_px\n" + "".join(f"{n * 0.004:.6f},{n}.5,{n},2.25\n" for n in range(20))
+    )
+    (folder / "poses.txt").write_text("# x\n1 0.5 0 0 0 0 0 1\n2 1 0 0 0 0.6 0 0.8\n")
+    (folder / "stimuli.csv").write_text(
+        "stimulus,file,scene,level\n" + "".join(f"s{n},s{n}.png,one,{n / 4}\n" for n in range(6))
+    )
+    (folder / "decisions.csv").write_text(
+        "participant,first,second,chosen,scene,rt_s\n"
+        + "".join(f"P{n % 3},a,b,{'ab'[n % 2]},one,{0.4 + n / 10}\n" for n in range(12))
+    )
+    (folder / "trials.csv").write_text(
+        "participant,expected,answer,level,rt_s,order\n"
+        + "".join(
+            f"P{n % 3},yes,{('yes', 'no')[n % 2]},{n / 8},{0.4 + n / 10},{n}\n" for n in range(12)
+        )
+    )
+
+
+def _write_studies(folder: Path) -> None:
+    repository = Path(__file__).parents[3]
+    shutil.copy(shipped("studies")["demo"], folder / "study.toml")
+    shutil.copy(shipped("displays")["fhd27-60hz"], folder / "display.toml")
+    shutil.copy(shipped("displays")["fhd27-60hz"], folder / "viewing.toml")
+    old = repository / "tests" / "study" / "format1"
+    shutil.copy(old / "demo.toml", folder / "format1.toml")
+    lines = gzip.decompress((old / "S001.jsonl.gz").read_bytes()).split(b"\n")
+    (folder / "format1.jsonl").write_bytes(b"\n".join(lines[:24]) + b"\n")
+    study = load_protocol(Path("demo"))
+    display = load_display(study.display.display)
+    (folder / "manifest").mkdir()
+    manifest = virtual_manifest(study, display)
+    kept = [
+        clip.model_copy(update={"frames_sha256": clip.frames_sha256[:2]}) for clip in manifest.clips
+    ]
+    write_manifest(folder / "manifest", manifest.model_copy(update={"clips": tuple(kept)}))
+    simulate_study(Simulation(study, display, gaze=STEADY, gaze_rate_hz=30), folder, 1)
+    whole = folder / "demo" / "S001" / "journal.jsonl"
+    few = folder / "few" / "demo" / "S001"
+    few.mkdir(parents=True)
+    few.joinpath("journal.jsonl").write_bytes(
+        b"".join(line + b"\n" for line in whole.read_bytes().split(b"\n")[:30])
+    )
+    for beside in ("gaze", "flips"):
+        shutil.rmtree(whole.parent / beside, ignore_errors=True)
+
+
+_NEVER_NEGATIVE = ("_hz", "width_px", "height_px", "size_px", "_share", "frames", "repeats")
+_TIMES = "_s"
+
+
+def absurd(value: Any, reader: Reader) -> str | None:
+    """Return the first number of what was read that cannot be meant, with its place."""
+    for place, number in _numbers(value, ""):
+        low = number < 0 and place.endswith((*_NEVER_NEGATIVE, _TIMES))
+        if (not math.isfinite(number) or low) and not reader.may_be(place, number):
+            return f"{place} = {number!r}"
+    return None
+
+
+def _numbers(value: Any, place: str) -> Iterator[tuple[str, float]]:
+    """Yield what is not finite, and what is negative, with its place; of an array the first."""
+    if isinstance(value, bool | str | bytes | None.__class__):
+        return
+    if isinstance(value, int | float | np.integer | np.floating):
+        if not (isinstance(value, int) or math.isfinite(value)) or value < 0:
+            yield place, float(max(min(value, 1e300), -1e300) if isinstance(value, int) else value)
+    elif isinstance(value, np.ndarray):
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            yield place, float(value[~np.isfinite(value)][0])
+        if value.dtype.kind in "fi" and (value < 0).any():
+            yield place, float(value[value < 0][0])
+    elif isinstance(value, pd.DataFrame):
+        for name in value.columns:
+            if value[name].dtype.kind in "fi":
+                yield from _numbers(value[name].to_numpy(), f"{place}.{name}")
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _numbers(entry, f"{place}.{key}")
+    elif isinstance(value, list | tuple):
+        names = getattr(value, "_fields", None) or range(len(value))
+        for key, entry in zip(names, value, strict=True):
+            yield from _numbers(entry, f"{place}.{key}" if isinstance(key, str) else place)
+    elif isinstance(value, BaseModel):
+        for key in type(value).model_fields:
+            yield from _numbers(getattr(value, key), f"{place}.{key}")
+    elif dataclasses.is_dataclass(value):
+        for entry in dataclasses.fields(value):
+            yield from _numbers(getattr(value, entry.name), f"{place}.{entry.name}")

@@ -1,0 +1,246 @@
+"""Whatever a tracker sends, gaze is judged by finite numbers, and what is stored reads back."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from analysis.export.bids_gaze import read_samples
+from protocols.journal import Note, SessionEnd
+from protocols.journal_file import read_journal
+from protocols.load import load_display, load_protocol
+from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
+from study_app.attempt_record import _gaze_csv
+from study_app.conduct import conduct
+from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.source import GazeSample, SourceInfo
+from study_app.gaze.trusted import AHEAD_S, TrustedGaze
+from study_app.observers import ArtificialObserver, PreferenceModel
+from study_app.opening import begin
+from study_app.simulate import Simulation
+from study_app.sleep_watch import SleepWatch
+from study_app.trial import Watch
+from study_app.virtual import VirtualClock, VirtualStage
+
+FHD = load_display("fhd27-60hz")
+DEMO = load_protocol(Path("demo"))
+VIEWING = Viewing.of(FHD)
+
+
+class Tracker:
+    """Sends what it is told to, sample by sample."""
+
+    def __init__(self, send) -> None:
+        self._send = send
+
+    def open(self):
+        pass
+
+    def info(self):
+        return SourceInfo("hostile", "", 60.0)
+
+    def poll(self):
+        return self._send()
+
+    def mark(self, text):
+        pass
+
+    def calibrate(self, _points_px):
+        return None
+
+    def close(self):
+        pass
+
+
+def trusted(samples, now_s=10.0) -> tuple[list[GazeSample], TrustedGaze]:
+    source = TrustedGaze(Tracker(lambda: samples), lambda: now_s)
+    return list(source.poll()), source
+
+
+def test_stamps_that_fall_lie_ahead_or_are_none_are_left_out_and_counted():
+    good = [GazeSample(9.0, 9.0, 1, 1), GazeSample(9.1, 9.1, 1, 1), GazeSample(9.1, 9.1, 1, 1)]
+    bad = [
+        *(GazeSample(stamp, 1, 1, 1) for stamp in (math.nan, math.inf, -math.inf)),
+        GazeSample(9.05, 1, 1, 1), GazeSample(10.0 + 2 * AHEAD_S, 1, 1, 1),
+        GazeSample(9.2, math.nan, 1, 1),
+    ]  # fmt: skip
+    kept, source = trusted([*good, *bad, GazeSample(10.0, 10, 1, 1)])
+
+    assert kept == [*good, GazeSample(10.0, 10, 1, 1)]
+    assert source.left_out == len(bad)
+
+
+@pytest.mark.parametrize("place", [math.inf, -math.inf, 1e300, -1e7, math.nan])
+def test_gaze_beyond_the_world_is_a_lost_eye(place):
+    for x, y in ((place, 5.0), (5.0, place)):
+        (sample,), source = trusted([GazeSample(9.0, 9.0, x, y)])
+        assert (sample.valid, source.left_out) == (False, 0)
+
+
+any_float = st.floats(allow_nan=True, allow_infinity=True) | st.floats(8, 11)
+any_sample = st.builds(GazeSample, any_float, any_float, any_float, any_float)
+
+
+@given(st.lists(any_sample, max_size=40))
+def test_whatever_is_sent_is_judged_by_finite_numbers_and_reads_back(samples):
+    kept, _ = trusted(samples)
+    monitor = FixationMonitor(DEMO.gaze, VIEWING, (0.0, 0.0), 60.0)
+    monitor.watch(8.0, 1.0)
+    monitor.feed(kept)
+    quality = monitor.quality(10.0).model_dump()
+    assert all(math.isfinite(value) for value in quality.values() if value is not None)
+    assert monitor.verdict(10.0) in Watch
+
+    data = _gaze_csv(kept, lambda t_s: round(t_s, 6))
+    rows = [line.split(",") for line in data.decode().splitlines()[1:]]
+    stamps = [float(row[0]) for row in rows]
+    assert stamps == sorted(stamps)
+    assert all(math.isfinite(float(cell)) for row in rows for cell in row if cell)
+
+
+def enforced() -> StudyProtocol:
+    plain = DEMO.model_dump()
+    plain["gaze"] |= {"mode": "enforce"}
+    plain["design"] |= {"repeats": 1}
+    return StudyProtocol.model_validate(plain)
+
+
+def steady(clock: VirtualClock):
+    x_px, y_px = VIEWING.to_px(0.0, 0.0)
+    return lambda: [GazeSample(clock(), clock(), x_px, y_px)]
+
+
+def sit(folder: Path, send_of):
+    """Conduct a sitting with a tracker; return its journal."""
+    study, clock = enforced(), VirtualClock()
+    observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
+    stage = VirtualStage(clock, 60.0, observer)
+    gaze = TrustedGaze(Tracker(send_of(clock)), clock)
+    setting = Simulation(study, FHD).setting(folder, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, gaze)
+    with recorder:
+        conduct(setting, plan, recorder, stage, gaze)
+    return read_journal(recorder.path)
+
+
+def test_a_clock_that_jumps_ahead_does_not_hold_the_dot_for_a_dead_tracker(tmp_path):
+    """Before, one stamp of tomorrow was never old: gaze counted as held for ever."""
+
+    def send_of(clock):
+        sent = steady(clock)
+
+        def send():
+            if clock() < 20.0:
+                return sent()
+            return [GazeSample(clock() + 86_400, clock(), *sent()[0][2:])] if clock() < 20.5 else []
+
+        return send
+
+    journal = sit(tmp_path, send_of)
+
+    last = journal.events[-1]
+    assert isinstance(last, SessionEnd)
+    assert last.reason == "tracker-lost"
+    assert journal.attempts[-1].void_reason in ("data-loss", "no-fixation")
+    notes = [event.text for event in journal.events if isinstance(event, Note)]
+    assert any("samples were left out" in text for text in notes)
+
+
+def test_samples_that_fall_or_are_no_numbers_cost_attempts_and_never_files(tmp_path):
+    def send_of(clock):
+        sent, count = steady(clock), [0]
+
+        def send():
+            count[0] += 1
+            sample = sent()[0]
+            wrong = (math.nan, math.inf, sample.t_s - 5.0, -1.0)[count[0] % 4]
+            return [sample._replace(t_s=wrong), sample, sample._replace(x_px=math.inf)]
+
+        return send
+
+    journal = sit(tmp_path, send_of)
+
+    assert journal.attempts
+    for attempt in journal.attempts:
+        if attempt.gaze_file:
+            assert read_samples(journal.path.parent, attempt.gaze_file)
+
+
+def test_sleep_is_told_once_and_setting_the_wall_clock_is_none():
+    awake, boot = [100.0], [250.0]
+    watch = SleepWatch(lambda: awake[0], lambda: boot[0])
+    awake[0], boot[0] = 160.0, 310.0
+    assert watch.slept_s() == 0.0
+    boot[0] += 3600
+    assert watch.slept_s() == pytest.approx(3600)
+    assert watch.slept_s() == 0.0
+
+
+def test_a_machine_that_stands_still_for_seconds_voids_the_attempt(tmp_path):
+    """A stopped process, a paused virtual machine: the clock went on, and no refresh had a flip."""
+    from study_app.virtual import Fault
+
+    plain = DEMO.model_dump()
+    plain["gaze"] |= {"mode": "none"}
+    study = StudyProtocol.model_validate(plain)
+    clock, planted = VirtualClock(), []
+
+    def faults(trial, attempt):
+        planted.append((trial.id, attempt))
+        return {90: Fault("missed", 300.0)} if len(planted) == 1 else {}
+
+    observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
+    stage = VirtualStage(clock, 60.0, observer, on_prepare=faults)
+    setting = Simulation(study, FHD).setting(tmp_path, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, None)
+    with recorder:
+        conduct(setting, plan, recorder, stage, None)
+    attempts = read_journal(recorder.path).attempts
+
+    assert attempts[0].void_reason == "dropped-frames"
+    assert {a.outcome for a in attempts if a.trial == attempts[0].trial} == {"void", "completed"}
+
+
+# --- over the lab streaming layer ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("channels", "rate_hz", "form", "said"),
+    [
+        (3000, 60.0, "float32", "at most 256 channels"),
+        (2, 60.0, "string", "must send numbers"),
+        (2, 1e6, "float32", "at most 20000 Hz"),
+        (2, 1000.0, "float32", "must send at the rate that it says"),
+        (1, 60.0, "float32", "two channels or more"),
+    ],
+)
+def test_a_stream_that_cannot_be_gaze_is_refused_with_a_reason(channels, rate_hz, form, said):
+    pylsl = pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
+    import threading
+
+    from protocols.errors import StudyError
+    from study_app.gaze.lsl import LslGaze, LslSpec
+
+    name = f"hostile-{channels}-{rate_hz}-{form}"
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo(name, "Gaze", channels, rate_hz, form, name))
+    stop = threading.Event()
+
+    def send() -> None:  # 50 Hz, whatever it says
+        while not stop.wait(0.02):
+            outlet.push_sample(["x"] * channels if form == "string" else [1.0] * channels)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    source = LslGaze(LslSpec(name), FHD)
+    try:
+        with pytest.raises(StudyError, match=said):
+            source.open()
+    finally:
+        source.close()
+        stop.set()
+        sender.join()

@@ -1,0 +1,322 @@
+"""A study in one file: whole or not there, proven whole, encrypted, restored, and never a trap."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import zipfile
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from protocols.feasibility import virtual_manifest
+from protocols.hashing import sha256_bytes
+from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import write_manifest
+from study_app.archive.index import INDEX_NAME, Index
+from study_app.cli import app
+from study_app.simulate import Simulation, simulate_sitting
+
+SECRET = "a secret of the lab"
+
+
+def session(*words: object, passphrase: str | None = None, said: str | None = None):
+    env = {"METAMERLAB_PASSPHRASE": passphrase}
+    return CliRunner().invoke(
+        app, ["session", *map(str, words)], env=env, input=said, terminal_width=200
+    )
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory) -> Path:
+    """A study with a secret, its display, two sittings and the clips' manifest."""
+    root = tmp_path_factory.mktemp("lab")
+    folder = root / "my-study"
+    folder.mkdir()
+    text = shipped("studies")["demo"].read_text(encoding="utf-8")
+    text = text.replace('display = "fhd27-60hz"', 'display = "my-display.toml"')
+    text = text.replace(
+        "[privacy]", f'[privacy]\nsecret_sha256 = "{sha256_bytes(SECRET.encode())}"'
+    )
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    (folder / "study.secret").write_text(SECRET + "\n")
+    shutil.copy(shipped("displays")["fhd27-60hz"], folder / "my-display.toml")
+    study = load_protocol(folder / "study.toml")
+    display = load_display("fhd27-60hz")
+    manifest = virtual_manifest(study, display)
+    (root / "clips").mkdir()
+    write_manifest(root / "clips", manifest)
+    simulation = Simulation(study, display, gaze_rate_hz=60, manifest=manifest)
+    for code in ("S001", "S002"):
+        simulate_sitting(simulation, root / "sessions", code)
+    (root / "sessions" / "another-study").mkdir()
+    return root
+
+
+@pytest.fixture
+def here(lab, tmp_path, monkeypatch) -> Path:
+    """The lab's folder as a copy that a test may change, and is in."""
+    shutil.copytree(lab, tmp_path / "lab")
+    monkeypatch.chdir(tmp_path / "lab")
+    return tmp_path / "lab"
+
+
+@pytest.fixture(scope="module")
+def made(lab) -> bytes:
+    """An archive of the lab, with its secret."""
+    out = lab / "made.zip"
+    done = session(
+        "archive", lab / "my-study/study.toml", "--sessions", lab / "sessions", "--out", out,
+        "--with-secret",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    data = out.read_bytes()
+    out.unlink()
+    return data
+
+
+@pytest.fixture
+def backup(made, tmp_path, monkeypatch) -> Path:
+    """A folder with that archive alone, as the current one."""
+    monkeypatch.chdir(tmp_path)
+    Path("backup.zip").write_bytes(made)
+    return tmp_path
+
+
+def archived(*more: object, out: str = "backup.zip", **options):
+    done = session(
+        "archive", "my-study/study.toml", "--stimuli", "clips", "--out", out, *more, **options
+    )
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def test_an_archive_holds_the_study_and_its_sittings_byte_for_byte(here):
+    said = archived().output
+    with zipfile.ZipFile("backup.zip") as archive:
+        names = set(archive.namelist())
+        for name in names - {INDEX_NAME, "study/study.toml", "study/my-display.toml"}:
+            assert archive.read(name) == (here / name).read_bytes()
+        index = Index.model_validate_json(archive.read(INDEX_NAME))
+
+    assert "whole (demo: 2 sittings" in said
+    assert index.sha256 in said
+    assert {"study/my-display.toml", "clips/manifest.json"} < names
+    assert {f"sessions/demo/S00{n}/journal.jsonl" for n in (1, 2)} < names
+    kept = {p.relative_to(here).as_posix() for p in here.glob("sessions/demo/**/*") if p.is_file()}
+    assert kept <= names
+    assert session("verify", "backup.zip").exit_code == 0
+
+
+@pytest.mark.usefixtures("here")
+def test_equal_studies_make_equal_archives_and_none_is_written_over():
+    archived(out="one.zip")
+    archived(out="two.zip")
+    assert Path("one.zip").read_bytes() == Path("two.zip").read_bytes()
+
+    Path("two.zip").write_bytes(b"mine")
+    done = session("archive", "my-study/study.toml", "--out", "two.zip")
+    assert (done.exit_code, Path("two.zip").read_bytes()) == (2, b"mine")
+    assert "must not exist yet" in done.output
+
+
+@pytest.mark.usefixtures("here")
+def test_a_secret_is_in_it_where_it_is_encrypted_or_asked_for():
+    archived(out="plain.zip")
+    archived("--with-secret", out="asked.zip")
+
+    def held(name):
+        return "study/study.secret" in zipfile.ZipFile(name).namelist()
+
+    assert (held("plain.zip"), held("asked.zip")) == (False, True)
+    assert "not compared with the plan" in session("verify", "plain.zip").output
+    assert "not compared" not in session("verify", "asked.zip").output
+    assert SECRET.encode() not in Path("plain.zip").read_bytes()
+
+
+@pytest.mark.usefixtures("here")
+def test_an_encrypted_archive_opens_with_its_passphrase_alone(full):
+    pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
+    archived("--passphrase", out="b.zip.age", passphrase="four words of mine")
+    assert Path("b.zip.age").read_bytes().startswith(b"age-encryption.org/v1")
+    assert stat.S_IMODE(Path("b.zip.age").stat().st_mode) == 0o600
+
+    done = session("verify", "b.zip.age", said="four words of mine\n")
+    assert done.exit_code == 0
+    assert "the study's secret" in done.output
+    assert "not compared" not in done.output
+    if full:  # age makes every try cost seconds, on purpose
+        wrong = session("verify", "b.zip.age", passphrase="another")
+        assert (wrong.exit_code, "must open with this" in wrong.output) == (2, True)
+
+
+@pytest.mark.usefixtures("here")
+def test_an_archive_to_a_key_opens_with_the_secret_half_and_restores():
+    pyrage = pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
+    identity = pyrage.x25519.Identity.generate()
+    Path("key.txt").write_text(f"# created\n{identity}\n")
+    archived("--recipient", identity.to_public(), out="b.zip.age")
+
+    assert "name its file with --identity" in session("verify", "b.zip.age").output
+    assert session("verify", "b.zip.age", "--identity", "key.txt").exit_code == 0
+    harmed = bytearray(Path("b.zip.age").read_bytes())
+    harmed[-70] ^= 1
+    Path("harmed").write_bytes(harmed)
+    done = session("verify", "harmed", "--identity", "key.txt")
+    assert (done.exit_code, "must open with this key" in done.output) == (2, True)
+    done = session("restore", "b.zip.age", "--identity", "key.txt", "--out", "restored")
+    assert done.exit_code == 0, done.output
+    assert Path("restored/study/study.secret").read_text() == SECRET + "\n"
+    study = load_protocol(Path("restored/study/study.toml"))
+    assert study.sha256 == load_protocol(Path("my-study/study.toml")).sha256
+    bad = session("archive", "my-study/study.toml", "--recipient", "age1no", "--out", "c")
+    assert (bad.exit_code, "must be a public key" in bad.output) == (2, True)
+    assert not Path("c").exists()
+
+
+@pytest.mark.usefixtures("backup")
+def test_it_is_restored_whole_by_the_command_and_by_unzip():
+    assert session("restore", "backup.zip", "--out", "one").exit_code == 0
+    with zipfile.ZipFile("backup.zip") as archive:
+        archive.extractall("two")
+
+    for name in ("one", "two"):
+        assert session("verify", name).exit_code == 0
+        done = session("verify", f"{name}/sessions", "--protocol", f"{name}/study/study.toml")
+        assert done.exit_code == 0, done.output
+    again = session("restore", "backup.zip", "--out", "one")
+    assert (again.exit_code, "must not exist yet" in again.output) == (2, True)
+    next(Path("two").rglob("flips/*.csv")).write_text("x")
+    assert session("verify", "two").exit_code == 2
+
+
+def test_what_is_not_as_it_was_recorded_is_archived_on_demand_alone(here):
+    side = next(Path("sessions").rglob("flips/*.csv"))
+    side.write_bytes(side.read_bytes() + b"\n")
+    done = session("archive", "my-study/study.toml", "--out", "b.zip")
+
+    assert (done.exit_code, Path("b.zip").exists()) == (2, False)
+    assert f"{side.parent.name}/{side.name} was changed" in done.output
+    assert not list(here.glob(".b.zip*"))
+    archived("--as-it-is", out="b.zip")
+    assert session("verify", "b.zip").exit_code == 2
+
+
+def test_frames_go_along_on_demand_and_must_be_those_of_the_manifest(here):
+    study = load_protocol(Path("my-study/study.toml"))
+    full = virtual_manifest(study, load_display("fhd27-60hz"))
+    frames = {c.name: [f"{c.name} {n}".encode() for n in range(30)] for c in full.clips}
+    clips = tuple(
+        c.model_copy(update={"frames_sha256": tuple(map(sha256_bytes, frames[c.name]))})
+        for c in full.clips
+    )
+    Path("clips/manifest.json").unlink()
+    write_manifest(here / "clips", full.model_copy(update={"clips": clips}))
+    for clip in clips:
+        for number, data in enumerate(frames[clip.name]):
+            place = Path("clips", clip.frame_path(number))
+            place.parent.mkdir(exist_ok=True)
+            place.write_bytes(data)
+    archived("--with-clips")
+    assert "clips, no secret" in session("verify", "backup.zip").output
+
+    place.write_bytes(b"another")
+    done = session(
+        "archive", "my-study/study.toml", "--stimuli", "clips", "--with-clips", "--out", "c.zip"
+    )
+    assert (done.exit_code, "is not the frame that its manifest has" in done.output) == (2, True)
+
+
+def rewritten(change) -> None:
+    """Write the archive anew, its members changed by name."""
+    with zipfile.ZipFile("backup.zip") as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()}
+    change(members)
+    with zipfile.ZipFile("backup.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+
+
+JOURNAL = "sessions/demo/S001/journal.jsonl"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda m: m.pop(JOURNAL), "must hold the files of its list"),
+        (lambda m: m.update({"sessions/demo/S009/journal.jsonl": b""}), "must hold the files"),
+        (lambda m: m.update({JOURNAL: m[JOURNAL][:-200]}), f"{JOURNAL} was changed"),
+        (lambda m: m.update({"study/study.toml": m["study/study.toml"] + b"\n# x"}), "was changed"),
+        (lambda m: m.update({INDEX_NAME: m[INDEX_NAME].replace(b"demo/S001", b"demo/../.")}),
+         "as it was written"),
+        (lambda m: m.update({INDEX_NAME: b"{}"}), "as it was written"),
+        (lambda m: m.pop(INDEX_NAME), "must be an archive of"),
+        (lambda m: m.update({"../evil": b"x"}), "inside the archive's own folder"),
+        (lambda m: m.update({"/evil": b"x"}), "inside the archive's own folder"),
+        (lambda m: m.update({"C:\\evil": b"x"}), "a name must be plain"),
+        (lambda m: m.update({"study/evil/": b""}), "inside the archive's own folder"),
+    ],
+)  # fmt: skip
+def test_a_changed_or_hostile_archive_is_one_message_and_nothing_is_unpacked(backup, change, said):
+    rewritten(change)
+    before = set(backup.rglob("*"))
+    for words in (("verify", "backup.zip"), ("restore", "backup.zip", "--out", "r/r")):
+        done = session(*words)
+        assert done.exit_code == 2, done.output
+        assert said in done.output or "restore" in words
+        assert "Traceback" not in done.output
+    assert {path for path in backup.rglob("*") if path != backup / "r"} == before
+
+
+def test_links_bombs_and_doubled_names_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def refused(fill) -> str:
+        Path("evil.zip").unlink(missing_ok=True)
+        with zipfile.ZipFile("evil.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+            fill(archive)
+        done = session("restore", "evil.zip", "--out", "r")
+        assert (done.exit_code, Path("r").exists()) == (2, False)
+        return done.output
+
+    link = zipfile.ZipInfo("study/link")
+    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    assert "no link" in refused(lambda archive: archive.writestr(link, "/etc/passwd"))
+    with pytest.warns(UserWarning, match="Duplicate"):
+        assert "once" in refused(lambda a: [a.writestr("x", b"1"), a.writestr("x", b"2")])
+
+    monkeypatch.setenv("METAMERLAB_LIMITS", "unpacked=1e6")
+    assert "must unpack to at most" in refused(lambda a: a.writestr("zeros", bytes(40 << 20)))
+
+
+@pytest.mark.usefixtures("backup")
+def test_no_byte_of_an_archive_can_be_harmed_unnoticed(made, rng, proof_count):
+    data = made
+    whole = session("verify", "backup.zip").output.splitlines()[-1]
+    for place in rng.integers(0, len(data), proof_count(100)):
+        Path("backup.zip").write_bytes(
+            data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :]
+        )
+        done = session("verify", "backup.zip")
+        assert done.exit_code in (0, 2), done.exception
+        if done.exit_code == 0:  # a byte that says nothing, such as a date
+            assert done.output.splitlines()[-1] == whole
+
+
+def test_a_full_disk_leaves_nothing_behind(here, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("study_app.archive.write.os.fsync", full)
+    done = session("archive", "my-study/study.toml", "--out", "b.zip")
+    assert (done.exit_code, "the disk refused" in done.output) == (2, True)
+    assert not [path for path in here.iterdir() if "b.zip" in path.name]
+
+
+@pytest.mark.usefixtures("here")
+def test_without_the_package_encryption_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pyrage", None)
+    done = session("archive", "my-study/study.toml", "--passphrase", "--out", "b", passphrase="x")
+    assert (done.exit_code, "metamerlab[age]" in done.output) == (2, True)
+    assert not Path("b").exists()

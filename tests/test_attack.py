@@ -1,0 +1,146 @@
+"""No harmed file is more than one message; and the tool that harms them finds what falls."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import pytest
+from attack import campaign, mutations
+from attack.__main__ import main
+from attack.campaign import run_inputs
+from attack.mutations import mutated
+from attack.readers import READERS, Reader, absurd, write_samples
+
+from protocols.errors import StudyError
+
+INPUTS = 100_000
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
+    pytest.mark.timeout(7200),  # --full
+]
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("samples")
+    write_samples(folder)
+    return folder
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_whole_files_are_read(samples, reader):
+    assert absurd(reader.read(samples / reader.file), reader) is None
+
+
+def test_harmed_files_are_refused_in_one_message_or_read(full, tmp_path):
+    """All in the default run some twenty for each reader, else 10^5; each run harms others."""
+    seed = time.time_ns() % 10**6
+    results = run_inputs(seed, INPUTS if full else 20 * len(READERS), keep=tmp_path)
+
+    assert [failure for result in results for failure in result.failures] == [], f"seed {seed}"
+    assert all(result.refused for result in results if result.inputs > 15)
+    assert any(result.refused < result.inputs for result in results)
+
+
+# --- the tool itself ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Read:
+    duration_s: float
+    size_px: tuple[int, int] = (3, 4)
+
+
+def grow(_path: Path) -> None:
+    _ = bytearray(b"x") * (1 << 28)
+
+
+def say_nothing(_path: Path) -> None:
+    raise StudyError("")
+
+
+def read_as(behave) -> Reader:
+    return Reader("broken", "poses.txt", mutations.PLAIN, behave)
+
+
+@pytest.mark.parametrize(
+    ("behave", "kind"),
+    [
+        (lambda _path: 1 / 0, "traceback"),
+        (lambda _path: __import__("os").abort(), "crash"),
+        (lambda _path: __import__("time").sleep(1000), "hang"),
+        (grow, "memory"),
+        (lambda _path: Read(-1.0), "absurd"),
+        (lambda _path: Read(math.nan), "absurd"),
+        (lambda _path: Read(1.0, (-3, 4)), "absurd"),
+        (say_nothing, "message"),
+    ],
+)
+def test_a_reader_that_fails_is_found_out_and_its_input_kept(monkeypatch, tmp_path, behave, kind):
+    if kind == "hang":
+        monkeypatch.setattr(campaign, "HANG_WALL_S", 0.4)
+    monkeypatch.setattr(campaign, "GROWTH_MIB", 100)
+    count = 1 if kind in ("hang", "memory") else 3
+    (result,) = run_inputs(5, count, readers=[read_as(behave)], keep=tmp_path)
+
+    assert [failure.kind for failure in result.failures] == [kind] * count
+    assert len(list(tmp_path.iterdir())) == count
+    assert (result.inputs, result.refused) == (count, 0)
+
+
+def test_a_traceback_names_our_innermost_line():
+    def falls(path: Path) -> None:
+        raise RuntimeError(path.name)
+
+    (result,) = run_inputs(5, 1, readers=[read_as(falls)])
+    assert "tests/test_attack.py:" in result.failures[0].where
+
+
+def test_an_input_follows_from_seed_reader_and_number(samples):
+    for reader in READERS[::4]:
+        first, again, other = (campaign.harmed(seed, reader, 3, samples) for seed in (1, 1, 2))
+        assert first == again
+        assert first != other or len(first) < 40
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_what_packs_or_seals_a_file_is_no_shelter(samples, reader):
+    """Most harm is done inside: taken apart and put together again, a file is still whole."""
+    data = (samples / reader.file).read_bytes()
+    shape = reader.shape
+    again = samples / reader.file
+    again.write_bytes(shape.outside(data, shape.inside(data)))
+    try:
+        assert absurd(reader.read(again), reader) is None
+    finally:
+        again.write_bytes(data)
+    assert any(mutated(Random(n), data, shape) != data for n in range(20))
+
+
+def test_the_command_writes_figures_and_a_table_and_reads_kept_files_again(
+    monkeypatch, tmp_path, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- attack: begin -->\nold\n<!-- attack: end -->\nafter\n")
+    status = main(
+        ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "4", "--seed", "3",
+         "--reader", "pose", "--json", "figures.json", "--page", str(page)]
+    )  # fmt: skip
+    figures = json.loads(Path("figures.json").read_text())
+
+    assert status == 0
+    assert [figures[kind]["done"] for kind in ("inputs", "faults", "captures", "kills")] == [
+        12, 40, 20, 4,
+    ]  # fmt: skip
+    assert {found["seed"] for found in figures.values()} == {3}
+    assert "| harmed files" in page.read_text()
+    assert "old" not in page.read_text()
+    Path("kept.txt").write_text("1 nan 0 0 0 0 0 1\n")
+    assert main(["--reader", "pose", "--again", "kept.txt"]) == 0
+    assert "refused" in capsys.readouterr().out
