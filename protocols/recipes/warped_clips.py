@@ -9,9 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    StringConstraints,
+    model_serializer,
+    model_validator,
+)
 
 from protocols.errors import Problem
 from protocols.hashing import Json
@@ -42,6 +48,21 @@ if TYPE_CHECKING:
 
 PHOTOGRAPH_RIM_PX = 1
 """Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
+
+
+class Grown(Model):
+    """An entry with keys that were added later: at their defaults, its hash is what it was."""
+
+    added_later: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_new_defaults(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = type(self).model_fields
+        return {
+            key: value
+            for key, value in plain(self).items()
+            if key not in self.added_later or getattr(self, key) != fields[key].default
+        }
 
 
 class View(Model):
@@ -190,14 +211,18 @@ class _PhotoScene(SceneBase):
         return self.camera.kind in {"stereo", "upsampling"}
 
 
-class StereoScene(_PhotoScene):
+class StereoScene(Grown, _PhotoScene):
     """A rectified photograph pair with its disparity: z = focal_px baseline_m / (d + offset_px)."""
 
     kind: Literal["stereo"]
     left: Text
     right: Text
     disparity: Text
-    """Disparity of the left view in pixels: PFM, EXR, TIFF or .npy; not finite = unknown."""
+    """Disparity of the left view: PNG, PGM, PFM, TIFF, OpenEXR, .npy or .npz; unknown is 0 in files
+    of integers and not finite in files of floats. What the left photograph shows at x, the right
+    one shows at x - d."""
+    units_per_px: Annotated[float, Field(gt=0)] = 1.0
+    """What the file stores for a disparity of one pixel: 4 where it holds quarters of a pixel."""
     focal_px: Annotated[float, Field(gt=0)]
     baseline_m: Metres
     offset_px: float = 0.0
@@ -205,6 +230,8 @@ class StereoScene(_PhotoScene):
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """So many pixels of the background along a hole are taken to be mixed with what uncovered it,
     and are hole too."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("units_per_px",)
 
 
 class RgbdScene(_PhotoScene):

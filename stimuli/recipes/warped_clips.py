@@ -7,12 +7,15 @@ from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 
+from pipeline.errors import InputError
 from pipeline.methods.registry import method_names, method_parameters
 from protocols.errors import Problem
-from protocols.recipes.warped_clips import ClipName
+from protocols.recipes.warped_clips import ClipName, StereoScene
 from protocols.registries import check_methods, check_scenes
 from stimuli.orders import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
+from stimuli.scenes.pair_check import judge_pair
+from stimuli.scenes.photo import is_built_in, read_pair
 from stimuli.scenes.registry import scene_names
 
 
@@ -25,11 +28,38 @@ class WarpedClipBuilder(Builder):
         return Orders(self.protocol, self.display, self.folder)
 
     def problems(self) -> list[Problem]:
-        """Return methods, parameters and scenes that are not known."""
+        """Return what is not known of methods and scenes, and pairs whose files do not belong."""
         return [
             *check_methods(self.protocol, method_names(), method_parameters),
             *check_scenes(self.protocol, scene_names()),
+            *self._pairs[0],
         ]
+
+    def notes(self) -> list[Problem]:
+        """Return pairs whose photographs agree less than they should."""
+        return self._pairs[1]
+
+    @cached_property
+    def _pairs(self) -> tuple[list[Problem], list[Problem]]:
+        """What is wrong with the stereo pairs that are here, and what is doubtful."""
+        wrong: list[Problem] = []
+        doubtful: list[Problem] = []
+        for index, scene in enumerate(self.protocol.warped.scenes):
+            if not isinstance(scene, StereoScene) or is_built_in(scene, self.folder):
+                continue
+            files = [self.folder / name for name in (scene.left, scene.right, scene.disparity)]
+            if not all(file.is_file() for file in files):
+                continue  # `problems` of the recipe names them, where a build needs them
+            place = f"stimuli.scenes[{index}]"
+            try:
+                verdict = judge_pair(read_pair(scene, self.folder), units_per_px=scene.units_per_px)
+            except (InputError, OSError) as error:
+                wrong.append(Problem(place, str(error)))
+                continue
+            if verdict.doubtful:
+                said = Problem(place, f"{scene.left}, {scene.right}, {scene.disparity}: {verdict}")
+                (wrong if verdict.refused else doubtful).append(said)
+        return wrong, doubtful
 
     def estimate(self, out: Path, workers: int) -> Estimate:
         """Make one frame of the first scene by every method, and multiply."""

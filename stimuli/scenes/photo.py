@@ -150,16 +150,7 @@ class PhotoScenery:
 
 def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
     """Open a pair; ``left = "motorcycle"`` means the one that comes with scikit-image."""
-    if is_built_in(scene, folder):
-        pair = replace(
-            built_in_pair(scene.left), focal_px=scene.focal_px, baseline_m=scene.baseline_m,
-            offset_px=scene.offset_px,
-        )  # fmt: skip
-    else:
-        pair = load_pair(
-            folder / scene.left, folder / scene.disparity, folder / scene.right,
-            focal_px=scene.focal_px, baseline_m=scene.baseline_m, offset_px=scene.offset_px,
-        )  # fmt: skip
+    pair = read_pair(scene, folder)
     largest = float("inf")
     if isinstance(scene.camera, StereoPath):
         largest = scene.camera.baselines * scene.baseline_m
@@ -169,6 +160,26 @@ def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
     return PhotoScenery(
         scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest, rim_px=scene.rim_px
     )
+
+
+def read_pair(scene: StereoScene, folder: Path) -> StereoPair:
+    """Read a scene's pair; both photographs, whatever its path.
+
+    Raises
+    ------
+    FileNotFoundError, InputError
+        As `load_pair` raises them.
+    """
+    if is_built_in(scene, folder):
+        return replace(
+            built_in_pair(scene.left), focal_px=scene.focal_px, baseline_m=scene.baseline_m,
+            offset_px=scene.offset_px,
+        )  # fmt: skip
+    return load_pair(
+        folder / scene.left, folder / scene.disparity, folder / scene.right,
+        units_per_px=scene.units_per_px, focal_px=scene.focal_px, baseline_m=scene.baseline_m,
+        offset_px=scene.offset_px,
+    )  # fmt: skip
 
 
 def is_built_in(scene: StereoScene, folder: Path) -> bool:

@@ -70,10 +70,9 @@ def check(
         study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
         # Imported here: it brings the renderer along.
-        from stimuli.recipes import builder_of
         from study_app.cli.checked_study import require_buildable
 
-        require_buildable(protocol, study, screen, manifest)
+        builder = require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
         say(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
@@ -85,10 +84,8 @@ def check(
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
                 say(f"note: {missing}")
-        if stimuli is None:
-            folder = protocol.absolute().parent
-            for missing in builder_of(study, screen, folder).lacking():
-                say(f"note: {missing}")
+        for note in (*builder.notes(), *(builder.lacking() if stimuli is None else ())):
+            say(f"note: {note}")
 
 
 @app.command()
