@@ -69,7 +69,9 @@ def take_survey(
     folder.mkdir(parents=True, exist_ok=True)
     size = orders.size(clip)
     shot = _shot(orders, clip, 0.0)
-    if size.extent_m is not None:
+    if orders.scene(clip).has_own_path:
+        extent_m = 0.0  # its files tell all motion
+    elif size.extent_m is not None:
         extent_m = size.extent_m
         if extent_m > scenery.largest_extent_m * (1 + 1e-9):
             raise InputError(

@@ -7,15 +7,13 @@ from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 
-from pipeline.errors import InputError
 from pipeline.methods.registry import method_names, method_parameters
 from protocols.errors import Problem
-from protocols.recipes.warped_clips import ClipName, StereoScene
+from protocols.recipes.warped_clips import ClipName
 from protocols.registries import check_methods, check_scenes
 from stimuli.orders import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
-from stimuli.scenes.pair_check import judge_pair
-from stimuli.scenes.photo import is_built_in, read_pair
+from stimuli.recipes.warped_checks import Findings, look_at_files
 from stimuli.scenes.registry import scene_names
 
 
@@ -28,38 +26,20 @@ class WarpedClipBuilder(Builder):
         return Orders(self.protocol, self.display, self.folder)
 
     def problems(self) -> list[Problem]:
-        """Return what is not known of methods and scenes, and pairs whose files do not belong."""
+        """Return methods and scenes that are not known, and files that cannot be used."""
         return [
             *check_methods(self.protocol, method_names(), method_parameters),
             *check_scenes(self.protocol, scene_names()),
-            *self._pairs[0],
+            *self._findings.wrong,
         ]
 
     def notes(self) -> list[Problem]:
-        """Return pairs whose photographs agree less than they should."""
-        return self._pairs[1]
+        """Return pairs that agree less than they should, and what does not apply to sequences."""
+        return self._findings.doubtful
 
     @cached_property
-    def _pairs(self) -> tuple[list[Problem], list[Problem]]:
-        """What is wrong with the stereo pairs that are here, and what is doubtful."""
-        wrong: list[Problem] = []
-        doubtful: list[Problem] = []
-        for index, scene in enumerate(self.protocol.warped.scenes):
-            if not isinstance(scene, StereoScene) or is_built_in(scene, self.folder):
-                continue
-            files = [self.folder / name for name in (scene.left, scene.right, scene.disparity)]
-            if not all(file.is_file() for file in files):
-                continue  # `problems` of the recipe names them, where a build needs them
-            place = f"stimuli.scenes[{index}]"
-            try:
-                verdict = judge_pair(read_pair(scene, self.folder), units_per_px=scene.units_per_px)
-            except (InputError, OSError) as error:
-                wrong.append(Problem(place, str(error)))
-                continue
-            if verdict.doubtful:
-                said = Problem(place, f"{scene.left}, {scene.right}, {scene.disparity}: {verdict}")
-                (wrong if verdict.refused else doubtful).append(said)
-        return wrong, doubtful
+    def _findings(self) -> Findings:
+        return look_at_files(self.orders)
 
     def estimate(self, out: Path, workers: int) -> Estimate:
         """Make one frame of the first scene by every method, and multiply."""
@@ -82,6 +62,8 @@ class WarpedClipBuilder(Builder):
 
     def summary(self, outcome: Outcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""
+        from stimuli.contact import extent_text
+
         rows: dict[str, Sequence[str]] = {}
         for clip in outcome.manifest.clips:
             least, most = (
@@ -90,7 +72,7 @@ class WarpedClipBuilder(Builder):
             rows.setdefault(
                 f"{clip.column('scene')}, {clip.column('size')}",
                 (
-                    f"{float(str(clip.parameters['extent_m'])):.4g} m",
+                    extent_text(clip),
                     f"{100 * (clip.hole_share or 0):.2f} %",
                     f"{100 * least:.2f} %",
                     f"{100 * most:.2f} %",

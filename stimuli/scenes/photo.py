@@ -122,6 +122,9 @@ class PhotoScenery:
     ) -> None:
         """Leave the motion to the cameras."""
 
+    def own_margin_px(self, size_px: tuple[int, int]) -> None:
+        """Leave the margin to the path."""
+
     @property
     def typical_depth_m(self) -> float:
         """The depth that a twentieth of the photograph is nearer than."""
@@ -228,26 +231,6 @@ def load_depth(path: Path, scale: float) -> NDArray[np.float32]:
         depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
     check_depth(depth, f"{path}: depth")
     return depth
-
-
-def fitted(
-    frame: SourceFrame, size_px: tuple[int, int], margin_px: int
-) -> tuple[SourceFrame, float]:
-    """Cut a picture to `size_px` and its margin; return it and its scale."""
-    scenery = PhotoScenery("picture", frame, 1.0)
-    cut, camera = scenery.source(size_px, margin_px, STILL, 0.0, -1)
-    return cut, camera.fx_px
-
-
-def nearest_plane(
-    plane: NDArray[np.float32], size_px: tuple[int, int], margin_px: int
-) -> NDArray[np.float32]:
-    """Cut any plane as `fitted` cuts depth."""
-    height, width = plane.shape
-    wanted = (size_px[0] + 2 * margin_px, size_px[1] + 2 * margin_px)
-    scale = max(wanted[0] / width, wanted[1] / height)
-    fit = _Fit(scale, (width - wanted[0] / scale) / 2, (height - wanted[1] / scale) / 2)
-    return _nearest(plane, fit, wanted)
 
 
 def _resized(
