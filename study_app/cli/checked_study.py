@@ -8,6 +8,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible
 from protocols.manifest import Manifest
+from protocols.plausible import display_notes
 from protocols.schema import StudyProtocol
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Builder
@@ -29,7 +30,10 @@ def require_buildable(
         With a line for every mistake; `path` says where.
     """
     builder = builder_of(study, display, path.absolute().parent)
-    problems = [*builder.problems(), *check_feasible(study, display, manifest)]
+    unfit = check_feasible(study, display, manifest)
+    if unfit:  # measures in other units are a likely cause
+        unfit += display_notes(display)
+    problems = [*builder.problems(), *unfit]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
     return builder
