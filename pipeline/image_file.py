@@ -16,6 +16,7 @@ from pipeline.limits import check_values, reading
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
 _NO_TIME = "1970:01:01 00:00:00"
+_LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
 _PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -91,6 +92,17 @@ def stated_size_px(path: Path) -> tuple[int, int] | None:
     spec = source.spec()
     source.close()
     return int(spec.width), int(spec.height)
+
+
+def may_be_lossy(path: Path) -> str | None:
+    """Return the format of an image file whose numbers may be changed by compression, else None."""
+    source = oiio.ImageInput.open(str(path)) if path.is_file() else None
+    if source is None:
+        oiio.geterror()
+        return None
+    name = str(source.format_name())
+    source.close()
+    return name if name in _LOSSY else None
 
 
 def count_pictures(path: Path) -> int:

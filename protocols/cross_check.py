@@ -30,10 +30,11 @@ def cross_check(sections: Mapping[str, object]) -> list[Problem]:
     `sections` holds the sections and entries that are right by themselves; what is missing is
     not judged, so that a file with other mistakes still gets all that can be said about it.
     """
-    return list(_duplicates(sections)) + list(_references(sections)) + list(_rules(sections))
+    return list(_entries(sections)) + list(_references(sections)) + list(_rules(sections))
 
 
-def _duplicates(sections: Mapping[str, object]) -> Iterator[Problem]:
+def _entries(sections: Mapping[str, object]) -> Iterator[Problem]:
+    """Names that are there twice, and sizes that say nothing."""
     stimuli = sections.get("stimuli")
     if not isinstance(stimuli, WarpedClips):
         return
@@ -47,6 +48,14 @@ def _duplicates(sections: Mapping[str, object]) -> Iterator[Problem]:
                     f" stimuli.{section}[{first[entry.name]}] has); rename one of them",
                 )
             first.setdefault(entry.name, index)
+    moved = next((scene.name for scene in stimuli.scenes if not scene.has_own_path), None)
+    for index, size in enumerate(stimuli.sizes):
+        if moved is not None and size.is_own:
+            yield Problem(
+                f"stimuli.sizes[{index}]",
+                f"a size says either hole_share or extent_m (got neither), for scene {moved!r};"
+                " OpenEXR sequences with their own motion alone need none",
+            )
 
 
 def _references(sections: Mapping[str, object]) -> Iterator[Problem]:

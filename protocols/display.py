@@ -86,6 +86,12 @@ class Display(Model):
 
         return pixels(width_deg, self.pitch_x_mm), pixels(height_deg, self.pitch_y_mm)
 
+    def angles_deg(self, width_px: int, height_px: int) -> tuple[float, float]:
+        """Return the visual angles (width, height) of a centred rectangle of that many pixels."""
+        half_mm = width_px * self.pitch_x_mm / 2, height_px * self.pitch_y_mm / 2
+        width, height = (2 * math.degrees(math.atan(mm / self.distance_mm)) for mm in half_mm)
+        return width, height
+
     def angle_of_width_deg(self, width_px: int) -> float:
         """Return the visual angle of a centred length of `width_px`."""
         half_mm = width_px * self.pitch_x_mm / 2

@@ -287,7 +287,11 @@ def _built_size(protocol: StudyProtocol, display: Display, manifest: Manifest) -
                     f"clips are shown pixel by pixel and never rescaled: must be {width}x{height}"
                     f" px on this display (got {clip.width_px}x{clip.height_px} px, built for"
                     f" {manifest.display!r}); build the clips for {display.name!r}, or set"
-                    f" width_deg = {display.angle_of_width_deg(clip.width_px):.4g}",
+                    + (
+                        f" width_deg = {display.angle_of_width_deg(clip.width_px):.4g}"
+                        if protocol.stimuli.size_unit == "deg"
+                        else f" width_px = {clip.width_px}"
+                    ),
                 )
             ]
         if clip.fps != protocol.stimuli.frame_hz:

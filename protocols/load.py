@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
@@ -88,6 +88,11 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     StudyError
         With one line per mistake, placed as in format 2.
     """
+    if is_display(raw):
+        raise StudyError(
+            f"{path}: must be a study (this is a display); 'metamerlab protocol check' checks"
+            " displays too, and a study names its display in [display], or takes it by --display"
+        )
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
@@ -173,6 +178,11 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
     """
     protocol = load_protocol(path)
     return protocol, load_display(display or protocol.display.display, beside=path)
+
+
+def is_display(raw: Mapping[str, object]) -> bool:
+    """Whether a parsed file is meant as a display."""
+    return "refresh_hz" in raw and not {"study", "stimuli", "scenes"} & set(raw)
 
 
 def load_toml(path: Path, model: type[M]) -> M:

@@ -59,6 +59,12 @@ Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"}
 """Degrees of visual angle."""
 SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
 Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"}), AfterValidator(pixels)]
+EvenPixels = Annotated[
+    int,
+    Field(gt=0, multiple_of=2, json_schema_extra={"unit": "px"}),
+    AfterValidator(pixels),
+]
+"""Even, so that a centred picture lies on whole pixels."""
 Millimetres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "mm"})]
 Metres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
 Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]

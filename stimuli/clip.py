@@ -68,8 +68,10 @@ def take_survey(
         return known
     folder.mkdir(parents=True, exist_ok=True)
     size = orders.size(clip)
-    shot = _shot(orders, clip, 0.0)
-    if size.extent_m is not None:
+    shot = shot_of(orders, clip, 0.0)
+    if orders.scene(clip).has_own_path:
+        extent_m = 0.0  # its files tell all motion
+    elif size.extent_m is not None:
         extent_m = size.extent_m
         if extent_m > scenery.largest_extent_m * (1 + 1e-9):
             raise InputError(
@@ -79,7 +81,7 @@ def take_survey(
     else:
         assert size.hole_share is not None
         extent_m = solve_extent(ctx, scenery, shot, size.hole_share, f"{clip.scene}, {clip.size}")
-    footage = Footage(ctx, scenery, _shot(orders, clip, extent_m), holes_only=True)
+    footage = Footage(ctx, scenery, shot_of(orders, clip, extent_m), holes_only=True)
     try:
         hashes, shares = [], []
         for frame in range(shot.frames):
@@ -171,7 +173,7 @@ def _frames(
 ) -> Iterator[tuple[int, NDArray[np.float32]]]:
     if not wanted:
         return
-    shot = _shot(orders, clip, survey.extent_m)
+    shot = shot_of(orders, clip, survey.extent_m)
     footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
     method, fills = None, None
     try:
@@ -190,7 +192,8 @@ def _frames(
         footage.release()
 
 
-def _shot(orders: Orders, clip: ClipName, extent_m: float) -> Shot:
+def shot_of(orders: Orders, clip: ClipName, extent_m: float) -> Shot:
+    """Return how a clip is taken at an extent of its path."""
     clips = orders.protocol.warped.clips
     path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
     return Shot(path, orders.render_px, extent_m, clips.margin_share)

@@ -93,6 +93,12 @@ def _described(protocol: StudyProtocol, clip: Clip) -> tuple[str, str, str]:
     facts = (
         f"holes {100 * (clip.hole_share or 0):.2f} % of the frame on average ({least:.2f} to"
         f" {most:.2f} %); path {clip.parameters['path']}, extent"
-        f" {float(str(clip.parameters['extent_m'])):.4g} m"
+        f" {extent_text(clip)}"
     )
     return f"{scene}, {size}", method, facts
+
+
+def extent_text(clip: Clip) -> str:
+    """Return the extent of a clip's path as people read it."""
+    extent_m = float(str(clip.parameters["extent_m"]))
+    return f"{extent_m:.4g} m" if extent_m else "own motion"

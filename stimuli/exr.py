@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
-from pipeline.image_file import from_integers, read_pixels, three_channels, write_pixels
+from pipeline.image_file import (
+    from_integers,
+    may_be_lossy,
+    read_pixels,
+    three_channels,
+    write_pixels,
+)
 from stimuli.channels import Planes, find, need, need_motion
 from stimuli.exr_parts import read_parts
 
@@ -217,9 +223,15 @@ def load_plane(path: Path) -> tuple[NDArray[np.float32], bool]:
     FileNotFoundError
         If there is no such file.
     InputError
-        If it is not a whole image of one channel.
+        If it is not a whole image of one channel, or of a format that loses numbers.
     """
     pixels = read_pixels(path)
+    lossy = may_be_lossy(path)
+    if lossy is not None:
+        raise InputError(
+            f"{path}: must hold exact numbers ({lossy} changes them, most at edges, where they"
+            " matter); save it anew as PNG, TIFF or OpenEXR from what it was made of"
+        )
     data = pixels.data
     if data.shape[-1] == 3 and (data == data[..., :1]).all():
         data = data[..., :1]  # grey, stored as colour

@@ -84,7 +84,9 @@ class Footage:
         self._source_frame: int | None = None
         self._camera: Camera | None = None
         self._frame: SourceFrame | None = None
-        self.margin_px = margin_px if margin_px is not None else self._find_margin(probe)
+        if margin_px is None:
+            margin_px = scenery.own_margin_px(shot.size_px)
+        self.margin_px = self._find_margin(probe) if margin_px is None else margin_px
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`; a real frame of temporal up-sampling has no holes."""

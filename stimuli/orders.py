@@ -68,9 +68,14 @@ class Orders:
         return self.protocol.warped.method(clip.method)
 
     def registry_name(self, clip: ClipName) -> str:
-        """The method's registry name, with its path made relative to `folder`."""
+        """The method's registry name, with its path in `folder` and the clip's names in it.
+
+        ``{scene}`` and ``{size}`` in the path stand for those of the clip.
+        """
         name = self.method(clip).registry_name
         kind, colon, path = name.partition(":")
+        for column in ("scene", "size"):
+            path = path.replace(f"{{{column}}}", getattr(clip, column))
         return f"{kind}:{self.folder / path}" if colon else name
 
     def parameters(self, clip: ClipName) -> dict[str, Any]:

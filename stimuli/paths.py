@@ -82,9 +82,8 @@ def make_path(path: CameraPath, frames: int, fps: float) -> Path:
         If a key-framed path never leaves its place, or has frames outside the clip.
     """
     if isinstance(path, UpsamplingPath):
-        along = make_path(path.along, frames, fps)
-        real = [k - k % path.real_every for k in range(frames)]
-        return Path(along.poses, real)
+        poses = [STILL] * frames if path.along is None else make_path(path.along, frames, fps).poses
+        return Path(poses, [k - k % path.real_every for k in range(frames)])
     if isinstance(path, CirclePath):
         return Path(_circle(path, frames))
     if isinstance(path, LinePath):

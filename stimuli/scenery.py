@@ -47,6 +47,18 @@ class Scenery(Protocol):
         """
         ...
 
+    def own_margin_px(self, size_px: tuple[int, int]) -> int | None:
+        """Return the margin around `size_px` that the files bring, where they bring all motion.
+
+        None: a path moves the camera, and any margin can be made.
+
+        Raises
+        ------
+        InputError
+            If the files are smaller than `size_px`.
+        """
+        ...
+
     @property
     def typical_depth_m(self) -> float:
         """The depth of what is near, to begin the search for a path's extent."""
@@ -107,6 +119,9 @@ class RenderedScenery:
         frame: int,
     ) -> None:
         """Leave the motion to the cameras."""
+
+    def own_margin_px(self, size_px: tuple[int, int]) -> None:
+        """Leave the margin to the path."""
 
     @property
     def typical_depth_m(self) -> float:

@@ -199,6 +199,10 @@ def test_a_right_image_moves_to_the_left_camera(scene):
     disparity = np.full((HEIGHT, WIDTH), 4, np.uint8)
     disparity[12:36, 24:48] = 8
     write_pixels(scene / "disparity.png", disparity[..., None], "Y")
+    picture = load_colour(scene / "picture.png")
+    left = np.roll(picture, 4, axis=1)
+    left[12:36, 32:56] = picture[12:36, 24:48]
+    save_colour(scene / "truth.png", left)
     code, said, _ = run(
         scene / "picture.png",
         scene / "out.png",

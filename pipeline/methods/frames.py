@@ -1,5 +1,6 @@
 """`frames:FOLDER`: fills made elsewhere, one image per frame of the clip."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,23 @@ from pipeline.frame import WarpedFrame
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from pipeline.methods.method import composite
 
+FRAME = "{frame}"
+"""Stands for a frame's number in a path."""
+MOST_APART = 0.06
+"""Median difference outside the holes, largest channel; half of a frame may be further off."""
+
 
 class FramesOnDisk:
     """Take the holes' content from ``FOLDER/000000.png``, ``000001.png``, ...
 
     Only the holes are taken: all else stays the warp's own, so that methods differ in their
-    fill alone.
+    fill alone. Outside the holes a frame shows what the warped frame shows, or nothing (black).
 
     Parameters
     ----------
     path : Path
-        A folder of images of integers whose names are numbers from 0 without a gap.
+        A folder of images of integers whose names are numbers from 0 without a gap; or a path to
+        such images whose last part has ``{frame}`` in place of the number.
 
     Raises
     ------
@@ -32,10 +39,7 @@ class FramesOnDisk:
 
     def __init__(self, path: Path) -> None:
         numbered: dict[int, Path] = {}
-        for file in sorted(path.iterdir()):
-            if not (file.is_file() and file.stem.isdecimal()):
-                continue
-            number = int(file.stem)
+        for number, file in _numbered(path):
             if number in numbered:
                 raise InputError(
                     f"{path}: must hold each frame once"
@@ -44,7 +48,7 @@ class FramesOnDisk:
             numbered[number] = file
         if not numbered:
             raise InputError(
-                f"{path}: must hold frames named 000000.png, 000001.png, ... (has none)"
+                f"{path}: must hold frames named {_name(path, 0)}, {_name(path, 1)}, ... (has none)"
             )
         missing = sorted(set(range(max(numbered) + 1)) - numbered.keys())
         if missing:
@@ -54,6 +58,20 @@ class FramesOnDisk:
             )
         self.path = path
         self._files = [numbered[number] for number in range(len(numbered))]
+
+    @staticmethod
+    def files(path: Path) -> list[Path]:
+        """Return the frames of a pattern, or every file of a folder."""
+        if FRAME in path.name:
+            return [file for _, file in _numbered(path)]
+        if not path.is_dir():
+            raise FileNotFoundError(2, "No such folder", str(path))
+        return sorted(file for file in path.rglob("*") if file.is_file())
+
+    @property
+    def first(self) -> Path:
+        """The file of frame 0."""
+        return self._files[0]
 
     def __len__(self) -> int:
         return len(self._files)
@@ -74,7 +92,42 @@ class FramesOnDisk:
                 f"{file}: must be {warped.size[1]} x {warped.size[0]} px as the warped frame"
                 f" (is {colour.shape[1]} x {colour.shape[0]})"
             )
+        _check_outside(file, colour, warped)
         return composite(warped, colour)
 
     def release(self) -> None:
         """Hold nothing."""
+
+
+def _numbered(path: Path) -> list[tuple[int, Path]]:
+    """Every file with a frame's number, by name."""
+    folder, name = path, r"(\d+)\.[^.]+"
+    if FRAME in path.name:
+        folder = path.parent
+        head, _, tail = path.name.partition(FRAME)
+        name = re.escape(head) + r"(\d+)" + re.escape(tail)
+    return [
+        (int(match[1]), file)
+        for file in sorted(folder.iterdir())
+        if file.is_file() and (match := re.fullmatch(name, file.name))
+    ]
+
+
+def _name(path: Path, frame: int) -> str:
+    number = f"{frame:06d}"
+    return path.name.replace(FRAME, number) if FRAME in path.name else f"{number}.png"
+
+
+def _check_outside(file: Path, colour: NDArray[np.float32], warped: WarpedFrame) -> None:
+    """Refuse a frame that shows something else than the warped one where that has no hole."""
+    known = ~warped.hole
+    shown = colour[known]
+    if not shown.any():  # all black, or nothing is known
+        return
+    apart = float(np.median(np.abs(shown - warped.colour[known]).max(axis=-1)))
+    if apart > MOST_APART:
+        raise InputError(
+            f"{file}: must show, outside the holes, what frame {warped.frame_index} of the clip"
+            f" shows (half of its pixels differ by {255 * apart:.0f}/255 or more); is it of another"
+            " scene, size or frame? 'metamerlab stimuli export-holes' writes what is to be filled"
+        )

@@ -62,6 +62,17 @@ class OnnxNetwork:
         """Return the network's file and the files of weights that it names."""
         return network_files(path)
 
+    def check_size(self, size: tuple[int, int]) -> None:
+        """Refuse frames, (height, width), that the network does not take; nothing is run.
+
+        Raises
+        ------
+        InputError
+            With the size that it takes.
+        """
+        height, width = (edge + -edge % self.multiple_px for edge in size)
+        self._inputs.check_size(self.path, height, width)
+
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
         """Fill the holes with what the network shows there."""
         check_some_known(warped.hole)

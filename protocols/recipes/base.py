@@ -54,8 +54,11 @@ class Recipe(Model):
 
     section: ClassVar[str] = "stimuli"
     """Where a file says size, rate and duration."""
-    size_unit: ClassVar[str] = "px"
-    """In which unit it says the size."""
+
+    @property
+    def size_unit(self) -> str:
+        """In which unit it says the size."""
+        return "px"
 
     def resolved(self, _folder: Path) -> Recipe:
         """Return the recipe with what lies in files beside the protocol read in."""

@@ -9,9 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    StringConstraints,
+    model_serializer,
+    model_validator,
+)
 
 from protocols.errors import Problem
 from protocols.hashing import Json
@@ -20,6 +26,7 @@ from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Condition,
     Degrees,
+    EvenPixels,
     Hertz,
     Metres,
     Model,
@@ -42,6 +49,21 @@ if TYPE_CHECKING:
 
 PHOTOGRAPH_RIM_PX = 1
 """Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
+
+
+class Grown(Model):
+    """An entry with keys that were added later: at their defaults, its hash is what it was."""
+
+    added_later: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_new_defaults(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = type(self).model_fields
+        return {
+            key: value
+            for key, value in plain(self).items()
+            if key not in self.added_later or getattr(self, key) != fields[key].default
+        }
 
 
 class View(Model):
@@ -112,7 +134,10 @@ class UpsamplingPath(Model):
 
     kind: Literal["upsampling"]
     real_every: Annotated[int, Field(ge=2)]
-    along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")]
+    along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")] | None = (
+        None
+    )
+    """How the camera of a rendered scene moves; an OpenEXR sequence brings its own motion."""
 
 
 CameraPath: TypeAlias = Annotated[
@@ -139,6 +164,20 @@ class SceneBase(Model):
     reference: bool | None = None
     """Whether a true view exists; left out: yes for rendered scenes, and for a stereo pair on
     the stereo path. Pairings with the reference leave scenes without one out."""
+
+    @model_validator(mode="after")
+    def _a_way_to_go(self) -> Self:
+        if self.camera.kind == "upsampling" and self.camera.along is None and not self.has_own_path:
+            raise ValueError(
+                "camera.along must say how the camera moves (got none): only an OpenEXR sequence"
+                " brings its own motion"
+            )
+        return self
+
+    @property
+    def has_own_path(self) -> bool:
+        """Whether the files tell all motion, so that no size changes it."""
+        return False
 
     @property
     def has_reference(self) -> bool:
@@ -190,14 +229,18 @@ class _PhotoScene(SceneBase):
         return self.camera.kind in {"stereo", "upsampling"}
 
 
-class StereoScene(_PhotoScene):
+class StereoScene(Grown, _PhotoScene):
     """A rectified photograph pair with its disparity: z = focal_px baseline_m / (d + offset_px)."""
 
     kind: Literal["stereo"]
     left: Text
     right: Text
     disparity: Text
-    """Disparity of the left view in pixels: PFM, EXR, TIFF or .npy; not finite = unknown."""
+    """Disparity of the left view: PNG, PGM, PFM, TIFF, OpenEXR, .npy or .npz; unknown is 0 in files
+    of integers and not finite in files of floats. What the left photograph shows at x, the right
+    one shows at x - d."""
+    units_per_px: Annotated[float, Field(gt=0)] = 1.0
+    """What the file stores for a disparity of one pixel: 4 where it holds quarters of a pixel."""
     focal_px: Annotated[float, Field(gt=0)]
     baseline_m: Metres
     offset_px: float = 0.0
@@ -205,6 +248,8 @@ class StereoScene(_PhotoScene):
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """So many pixels of the background along a hole are taken to be mixed with what uncovered it,
     and are hole too."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("units_per_px",)
 
 
 class RgbdScene(_PhotoScene):
@@ -246,6 +291,11 @@ class ExrScene(_PhotoScene):
     rim_px: RimPixels = 0
     """As for a stereo pair; 1 where edges are anti-aliased, or the picture is a photograph."""
 
+    @property
+    def has_own_path(self) -> bool:
+        """Whether it is a sequence, shown pixel for pixel by its own motion."""
+        return self.camera.kind == "upsampling"
+
 
 Scene: TypeAlias = Annotated[
     BuiltinScene | MeshScene | StereoScene | RgbdScene | ExrScene, Field(discriminator="kind")
@@ -253,7 +303,10 @@ Scene: TypeAlias = Annotated[
 
 
 class Size(Model):
-    """One amount of disocclusion: a wanted mean share of hole pixels, or a fixed path extent."""
+    """One amount of disocclusion: a wanted mean share of hole pixels, or a fixed path extent.
+
+    Neither where every scene is an OpenEXR sequence with its own motion: it has the holes it has.
+    """
 
     name: Name
     """Its name in this study."""
@@ -266,12 +319,14 @@ class Size(Model):
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Size:
-        if (self.hole_share is None) == (self.extent_m is None):
-            raise ValueError(
-                "a size says either hole_share or extent_m"
-                f" (got {'neither' if self.hole_share is None else 'both'})"
-            )
+        if self.hole_share is not None and self.extent_m is not None:
+            raise ValueError("a size says either hole_share or extent_m (got both)")
         return self
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it says nothing, for sequences that bring their own motion."""
+        return self.hole_share is None and self.extent_m is None
 
 
 MethodReference = Annotated[
@@ -303,13 +358,20 @@ class Method(Model):
         return self.registry_name == "reference"
 
 
-class Clips(Model):
-    """How every clip is made, in native pixels of the study's display."""
+class Clips(Grown):
+    """How every clip is made, in native pixels of the study's display.
 
-    width_deg: Degrees
+    Its size is given in degrees, or in pixels, such as those of a sequence's files.
+    """
+
+    width_deg: Degrees | None = None
     """Width of the clip on the screen, centred before the eye."""
-    height_deg: Degrees
+    height_deg: Degrees | None = None
     """Height of the clip on the screen."""
+    width_px: EvenPixels | None = None
+    """Width in pixels of the display, in place of width_deg."""
+    height_px: EvenPixels | None = None
+    """Height in pixels of the display, in place of height_deg."""
     fps: Hertz
     """Clip frames per second; the display must show each for a whole number of refreshes."""
     duration_s: Seconds
@@ -332,6 +394,19 @@ class Clips(Model):
     def frames(self) -> int:
         """Frames in one clip."""
         return round(self.duration_s * self.fps)
+
+    added_later: ClassVar[tuple[str, ...]] = ("width_px", "height_px")
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Clips:
+        named = ("width_deg", "height_deg", "width_px", "height_px")
+        given = [name for name in named if getattr(self, name) is not None]
+        if given not in ([*named[:2]], [*named[2:]]):
+            raise ValueError(
+                "must say width_deg and height_deg, or width_px and height_px"
+                f" (got {', '.join(given) or 'none'})"
+            )
+        return self
 
     @model_validator(mode="after")
     def _whole_frames(self) -> Clips:
@@ -391,7 +466,11 @@ class WarpedClips(Recipe):
     """How every clip is made."""
 
     section: ClassVar[str] = "stimuli.clips"
-    size_unit: ClassVar[str] = "deg"
+
+    @property
+    def size_unit(self) -> str:
+        """`px` where the clips' size is given in pixels, else `deg`."""
+        return "deg" if self.clips.width_px is None else "px"
 
     def pool(self) -> tuple[Stimulus, ...]:
         """Return every clip in the order scene, size, method."""
@@ -423,6 +502,8 @@ class WarpedClips(Recipe):
             + (
                 f"mean hole share {100 * size.hole_share:g} %"
                 if size.hole_share is not None
+                else "as the files have it"
+                if size.extent_m is None
                 else f"path extent {size.extent_m:g} m"
             )
             for size in self.sizes
@@ -437,16 +518,28 @@ class WarpedClips(Recipe):
         )
         return (
             f"Clips of {clips.duration_s:g} s at {clips.fps:g} frames per second,"
-            f" {clips.width_deg:g} x {clips.height_deg:g} deg ({width} x {height} px, never"
-            f" rescaled) on {display.name}: {display.description or 'no description'}.",
+            f" {self._angles(display)} ({width} x {height} px, never rescaled) on {display.name}:"
+            f" {display.description or 'no description'}.",
             "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
             "Sizes: " + "; ".join(sizes) + ".",
             Table(("method", "registry name", "parameters"), methods),
         )
 
+    def _angles(self, display: Display) -> str:
+        clips = self.clips
+        if clips.width_px is not None and clips.height_px is not None:
+            angles = display.angles_deg(clips.width_px, clips.height_px)
+            return " x ".join(f"{angle:.3g}" for angle in angles) + " deg"
+        return f"{clips.width_deg:g} x {clips.height_deg:g} deg"
+
     def size_px(self, display: Display) -> tuple[int, int]:
         """Return (width, height) of every clip."""
-        return display.centred_size_px(self.clips.width_deg, self.clips.height_deg)
+        clips = self.clips
+        if clips.width_px is not None and clips.height_px is not None:
+            return clips.width_px, clips.height_px
+        assert clips.width_deg is not None
+        assert clips.height_deg is not None
+        return display.centred_size_px(clips.width_deg, clips.height_deg)
 
     def values(self, column: str) -> tuple[Scalar, ...]:
         """Return the names of scenes, sizes or methods as declared."""

@@ -53,6 +53,10 @@ class Builder:
         """
         return []
 
+    def notes(self) -> list[Problem]:
+        """Return what may be a mistake and may be meant."""
+        return []
+
     def estimate(self, out: Path, workers: int) -> Estimate:
         """Say what a build would cost.
 

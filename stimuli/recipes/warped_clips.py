@@ -8,11 +8,12 @@ from functools import cached_property
 from pathlib import Path
 
 from pipeline.methods.registry import method_names, method_parameters
-from protocols.errors import Problem
+from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import ClipName
 from protocols.registries import check_methods, check_scenes
 from stimuli.orders import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
+from stimuli.recipes.warped_checks import Findings, look_at_fills, look_at_scenes
 from stimuli.scenes.registry import scene_names
 
 
@@ -25,16 +26,39 @@ class WarpedClipBuilder(Builder):
         return Orders(self.protocol, self.display, self.folder)
 
     def problems(self) -> list[Problem]:
-        """Return methods, parameters and scenes that are not known."""
+        """Return methods and scenes that are not known, and files that cannot be used."""
         return [
             *check_methods(self.protocol, method_names(), method_parameters),
             *check_scenes(self.protocol, scene_names()),
+            *self._scenes.wrong,
+            *self._fills.wrong,
         ]
+
+    def notes(self) -> list[Problem]:
+        """Return pairs that agree less than they should, and what does not apply to sequences."""
+        return self._scenes.doubtful
+
+    def lacking(self) -> list[Problem]:
+        """Return folders of frames and networks that are not here."""
+        return self._fills.missing
+
+    @cached_property
+    def _scenes(self) -> Findings:
+        return look_at_scenes(self.orders)
+
+    @cached_property
+    def _fills(self) -> Findings:
+        return look_at_fills(self.orders)
+
+    def _need_all(self) -> None:
+        if self.lacking():
+            raise StudyError("\n".join(map(str, self.lacking())))
 
     def estimate(self, out: Path, workers: int) -> Estimate:
         """Make one frame of the first scene by every method, and multiply."""
         from stimuli.estimate import estimate
 
+        self._need_all()
         return estimate(self.orders, out, workers)
 
     def build(self, out: Path, where: Where, report: Report) -> Outcome[ClipName]:
@@ -42,6 +66,7 @@ class WarpedClipBuilder(Builder):
         from stimuli.build import build
         from stimuli.executors import cores, dask_cluster, local_processes
 
+        self._need_all()
         with ExitStack() as stack:
             if where.scheduler is not None:
                 executor, parallel = stack.enter_context(dask_cluster(where.scheduler))
@@ -52,6 +77,8 @@ class WarpedClipBuilder(Builder):
 
     def summary(self, outcome: Outcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""
+        from stimuli.contact import extent_text
+
         rows: dict[str, Sequence[str]] = {}
         for clip in outcome.manifest.clips:
             least, most = (
@@ -60,7 +87,7 @@ class WarpedClipBuilder(Builder):
             rows.setdefault(
                 f"{clip.column('scene')}, {clip.column('size')}",
                 (
-                    f"{float(str(clip.parameters['extent_m'])):.4g} m",
+                    extent_text(clip),
                     f"{100 * (clip.hole_share or 0):.2f} %",
                     f"{100 * least:.2f} %",
                     f"{100 * most:.2f} %",

@@ -122,6 +122,9 @@ class PhotoScenery:
     ) -> None:
         """Leave the motion to the cameras."""
 
+    def own_margin_px(self, size_px: tuple[int, int]) -> None:
+        """Leave the margin to the path."""
+
     @property
     def typical_depth_m(self) -> float:
         """The depth that a twentieth of the photograph is nearer than."""
@@ -150,16 +153,7 @@ class PhotoScenery:
 
 def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
     """Open a pair; ``left = "motorcycle"`` means the one that comes with scikit-image."""
-    if is_built_in(scene, folder):
-        pair = replace(
-            built_in_pair(scene.left), focal_px=scene.focal_px, baseline_m=scene.baseline_m,
-            offset_px=scene.offset_px,
-        )  # fmt: skip
-    else:
-        pair = load_pair(
-            folder / scene.left, folder / scene.disparity, folder / scene.right,
-            focal_px=scene.focal_px, baseline_m=scene.baseline_m, offset_px=scene.offset_px,
-        )  # fmt: skip
+    pair = read_pair(scene, folder)
     largest = float("inf")
     if isinstance(scene.camera, StereoPath):
         largest = scene.camera.baselines * scene.baseline_m
@@ -169,6 +163,26 @@ def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
     return PhotoScenery(
         scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest, rim_px=scene.rim_px
     )
+
+
+def read_pair(scene: StereoScene, folder: Path) -> StereoPair:
+    """Read a scene's pair; both photographs, whatever its path.
+
+    Raises
+    ------
+    FileNotFoundError, InputError
+        As `load_pair` raises them.
+    """
+    if is_built_in(scene, folder):
+        return replace(
+            built_in_pair(scene.left), focal_px=scene.focal_px, baseline_m=scene.baseline_m,
+            offset_px=scene.offset_px,
+        )  # fmt: skip
+    return load_pair(
+        folder / scene.left, folder / scene.disparity, folder / scene.right,
+        units_per_px=scene.units_per_px, focal_px=scene.focal_px, baseline_m=scene.baseline_m,
+        offset_px=scene.offset_px,
+    )  # fmt: skip
 
 
 def is_built_in(scene: StereoScene, folder: Path) -> bool:
@@ -217,26 +231,6 @@ def load_depth(path: Path, scale: float) -> NDArray[np.float32]:
         depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
     check_depth(depth, f"{path}: depth")
     return depth
-
-
-def fitted(
-    frame: SourceFrame, size_px: tuple[int, int], margin_px: int
-) -> tuple[SourceFrame, float]:
-    """Cut a picture to `size_px` and its margin; return it and its scale."""
-    scenery = PhotoScenery("picture", frame, 1.0)
-    cut, camera = scenery.source(size_px, margin_px, STILL, 0.0, -1)
-    return cut, camera.fx_px
-
-
-def nearest_plane(
-    plane: NDArray[np.float32], size_px: tuple[int, int], margin_px: int
-) -> NDArray[np.float32]:
-    """Cut any plane as `fitted` cuts depth."""
-    height, width = plane.shape
-    wanted = (size_px[0] + 2 * margin_px, size_px[1] + 2 * margin_px)
-    scale = max(wanted[0] / width, wanted[1] / height)
-    fit = _Fit(scale, (width - wanted[0] / scale) / 2, (height - wanted[1] / scale) / 2)
-    return _nearest(plane, fit, wanted)
 
 
 def _resized(

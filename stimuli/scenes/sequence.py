@@ -17,7 +17,7 @@ from stimuli.channels import Motion, Planes, find_motion, need, need_motion
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.scenes.follow import followed
-from stimuli.scenes.photo import PhotoScenery, fitted, nearest_plane
+from stimuli.scenes.photo import PhotoScenery
 
 ASSUMED_FOCAL = 1.0  # image widths, where the protocol does not say
 KEPT_PICTURES = 3  # of a sequence at a time
@@ -43,9 +43,11 @@ class SequenceScenery:
     ) -> tuple[SourceFrame, Camera]:
         """Return the real frame `frame`, cut to size."""
         del pose, extent_m
-        cut, scale = fitted(self._picture(frame).frame, size_px, margin_px)
+        whole = self._picture(frame).frame
+        inside = self._inside(whole.size, size_px, margin_px)
+        cut = SourceFrame(_cut(whole.colour, inside), _cut(whole.depth_m, inside))
         height, width = cut.size
-        focal = (self._scene.focal_px or ASSUMED_FOCAL * width / scale) * scale
+        focal = self._scene.focal_px or ASSUMED_FOCAL * whole.size[1]
         return cut, Camera(width, height, focal, focal, width / 2, height / 2, UPRIGHT)
 
     def truth(
@@ -57,11 +59,9 @@ class SequenceScenery:
         margin_px: int,
     ) -> NDArray[np.float32]:
         """Return the sequence's own frame."""
-        del pose, extent_m
-        cut, _ = fitted(self._picture(warped.frame_index).frame, size_px, margin_px)
-        height, width = cut.size
-        inside = slice(margin_px, height - margin_px), slice(margin_px, width - margin_px)
-        return np.ascontiguousarray(cut.colour[inside])
+        del pose, extent_m, margin_px
+        whole = self._picture(warped.frame_index).frame
+        return _cut(whole.colour, self._inside(whole.size, size_px, 0))
 
     def motion(
         self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
@@ -69,10 +69,16 @@ class SequenceScenery:
         """Follow every pixel of `source` from file to file."""
         first = self._picture(source).frame
         flow = followed(source, frame, lambda step: self._picture(step).frame, self._motion)
-        _, scale = fitted(first, size_px, margin_px)
-        planes = [nearest_plane(flow[..., c], size_px, margin_px) * scale for c in range(2)]
-        depth = nearest_plane(first.depth_m, size_px, margin_px)
-        return np.stack(planes, axis=-1).astype(np.float32), depth
+        inside = self._inside(first.size, size_px, margin_px)
+        return _cut(flow, inside), _cut(first.depth_m, inside)
+
+    def own_margin_px(self, size_px: tuple[int, int]) -> int:
+        """Return what the first file has around the clip, on its narrowest side."""
+        height, width = self._picture(0).frame.size
+        margin = min((width - size_px[0]) // 2, (height - size_px[1]) // 2)
+        if margin < 0:
+            raise InputError(f"{self._files[0]}: {too_small((width, height), size_px)}")
+        return margin
 
     @property
     def typical_depth_m(self) -> float:
@@ -93,6 +99,22 @@ class SequenceScenery:
     def release(self) -> None:
         """Hold nothing on the GPU."""
 
+    def _inside(
+        self, whole: tuple[int, int], size_px: tuple[int, int], margin_px: int
+    ) -> tuple[slice, slice]:
+        """The middle of a file, pixel for pixel: rows and columns of the clip and its margin."""
+        first = self._picture(0).frame.size
+        if whole != first:
+            raise InputError(
+                f"{self._scene.name}: every file must have the size of the first"
+                f" ({first[1]}x{first[0]} px, found {whole[1]}x{whole[0]}); render them anew"
+            )
+        ends = []
+        for length, shown in zip(whole, reversed(size_px), strict=True):
+            start = (length - shown) // 2 - margin_px
+            ends.append(slice(start, start + shown + 2 * margin_px))
+        return ends[0], ends[1]
+
     def _picture(self, frame: int) -> Picture:
         if frame >= len(self._files):
             raise InputError(
@@ -109,6 +131,16 @@ class SequenceScenery:
         file = self._files[frame]
         motion = self._picture(frame).motion
         return motion or motion_of(file, read_parts(file).planes, self._scene)
+
+
+def too_small(file_px: tuple[int, int], clip_px: tuple[int, int]) -> str:
+    """Say that files cannot fill a clip, pixel for pixel; sizes are (width, height)."""
+    width, height = (2 * (edge // 2) for edge in file_px)
+    return (
+        "a sequence is shown pixel for pixel, so its files must be at least as large as the clip,"
+        f" {clip_px[0]}x{clip_px[1]} px (they are {file_px[0]}x{file_px[1]}); render it larger, or"
+        f" set width_px = {width} and height_px = {height} in stimuli.clips"
+    )
 
 
 def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScenery:
@@ -179,6 +211,10 @@ def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
 
 def _motion_names(scene: ExrScene) -> tuple[str | None, str | None]:
     return scene.channels.get("motion_x"), scene.channels.get("motion_y")
+
+
+def _cut(plane: NDArray[np.float32], inside: tuple[slice, slice]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(plane[inside])
 
 
 def _distance(stored: NDArray[np.float32], scene: ExrScene) -> NDArray[np.float32]:

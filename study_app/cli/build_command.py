@@ -12,7 +12,7 @@ from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_bar
-from study_app.cli.terminal import PlainConsole
+from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
     from stimuli.recipes.base import Builder
@@ -65,12 +65,13 @@ def build(
 
 def _builder(protocol: Path, display: str | None) -> Builder:
     from protocols.load import load_study
-    from stimuli.recipes import builder_of
     from study_app.cli.checked_study import require_buildable
 
     study, screen = load_study(protocol, display)
-    require_buildable(protocol, study, screen)
-    return builder_of(study, screen, protocol.absolute().parent)
+    builder = require_buildable(protocol, study, screen)
+    for note in builder.notes():
+        say(f"note: {note}")
+    return builder
 
 
 def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:

@@ -8,21 +8,32 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible
 from protocols.manifest import Manifest
+from protocols.plausible import display_notes
 from protocols.schema import StudyProtocol
 from stimuli.recipes import builder_of
+from stimuli.recipes.base import Builder
 
 
 def require_buildable(
     path: Path, study: StudyProtocol, display: Display, manifest: Manifest | None = None
-) -> None:
+) -> Builder:
     """Check what the recipe names, the display, and clips where they are given.
+
+    Returns
+    -------
+    Builder
+        Of the study's stimuli.
 
     Raises
     ------
     StudyError
         With a line for every mistake; `path` says where.
     """
-    problems = builder_of(study, display, path.absolute().parent).problems()
-    problems += check_feasible(study, display, manifest)
+    builder = builder_of(study, display, path.absolute().parent)
+    unfit = check_feasible(study, display, manifest)
+    if unfit:  # measures in other units are a likely cause
+        unfit += display_notes(display)
+    problems = [*builder.problems(), *unfit]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
+    return builder

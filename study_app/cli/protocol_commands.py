@@ -19,9 +19,10 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.load import load_display, load_protocol, load_study, shipped
+from protocols.load import is_display, load_display, load_protocol, load_study, read_toml, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
+from protocols.plausible import display_notes, study_notes
 from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
@@ -62,33 +63,47 @@ def check(
 ) -> None:
     """Check a protocol: every mistake at once, and whether its display can do it.
 
-    Ends with status 2 if anything is wrong.
+    A display's file is checked by itself. Ends with status 2 if anything is wrong.
 
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
     with user_errors():
+        if protocol.suffix == ".toml" and is_display(read_toml(protocol)):
+            _check_display(protocol)
+            return
         study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
         # Imported here: it brings the renderer along.
-        from stimuli.recipes import builder_of
         from study_app.cli.checked_study import require_buildable
 
-        require_buildable(protocol, study, screen, manifest)
+        builder = require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
         say(
             f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
             f" protocol {study.sha256[:12]}."
         )
-        for line in study.stimuli.cut_away():
+        for line in (
+            *display_notes(screen),
+            *study_notes(study, screen, len(plan.trials)),
+            *study.stimuli.cut_away(),
+        ):
             say(f"note: {line}")
         # No mistake of the protocol: where sittings run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
                 say(f"note: {missing}")
-        if stimuli is None:
-            folder = protocol.absolute().parent
-            for missing in builder_of(study, screen, folder).lacking():
-                say(f"note: {missing}")
+        for note in (*builder.notes(), *(builder.lacking() if stimuli is None else ())):
+            say(f"note: {note}")
+
+
+def _check_display(path: Path) -> None:
+    screen = load_display(str(path))
+    say(
+        f"{screen.name}: in order, a display of {screen.width_px} x {screen.height_px} px at"
+        f" {screen.refresh_hz:g} Hz, {screen.distance_mm / 10:g} cm from the eye."
+    )
+    for note in display_notes(screen):
+        say(f"note: {note}")
 
 
 @app.command()

@@ -12,6 +12,7 @@ from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
+from study_app.cli.holes_command import export_holes
 from study_app.cli.progress import progress_bar
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say
@@ -32,6 +33,8 @@ app = typer.Typer(
         metamerlab stimuli score clips --out scores
 
         metamerlab stimuli look place.glb --out views.png
+
+        metamerlab stimuli export-holes my-study.toml --out holes
     """,
 )
 
@@ -197,6 +200,7 @@ def look(
 
 
 app.command()(score)
+app.command("export-holes")(export_holes)
 
 
 def _frames(indices: list[int]) -> str:

@@ -13,7 +13,9 @@ from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
 from stimuli.one_picture import Nearer, from_depth, from_flow, read_pose
+from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
+from study_app.cli.terminal import say
 
 
 @dataclass(frozen=True)
@@ -77,11 +79,11 @@ def load(
     OSError, InputError
         If a file is missing or not what it must be.
     """
+    if truth is not None and pair.right is not None:
+        raise StudyError("--truth and --right name the same picture: give one of them")
     loaded = _load(source, file, pair, picture)
     if truth is None:
         return loaded
-    if pair.right is not None:
-        raise StudyError("--truth and --right name the same picture: give one of them")
     shown = load_colour(truth, transfer=Transfer.ENCODED if file.encoded else None, clip=file.clip)
     check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
     return replace(loaded, truth=shown)
@@ -165,7 +167,7 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             )
         return built_in_pair(source)
     if options.disparity is not None:
-        return load_pair(
+        pair = load_pair(
             path,
             options.disparity,
             options.right,
@@ -175,12 +177,26 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             offset_px=options.offset_px,
             mirrored=options.to_left,
         )
+        if options.right is not None:
+            _check_pair(pair, options)
+        return pair
     if path.exists():
         raise StudyError(
             f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE,"
             " --flow FILE, or --depth FILE and two poses"
         )
     raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
+
+
+def _check_pair(pair: StereoPair, options: PairOptions) -> None:
+    verdict = judge_pair(pair, units_per_px=options.units_per_px)
+    said = str(verdict).replace("units_per_px = ", "--units-per-px ")
+    if verdict.refused:
+        raise StudyError(
+            f"{options.right}: {said}; without --right the picture is warped unmeasured"
+        )
+    if verdict.doubtful:
+        say(f"note: {options.right}: {said}")
 
 
 def _channels(settings: tuple[str, ...]) -> Channels:

@@ -70,33 +70,6 @@ def test_a_declared_filter_brings_frames_to_the_displays_pixels(
     assert (frames[0] != frames[1]).any()
 
 
-def test_frames_made_elsewhere_enter_a_study(study, read_orders, inline, tmp_path, batch_frames):
-    path = study(
-        ('name = "telea"', 'name = "telea"\nmethod = "frames:mine"'),
-    )
-    shutil.copytree(batch_frames, path.parent / "mine")
-    text = path.read_text().replace(
-        'name = "motorcycle"\n', 'name = "motorcycle"\nreference = false\n'
-    )
-    path.write_text(text)
-    out = tmp_path / "clips"
-    build(read_orders(path), out, inline)
-    mask = decode(out / "holes/box__small/000001.png") > 0
-    shown = decode(out / "box__small__telea/000001.png")
-    assert (shown[mask] == 77).all()
-
-
-@pytest.fixture
-def batch_frames(tmp_path):
-    from PIL import Image
-
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for index in range(4):
-        Image.fromarray(np.full((58, 78, 3), 77, np.uint8)).save(folder / f"{index:06d}.png")
-    return folder
-
-
 def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_path, shared_data):
     """By the command: a scene as an artist made it, and photographs, solved for 4 % of holes."""
     name = "torcs_ruudskogen"

@@ -242,11 +242,27 @@ def test_frames_made_elsewhere_fill_the_holes_by_frame_index(folder, rng):
     from pipeline.image_file import read_pixels
 
     frame = at_index(warped_frame(rng), 2)
+    stored = read_pixels(folder / "000002.png").data
+    stored[~frame.hole] = np.rint(255 * frame.colour[~frame.hole])
+    write_pixels(folder / "000002.png", stored, "RGB")
     filled = create_method(f"frames:{folder}").fill(frame, 0)
 
-    stored = read_pixels(folder / "000002.png").data[frame.hole]
+    stored = stored[frame.hole]
     np.testing.assert_array_equal(np.rint(filled[frame.hole] * 255), stored)
     np.testing.assert_array_equal(filled[~frame.hole], frame.colour[~frame.hole])
+
+
+@pytest.mark.parametrize("place", ["", "/shot-{frame}.png"])
+def test_frames_that_show_something_else_outside_the_holes_are_refused(folder, rng, place):
+    for file in sorted(folder.iterdir()):
+        write_pixels(folder / f"shot-{file.name}", np.zeros((40, 56, 3), np.uint8), "RGB")
+    method, frame = create_method(f"frames:{folder}{place}"), warped_frame(rng)
+
+    if place:  # black elsewhere: only what lies in the holes was sent back
+        assert (method.fill(frame, 0)[frame.hole] == 0).all()
+    else:
+        with pytest.raises(InputError, match=r"000000\.png: must show, .* frame 0 .*another scene"):
+            method.fill(frame, 0)
 
 
 def test_frames_of_wrong_number_or_size_are_refused(folder, rng):

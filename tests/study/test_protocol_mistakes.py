@@ -76,7 +76,8 @@ def mistakes(tmp_path):
         ('pause_keys = ["p"]', 'pause_keys = ["f"]',
          "response.pause_keys: a key must do one thing (got 'f' in keys[0] and pause_keys)"),
         ("hole_share = 0.02", "",
-         "stimuli.sizes[0]: a size says either hole_share or extent_m (got neither)"),
+         "stimuli.sizes[0]: a size says either hole_share or extent_m (got neither), for scene"
+         " 'garden'; OpenEXR sequences with their own motion alone need none"),
         ("duration_s = 1.0", "duration_s = 0.35",
          "stimuli.clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5);"
          " the nearest durations are 0.333333 s and 0.366667 s"),

@@ -212,9 +212,7 @@ def _video(layout: Layout, clip: Clip) -> str:
 
 def _shots(layout: Layout, strip: filmstrip.Strip, facts: Facts) -> list[dict[str, Any]]:
     """Pictures of the strip: the middle of the screen, so that the clip can be seen."""
-    width, height = facts.display.centred_size_px(
-        facts.protocol.warped.clips.width_deg, facts.protocol.warped.clips.height_deg
-    )
+    width, height = facts.protocol.warped.size_px(facts.display)
     rows = []
     for shot in strip.shots:
         picture = _read(layout.trial / shot.file)

@@ -218,9 +218,7 @@ def _pixels(clips: Path, manifest: Manifest) -> tuple[dict[str, str], dict[str, 
 
 def clip_place(display: Display, protocol: StudyProtocol) -> Place:
     """Return where clips stand: in the middle of the screen."""
-    width, height = display.centred_size_px(
-        protocol.warped.clips.width_deg, protocol.warped.clips.height_deg
-    )
+    width, height = protocol.warped.size_px(display)
     return Place((display.width_px - width) // 2, (display.height_px - height) // 2, width, height)
 
 

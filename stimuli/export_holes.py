@@ -1,0 +1,95 @@
+"""What another program needs to fill a study's holes: warped frames, masks, depth, names.
+
+A folder for each scene and size. Its extent, margin and masks are those of a build.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.gl.context import create_context, release_context
+from pipeline.image_file import write_pixels
+from stimuli.batch_folder import survey_name
+from stimuli.clip import shot_of, take_survey
+from stimuli.footage import Footage
+from stimuli.open_scene import open_scenery
+from stimuli.orders import Orders
+from stimuli.png import encode_frame
+from stimuli.whole_file import write_whole
+
+NAMES_FILE = "frames.csv"
+README_FILE = "README.md"
+COLUMNS = ("scene", "size", "frame", "warped", "mask", "depth", "send_back")
+
+_README = Path(__file__).with_name("holes_readme.md")
+
+
+def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], None]) -> int:
+    """Write every warped frame of a study with its mask and depth; return how many frames.
+
+    Parameters
+    ----------
+    orders : Orders
+        The study; methods that are not here yet do not matter.
+    out : Path
+        A new or empty folder.
+    report : callable
+        Called with frames done, frames in all, and what is going on.
+
+    Raises
+    ------
+    InputError, OSError
+        If `out` is not empty, or a scene cannot be opened.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: must be a new or empty folder (something is in it)")
+    kinds = list({survey_name(clip): clip for clip in orders.clip_names}.values())
+    clips = orders.protocol.warped.clips
+    total, done = len(kinds) * clips.frames, 0
+    names = io.StringIO()
+    table = csv.writer(names, lineterminator="\n")
+    table.writerow(COLUMNS)
+    ctx = create_context()
+    try:
+        for clip in kinds:
+            report(done, total, f"{clip.scene}, {clip.size}: finding the path")
+            scenery = open_scenery(ctx, orders.scene(clip), orders.folder)
+            place = Path(clip.scene) / clip.size
+            survey = take_survey(ctx, scenery, orders, clip, out / place / "mask")
+            shot = shot_of(orders, clip, survey.extent_m)
+            footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
+            for part in ("warped", "depth"):
+                (out / place / part).mkdir()
+            for frame in range(clips.frames):
+                warped = footage.warped(frame)
+                colour = np.where(warped.hole[..., None], np.float32(0), warped.colour)
+                names_of = (
+                    place / "warped" / f"{frame:06d}.png",
+                    place / "mask" / f"{frame:06d}.png",
+                    place / "depth" / f"{frame:06d}.exr",
+                )
+                write_whole(out / names_of[0], encode_frame(colour, clips.bit_depth))
+                write_pixels(out / names_of[2], warped.depth_m[..., None], ("Z",), types=("float",))
+                send_back = Path("filled") / place / f"{frame:06d}.png"
+                paths = (path.as_posix() for path in (*names_of, send_back))
+                table.writerow((clip.scene, clip.size, frame, *paths))
+                done += 1
+                report(done, total, f"{clip.scene}, {clip.size}")
+            footage.release()
+            scenery.release()
+    finally:
+        release_context(ctx)
+    write_whole(out / NAMES_FILE, names.getvalue().encode())
+    width, height = orders.render_px
+    readme = _README.read_text(encoding="utf-8").format(
+        clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
+        study=orders.protocol.study.name,
+    )  # fmt: skip
+    write_whole(out / README_FILE, readme.encode())
+    return total

@@ -1,0 +1,158 @@
+"""What the files of a study of warped clips show before anything is built.
+
+Files that are not there are no mistake here: where sittings run, built clips are enough.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.image_file import stated_size_px
+from pipeline.methods.frames import FRAME, FramesOnDisk
+from pipeline.methods.onnx import OnnxNetwork
+from pipeline.methods.registry import create_method
+from protocols.errors import Problem
+from protocols.recipes.warped_clips import ClipName, ExrScene, StereoScene
+from stimuli.exr_parts import frame_files
+from stimuli.orders import Orders
+from stimuli.scenes.pair_check import judge_pair
+from stimuli.scenes.photo import is_built_in, read_pair
+from stimuli.scenes.sequence import too_small
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What must change, and what may be a mistake."""
+
+    wrong: list[Problem] = field(default_factory=list)
+    doubtful: list[Problem] = field(default_factory=list)
+    missing: list[Problem] = field(default_factory=list)
+    """What only a build needs."""
+
+
+def look_at_scenes(orders: Orders) -> Findings:
+    """Open what scenes name, as far as it is here."""
+    found = Findings()
+    for index, scene in enumerate(orders.protocol.warped.scenes):
+        place = f"stimuli.scenes[{index}]"
+        try:
+            if isinstance(scene, StereoScene):
+                _pair(found, place, orders, scene)
+            elif isinstance(scene, ExrScene) and scene.has_own_path:
+                _sequence(found, place, orders, scene)
+        except FileNotFoundError:
+            continue
+        except (InputError, OSError) as error:
+            found.wrong.append(Problem(place, str(error)))
+    return found
+
+
+def look_at_fills(orders: Orders) -> Findings:
+    """Open the networks and count the frames that methods name, as far as they are here."""
+    found = Findings()
+    seen: set[str] = set()
+    for clip in orders.clip_names:
+        method = orders.method(clip)
+        kind, colon, _ = method.registry_name.partition(":")
+        name = orders.registry_name(clip)
+        if method.is_reference or not colon or name in seen:
+            continue
+        seen.add(name)
+        place = f"stimuli.methods[{orders.protocol.warped.methods.index(method)}]"
+        try:
+            if kind == "frames":
+                _check_frames(orders, clip)
+            elif kind == "onnx":
+                _check_network(orders, clip)
+        except ModuleNotFoundError as error:
+            found.missing.append(Problem(place, str(error)))
+        except FileNotFoundError as error:
+            said = f"{error.filename}: is not there; 'metamerlab stimuli build' needs it"
+            if (missing := Problem(place, said)) not in found.missing:
+                found.missing.append(missing)
+        except (InputError, OSError) as error:
+            found.wrong.append(Problem(place, str(error)))
+    return found
+
+
+def _check_frames(orders: Orders, clip: ClipName) -> None:
+    path = orders.method(clip).registry_name.partition(":")[2]
+    unknown = set(re.findall(r"\{(.*?)\}", path)) - {"scene", "size", "frame"}
+    if unknown or FRAME in str(Path(path).parent):
+        raise InputError(
+            "the path of frames may hold {scene}, {size} and, in its last part, {frame}"
+            f" (got {path!r})"
+        )
+    alike = [other for other in orders.clip_names if other.method == clip.method]
+    for column in ("scene", "size"):
+        values = list(dict.fromkeys(getattr(other, column) for other in alike))
+        if len(values) > 1 and f"{{{column}}}" not in path:
+            raise InputError(
+                f"the path of frames must hold {{{column}}}, for {' and '.join(values)} have other"
+                f" frames (got {path!r})"
+            )
+    frames = FramesOnDisk(Path(orders.registry_name(clip).partition(":")[2]))
+    wanted = orders.protocol.warped.clips.frames
+    if len(frames) != wanted:
+        raise InputError(
+            f"{frames.path}: must hold as many frames as the clip has, {wanted} (has {len(frames)})"
+        )
+    size_px = stated_size_px(frames.first)
+    if size_px is not None and size_px != orders.render_px:
+        raise InputError(
+            f"{frames.first}: must be {orders.render_px[0]} x {orders.render_px[1]} px as the"
+            f" warped frame (is {size_px[0]} x {size_px[1]})"
+        )
+
+
+def _check_network(orders: Orders, clip: ClipName) -> None:
+    if importlib.util.find_spec("onnxruntime") is None:
+        raise ModuleNotFoundError(
+            "ONNX Runtime is not installed; 'metamerlab stimuli build' needs it: pip install"
+            " 'metamerlab[onnx]'"
+        )
+    network = create_method(orders.registry_name(clip), None, orders.method(clip).parameters)
+    assert isinstance(network, OnnxNetwork)
+    network.check_size((orders.render_px[1], orders.render_px[0]))
+
+
+def _pair(found: Findings, place: str, orders: Orders, scene: StereoScene) -> None:
+    if is_built_in(scene, orders.folder):
+        return
+    pair = read_pair(scene, orders.folder)
+    verdict = judge_pair(pair, units_per_px=scene.units_per_px)
+    if verdict.doubtful:
+        said = f"{scene.left}, {scene.right}, {scene.disparity}: {verdict}"
+        (found.wrong if verdict.refused else found.doubtful).append(Problem(place, said))
+
+
+def _sequence(found: Findings, place: str, orders: Orders, scene: ExrScene) -> None:
+    files = frame_files(scene.file, orders.folder)
+    wanted = orders.protocol.warped.clips.frames
+    if len(files) < wanted:
+        found.wrong.append(
+            Problem(
+                f"{place}.file",
+                f"a clip needs {wanted} frames (the sequence has {len(files)} files); shorten"
+                " duration_s, or render more",
+            )
+        )
+    size_px = stated_size_px(files[0])
+    if size_px is not None and any(
+        have < shown for have, shown in zip(size_px, orders.render_px, strict=True)
+    ):
+        found.wrong.append(Problem(f"{place}.file", too_small(size_px, orders.render_px)))
+    sizes = [size.name for size in orders.protocol.warped.sizes if not size.is_own]
+    if sizes:
+        alike = f"; {' and '.join(sizes)} show the same clip" if len(sizes) > 1 else ""
+        found.doubtful.append(
+            Problem(
+                place,
+                f"{scene.name} is a sequence with its own motion: hole_share and extent_m do not"
+                f" apply to it{alike}",
+            )
+        )

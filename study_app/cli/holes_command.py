@@ -1,0 +1,51 @@
+"""`metamerlab stimuli export-holes`: warped frames and masks, for other programs to fill."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from protocols.errors import StudyError
+from study_app.cli.errors import user_errors
+from study_app.cli.options import DisplayOption, ProtocolArgument
+from study_app.cli.progress import progress_bar
+from study_app.cli.terminal import say
+
+
+def export_holes(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="A new or empty folder.")],
+    display: DisplayOption = None,
+) -> None:
+    """Write a study's warped frames with masks and depth, for another program to fill.
+
+    A README in the folder says what to send back. What comes back enters the study as the
+    method 'frames:FOLDER/{scene}/{size}', and frames of another scene are refused.
+
+    Example: metamerlab stimuli export-holes my-study.toml --out holes
+    """
+    from protocols.load import load_study
+    from stimuli.export_holes import export_holes as write
+    from stimuli.orders import Orders
+    from stimuli.recipes.warped_checks import look_at_scenes
+
+    with user_errors():
+        study, screen = load_study(protocol, display)
+        orders = Orders(study, screen, protocol.absolute().parent)
+        found = look_at_scenes(orders)
+        if found.wrong:
+            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
+        for note in found.doubtful:
+            say(f"note: {note}")
+        with progress_bar() as progress:
+            task = progress.add_task("starting", total=None)
+            frames = write(
+                orders,
+                out,
+                lambda done, total, what: progress.update(
+                    task, completed=done, total=total, description=what
+                ),
+            )
+        say(f"{out}: {frames} frames with holes; {out / 'README.md'} says what to send back")

@@ -1,0 +1,119 @@
+"""Numbers that are allowed and hardly meant: `protocol check` notes them."""
+
+from __future__ import annotations
+
+import pytest
+from typer.testing import CliRunner
+
+from protocols.load import load_display, shipped
+from protocols.plausible import display_notes
+from study_app.cli import app
+
+
+def check(*arguments) -> tuple[int, str, str]:
+    words = ["protocol", "check", *map(str, arguments)]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture
+def study(tmp_path):
+    def write(*changes: tuple[str, str]):
+        text = shipped("studies")["demo"].read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new)
+        path = tmp_path / "study.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def display(tmp_path):
+    def write(*changes: tuple[str, str]):
+        text = shipped("displays")["fhd27-60hz"].read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new)
+        path = tmp_path / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("gap_s = 0.5", "gap_s = 500.0",
+         "task.gap_s: 500 s are 8.33 minutes; seconds are meant: should it be 0.5?"),
+        ("fixation_s = 0.5\nfixation_timeout_s = 10.0",
+         "fixation_s = 500.0\nfixation_timeout_s = 10000.0", "trial.fixation_s: 500 s are"),
+        ("break_s = 10.0", "break_s = 10000.0", "design.break_s: 10000 s are 167 minutes"),
+        ("repeats = 2", "repeats = 300", "trials), answers in 1.5 s; people tire"),
+        ("width_deg = 8.0\nheight_deg = 6.0", "width_deg = 0.05\nheight_deg = 0.05",
+         "stimuli are 2 x 2 px on this display, which shows little"),
+        ('kind = "builtin"\nbuiltin = "garden"',
+         'kind = "stereo"\nleft = "l.png"\nright = "r.png"\ndisparity = "d.png"\nfocal_px = 900.0\n'
+         "baseline_m = 193.0\nreference = true",
+         "baseline_m: the cameras are 193 m apart; metres are meant: should it be 0.193?"),
+    ],
+)  # fmt: skip
+def test_a_study_with_a_number_that_is_hardly_meant_is_in_order_with_a_note(study, old, new, said):
+    code, told, error = check(study((old, new)))
+    assert (code, error) == (0, "")
+    assert "in order" in told
+    assert f"note: {said.split(':')[0]}" in told or said in told
+    assert said in told
+
+
+def test_shipped_studies_and_displays_get_no_such_note():
+    for name in shipped("studies"):
+        code, told, _ = check(name)
+        assert code == 0
+        for word in ("should it be", "should they be", "people tire", "at rest"):
+            assert word not in told, name
+    assert not any(display_notes(load_display(name)) for name in shipped("displays"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ([("distance_mm = 700.0", "distance_mm = 70.0")],
+         "the eye is 70 mm from the screen; millimetres are meant: should it be 700?"),
+        ([("distance_mm = 700.0", "distance_mm = 7000.0")], "should it be 700?"),
+        ([("width_mm = 597.7", "width_mm = 59.77"), ("height_mm = 336.2", "height_mm = 33.62")],
+         "a pixel is 0.0311 mm wide (59.77 mm for 1920 px); millimetres are meant: should it be"),
+    ],
+)  # fmt: skip
+def test_a_display_in_other_units_is_noted_with_a_study_and_alone(study, display, changes, said):
+    told = check(study(), "--display", display(*changes))
+    assert said in told[1] + told[2]
+    code, told_alone, _ = check(display(*changes))
+    assert code == 0
+    assert said in told_alone
+
+
+def test_a_picture_wider_than_an_eye_sees_is_noted(study, display):
+    near = display(("distance_mm = 700.0", "distance_mm = 100.0"))
+    wide = study(("width_deg = 8.0\nheight_deg = 6.0", "width_px = 1800\nheight_px = 900"))
+    assert "more than an eye sees at rest" in check(wide, "--display", near)[1]
+
+
+def test_check_of_a_display_file_checks_the_display(display):
+    code, told, _ = check(display())
+    assert code == 0
+    assert told.startswith("fhd27-60hz: in order, a display of 1920 x 1080 px at 60 Hz")
+    code, _, error = check(display(("refresh_hz = 60.0", "refresh_hz = -60.0")))
+    assert code == 2
+    assert error.count("\n") == 1
+    assert "refresh_hz: must be greater than 0" in error
+
+
+def test_a_display_in_place_of_a_study_is_one_mistake(display):
+    result = CliRunner().invoke(app, ["protocol", "show", str(display())])
+    assert result.exit_code == 2
+    assert "must be a study (this is a display)" in result.stderr
+    assert result.stderr.count("\n") <= 2
