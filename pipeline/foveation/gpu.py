@@ -19,7 +19,7 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import LEAST_PARALLEL, PARTNER_SHARE, SMALLEST_VARIANCE
+from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     MOST_STEPS,
@@ -257,7 +257,6 @@ class ChainPass:
                         OWN=key[0],
                         OLDER=key[1],
                         CHROMA=chroma,
-                        LEAST_PARALLEL=LEAST_PARALLEL,
                         **taps,
                     )
                 )
@@ -291,8 +290,6 @@ class ChainPass:
                 older.use(1)
             if (moments := self.moments[r]) is not None:
                 moments.bind_to_image(1, read=False, write=True)
-            if "row_share" in shader:
-                shader["row_share"] = (1 << r) / self._owner.geometry.height_px
             self._owner._run(shader, self.sizes[r + 1])
 
     def push(self, last: int, first: int | None = None) -> None:
