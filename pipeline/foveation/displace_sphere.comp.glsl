@@ -43,12 +43,10 @@ vec3 lattice_noise(vec3 ray, int level) {
 }
 
 vec3 unit_noise(vec3 ray, float smooth_rad) {
-    float wide = max(2.0 * smooth_rad, exp2(float(FINEST)));
-    int level = int(floor(log2(wide)));
-    float ratio = wide * exp2(float(-level));
-    float share = (ratio * ratio - 1.0) / 3.0;
-    return mix(lattice_noise(ray, level), lattice_noise(ray, level + 1), share)
-         * inversesqrt(share * share + (1.0 - share) * (1.0 - share));
+    float power = log2(max(2.0 * smooth_rad, exp2(float(FINEST))));
+    int level = int(floor(power));
+    float turn = 0.5 * PI * (power - float(level));
+    return cos(turn) * lattice_noise(ray, level) + sin(turn) * lattice_noise(ray, level + 1);
 }
 
 vec2 place_of(vec3 ray) {

@@ -242,4 +242,3 @@ def _box(
     if not geometry.wraps:
         first, last = max(0, first), min(geometry.width_px, last)
     return np.arange(first_row, min(geometry.height_px, last_row)), np.arange(first, last)
-

@@ -6,8 +6,8 @@ them, and is made stronger by as much as the mixture takes from it.
 
 A displacement's noise is random vectors on the points of a cubic lattice in space, blended by a quadratic B-spline,
 and read at the direction's point of the unit sphere. A lattice of spacing d is as smooth as white
-noise pooled with the deviation d / 2. Spacings are powers of two of a radian; between two of them,
-shares follow the variance that is asked for, as levels of detail do.
+noise pooled with the deviation d / 2. Spacings are powers of two of a radian; between two of them
+the noise of both is mixed.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ def unit_noise(rays: Floats, smooth_rad: Floats, key: tuple[int, int, int]) -> F
     """Vectors as smooth as pools of the deviation `smooth_rad`, of unit variance: (..., 3)."""
     power = np.log2(np.maximum(2 * smooth_rad, 2.0**FINEST))
     level = np.floor(power)
-    share = ((4.0 ** (power - level) - 1) / 3)[..., None]
+    turn = 0.5 * np.pi * (power - level)[..., None]
     fine, coarse = (lattice_noise(rays, level + up, key) for up in (0, 1))
-    return np.asarray(((1 - share) * fine + share * coarse) / np.hypot(1 - share, share))
+    return np.asarray(np.cos(turn) * fine + np.sin(turn) * coarse)
 
 
 def lattice_noise(rays: Floats, level: Floats, key: tuple[int, int, int]) -> Floats:
