@@ -163,7 +163,7 @@ def _on_sphere_px(
         key=noise_key(seed),
         laid_on=laid_on,
     )
-    found = np.stack(geometry.positions(moved), axis=-1) - np.stack([x, y], axis=-1)
+    found: Floats = np.stack(geometry.positions(moved), axis=-1) - np.stack([x, y], axis=-1)
     if geometry.wraps:  # the short way round
         half = geometry.width_px / 2
         found[..., 0] = (found[..., 0] + half) % geometry.width_px - half

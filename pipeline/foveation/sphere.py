@@ -4,10 +4,10 @@ They are mixed between two latitudes. What is displaced has to be displaced alik
 mixture would show it twice: so displacements are of directions. Other noise differs between
 them, and is made stronger by as much as the mixture takes from it.
 
-A displacement's noise is random vectors on the points of a cubic lattice in space, blended by a quadratic B-spline,
-and read at the direction's point of the unit sphere. A lattice of spacing d is as smooth as white
-noise pooled with the deviation d / 2. Spacings are powers of two of a radian; between two of them
-the noise of both is mixed.
+A displacement's noise is random vectors on the points of a cubic lattice in space, blended by a
+quadratic B-spline, and read at the direction's point of the unit sphere. A lattice of spacing d is
+as smooth as white noise pooled with the deviation d / 2. Spacings are powers of two of a radian;
+between two of them the noise of both is mixed.
 """
 
 from __future__ import annotations
@@ -110,4 +110,4 @@ def noise_key(seed: int) -> tuple[int, int, int]:
 
 def _uniform(bits: Bits) -> Floats:
     """Of unit variance around 0; of 24 bits, as many as a float32 holds."""
-    return ((bits >> np.uint32(8)).astype(np.float64) * 2.0**-24 - 0.5) * np.sqrt(12.0)
+    return np.asarray(((bits >> np.uint32(8)) * 2.0**-24 - 0.5) * np.sqrt(12.0))
