@@ -254,7 +254,7 @@ def _check_clip(out: Path | None, outputs: Outputs) -> None:
     if given:
         raise StudyError(f"{given[0]} takes one picture, not a folder; give it a frame")
     if out is not None and out.suffix.lower() in FILE_ENDINGS:
-        raise StudyError(f"OUT must be a folder, as the frames lie in one (got {out})")
+        raise StudyError(f"OUT must be a folder, as PICTURE is a folder of frames (got {out})")
 
 
 def _check(outputs: Outputs, flow: Path | None) -> None:
