@@ -81,14 +81,16 @@ class Condition(Protocol):
 
     Attributes
     ----------
-    pooling : Pooling or None
-        How widely the eye pools, where that plays a part.
     on_charts : bool
         Whether a panorama is shown in three pictures, see panorama.py; it needs `pooling`.
     """
 
-    pooling: Pooling | None
     on_charts: ClassVar[bool]
+
+    @property
+    def pooling(self) -> Pooling | None:
+        """How widely the eye pools, where that plays a part."""
+        ...
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         """Return what is shown: (H, W, 3), float32 in [0, 1]."""

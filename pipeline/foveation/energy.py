@@ -32,13 +32,13 @@ from numpy.typing import NDArray
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError, MissingExtraError
 from pipeline.features.reference import check_levels, fitted_kernels
-from pipeline.foveation.catalogue import Pooled
+from pipeline.foveation.catalogue import Metamer, Pooled
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import PoolingParameters
-from pipeline.foveation.reference import blurred, finished, metamer
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.panorama import by_charts
+from pipeline.foveation.pooling import LAWS, PoolingParameters
+from pipeline.foveation.reference import blurred, finished
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]
@@ -135,7 +135,7 @@ class EnergyMetamer(Pooled):
             scale = max(1e-12, float(loss_of(_tensor(base))))
         kept = None if state is None else _read_state(state, key)
         done = 0 if kept is None else int(kept["done"])
-        first = self._first(picture, look, pools, base) if kept is None else kept["pixels"]
+        first = self._first(picture, look, base) if kept is None else kept["pixels"]
         pixels = _tensor(first).clone().requires_grad_(True)
         descent = torch.optim.Adam([pixels], lr=RATE)
         if kept is not None and done > 0:
@@ -182,11 +182,13 @@ class EnergyMetamer(Pooled):
         return ours / max(1e-12, base)
 
     def _first(
-        self, picture: Picture, look: Look, pools: Pools, base: NDArray[np.float32]
+        self, picture: Picture, look: Look, base: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
-            settings = MetamerSettings(self.pooling)
-            return metamer(picture, pools, settings, look.seed, noise_shift_px=look.noise_shift_px)
+            law = self.pooling.law
+            constant: Any = {LAWS[law][0]: self.pooling.constant}
+            ours = Metamer(law=law, fovea_deg=self.pooling.fovea_deg, **constant)
+            return (by_charts if look.geometry.wraps else Metamer.apply)(ours, picture, look)
         # Not the key of another kind of noise with this seed.
         noise = np.random.Generator(np.random.Philox(key=[look.seed, 3])).standard_normal(
             picture.shape[:2], dtype=np.float32
