@@ -4,6 +4,9 @@ Per picture and condition: the least and greatest ratio of a band's luma deviati
 the statistics distance (`stimuli.score.statistics`), the difference between two seeds and the
 change when the gaze moves by a pixel, both beyond 5 degrees in steps of 255, and the share of
 samples clipped. FovVideoVDP, foveated, beside them where the extra `metrics` is installed.
+
+odak's `gen_metamer` stands beside them, where odak is installed, with `--law authors --width-deg
+28`: so wide its pools are ours, and it has no others.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 from skimage import data
 
+from benchmarks.odak_library import WIDTH_DEG, gen_metamer, perception
 from benchmarks.output import file_to_write
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
@@ -42,6 +46,7 @@ CONDITIONS = (
     ("eidolon", {}),
     ("warped-metamer", {}),
 )
+ODAK = "odak"
 LEVELS = 4
 LEAST_POOL, MOST_POOL = 1.0, 64.0  # deviations, coefficients, at which ratios are measured
 PERIPHERY_DEG = 5.0
@@ -124,6 +129,8 @@ def judge(
     height, width = shown.shape[:2]
     viewing, gaze = Flat(width_deg), (width / 2, height / 2)
     pools = Pools(viewing.of(width, height), gaze, make_pooling(law))
+    if condition == ODAK:
+        return judge_odak(name, shown, law, pools, width_deg)
     given = dict(parameters)
     if condition not in ("reference", "noise-enhanced", "contrast-enhanced"):
         given["law"] = law
@@ -152,6 +159,19 @@ def judge(
         apart(first, shown),
         jod_of(first, shown, width_deg),
     )
+
+
+def judge_odak(name: str, shown: Picture, law: str, pools: Pools, width_deg: float) -> Result:
+    """Measure the authors' library, which has one seed and hears of no gaze off the middle."""
+    found = gen_metamer(shown)
+    assert found is not None
+    ratios = band_ratios(found, shown, pools)
+    far = pools.eccentricity_deg() > PERIPHERY_DEG
+    return Result(
+        name, ODAK, {}, law, float(np.nanmin(ratios)), float(np.nanmax(ratios)),
+        statistics_distance(found, shown), math.nan, math.nan, math.nan,
+        float(255 * np.abs(found - shown)[far].mean()), jod_of(found, shown, width_deg),
+    )  # fmt: skip
 
 
 def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
@@ -249,12 +269,15 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--out", type=file_to_write, help="JSON file to write")
     arguments = parser.parse_args(argv)
     console = Console()
+    conditions: list[tuple[str, dict[str, object]]] = [(name, dict(p)) for name, p in CONDITIONS]
+    if arguments.law == ["authors"] and arguments.width_deg == WIDTH_DEG and perception():
+        conditions.append((ODAK, {}))
     results = [
-        judge(name, shown, condition, dict(parameters), law, arguments.width_deg)
+        judge(name, shown, condition, parameters, law, arguments.width_deg)
         for name, shown in pictures(arguments.pictures, arguments.edge)
         if not arguments.only or name in arguments.only
         for law in arguments.law
-        for condition, parameters in CONDITIONS
+        for condition, parameters in conditions
         if not arguments.condition or condition in arguments.condition
     ]
     if not results:

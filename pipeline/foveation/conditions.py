@@ -1,17 +1,12 @@
 """Every condition under a name, and `foveate`: one call for stills, panoramas, pairs and clips.
 
 To add a condition, write its class (in catalogue.py, or a module of its own) and add one line to
-`CONDITIONS`. Keyword-only parameters of the class are the condition's parameters.
+`CONDITIONS`.
 """
 
 from __future__ import annotations
 
-import difflib
-import importlib
-import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -20,6 +15,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition, Look, Picture, check_picture
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
+from pipeline.foveation.panorama import by_charts
+from pipeline.registry import Entry, check_given, defaults_of, find
 
 if TYPE_CHECKING:
     import moderngl
@@ -27,33 +24,10 @@ if TYPE_CHECKING:
     from pipeline.foveation.gpu import FoveationPass
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One condition: its name, what it is, where its class lives."""
-
-    name: str  # a trailing colon: a path follows
-    summary: str
-    target: str  # module:class, imported when the condition is made
-
-    @property
-    def takes_path(self) -> bool:
-        return self.name.endswith(":")
-
-    @property
-    def shown_name(self) -> str:
-        """The name as a user writes it."""
-        return f"{self.name}FOLDER" if self.takes_path else self.name
-
-    def load(self) -> type[Any]:
-        """Import and return the class."""
-        module, _, attribute = self.target.partition(":")
-        return cast(type[Any], getattr(importlib.import_module(module), attribute))
-
-
 _CATALOGUE = "pipeline.foveation.catalogue"
 CONDITIONS = tuple(
-    Entry(name, summary, target if ":" in target else f"{_CATALOGUE}:{target}")
-    for name, summary, target in (
+    Entry(name, summary, target if ":" in target else f"{_CATALOGUE}:{target}", *path)
+    for name, summary, target, *path in (
         ("reference", "the picture itself", "Reference"),
         ("blur", "each pixel is the mean of its pool", "Blur"),
         ("metamer", "noise with each pool's moments (Walton et al. 2021)", "Metamer"),
@@ -66,7 +40,7 @@ CONDITIONS = tuple(
             "pooled energies matched by descent (torch, minutes)",
             "pipeline.foveation.energy:EnergyMetamer",
         ),
-        ("files:", "pictures made elsewhere", "FilesOnDisk"),
+        ("files:", "pictures made elsewhere", "FilesOnDisk", "FOLDER"),
     )
 )
 
@@ -82,30 +56,14 @@ def check_condition_name(name: str) -> Entry:
     Raises
     ------
     InputError
-        If there is no such condition, with the nearest name; or if its folder is missing.
+        If there is no such condition, with the nearest name; or if its path is missing.
     """
-    for entry in CONDITIONS:
-        if entry.takes_path and name.startswith(entry.name):
-            if name == entry.name:
-                raise InputError(f"method {name!r} must name a folder: {entry.shown_name}")
-            return entry
-        if name == entry.name:
-            return entry
-    near = difflib.get_close_matches(
-        name.lower().replace("_", "-"), [entry.name for entry in CONDITIONS], n=1
-    )
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise InputError(f"method must be one of {', '.join(condition_names())} (got {name!r}{hint})")
+    return find(CONDITIONS, name)
 
 
 def condition_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of the condition `name` with their defaults."""
-    signature = inspect.signature(check_condition_name(name).load())
-    return {
-        parameter.name: parameter.default
-        for parameter in signature.parameters.values()
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-    }
+    return defaults_of(check_condition_name(name).load())
 
 
 def create_condition(name: str, parameters: Mapping[str, Any] | None = None) -> Condition:
@@ -125,30 +83,9 @@ def create_condition(name: str, parameters: Mapping[str, Any] | None = None) -> 
         another type or out of range.
     """
     entry = check_condition_name(name)
-    known = condition_parameters(name)
-    given = dict(parameters or {})
-    for key, value in given.items():
-        if key not in known:
-            offered = ", ".join(known) or "none"
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"parameters of {name} are: {offered} (got {key!r}{hint})")
-        _check_type(key, value, known[key])
-    leading = (Path(name.removeprefix(entry.name)),) if entry.takes_path else ()
-    return cast(Condition, entry.load()(*leading, **given))
-
-
-def _check_type(key: str, value: object, default: object) -> None:
-    accepted: tuple[type, ...]
-    if key == "law":
-        accepted = (str, type(None))
-    elif default is None:
-        accepted = (int, float, type(None))
-    else:
-        accepted = (int, float) if isinstance(default, float) else (type(default),)
-    if not isinstance(value, accepted) or (isinstance(value, bool) != isinstance(default, bool)):
-        wanted = " or ".join(kind.__name__ for kind in accepted if kind is not type(None))
-        raise InputError(f"parameter {key} must be {wanted} (got {value!r})")
+    kind = entry.load()
+    check_given(name, kind, parameters or {})
+    return cast(Condition, kind(*entry.path_in(name), **(parameters or {})))
 
 
 def foveate(
@@ -255,7 +192,7 @@ class Foveator:
         self.condition = create_condition(method, parameters)
         self.passes: FoveationPass | None = None
         if ctx is not None:
-            self.passes = self.condition.on_gpu(ctx, self.geometry)
+            self.passes = self._passes(ctx)
 
     def __call__(
         self,
@@ -278,7 +215,16 @@ class Foveator:
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             return self.passes.apply(image, look)
+        if self.geometry.wraps and self.condition.on_charts:
+            return by_charts(self.condition, image, look)
         return self.condition.apply(image, look)
+
+    def _passes(self, ctx: moderngl.Context) -> FoveationPass | None:
+        if not (self.geometry.wraps and self.condition.on_charts):
+            return self.condition.on_gpu(ctx, self.geometry)
+        from pipeline.foveation.panorama_gpu import panorama_pass
+
+        return panorama_pass(ctx, self.geometry, self.condition)
 
     def release(self) -> None:
         """Free what is held on the GPU."""

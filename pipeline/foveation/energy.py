@@ -24,25 +24,21 @@ import os
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError, MissingExtraError
-from pipeline.features.reference import fitted_kernels
+from pipeline.features.reference import check_levels, fitted_kernels
+from pipeline.foveation.catalogue import Metamer, Pooled
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
-from pipeline.foveation.reference import blurred, finished, metamer
-from pipeline.foveation.settings import MetamerSettings
-
-if TYPE_CHECKING:
-    import moderngl
-
-    from pipeline.foveation.gpu import FoveationPass
+from pipeline.foveation.panorama import by_charts
+from pipeline.foveation.pooling import LAWS, PoolingParameters
+from pipeline.foveation.reference import blurred, finished
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]
@@ -62,7 +58,7 @@ INSTALL = (
 )
 
 
-class EnergyMetamer:
+class EnergyMetamer(Pooled):
     """Pixels that pool to the same energies, by descent; see the module.
 
     Raises
@@ -73,35 +69,27 @@ class EnergyMetamer:
         If a value is out of range.
     """
 
+    on_charts = False  # one descent, of which one state is kept
+
     def __init__(
         self,
         *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
         start: str = "metamer",
         steps: int = 60,
         levels: int = 5,
+        **pooling: Unpack[PoolingParameters],
     ) -> None:
-        self.pooling = make_pooling(
-            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
-        )
+        super().__init__(**pooling)
         if start not in STARTS:
             raise InputError(f"start must be one of {', '.join(STARTS)} (got {start!r})")
         if not 1 <= steps <= 100_000:
             raise InputError(f"steps must lie in 1..100000 (got {steps})")
-        if not 1 <= levels <= 6:
-            raise InputError(f"levels must lie in 1..6 (got {levels})")
+        check_levels(levels)
         self.start, self.steps, self.levels = start, steps, levels
         if find_spec("torch") is None:
             raise MissingExtraError(
                 f"energy-metamer needs torch, which is not installed here; {INSTALL}"
             )
-
-    def on_gpu(self, ctx: moderngl.Context, geometry: Any) -> FoveationPass | None:  # noqa: ARG002
-        return None
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return self.descend(picture, look)
@@ -147,7 +135,7 @@ class EnergyMetamer:
             scale = max(1e-12, float(loss_of(_tensor(base))))
         kept = None if state is None else _read_state(state, key)
         done = 0 if kept is None else int(kept["done"])
-        first = self._first(picture, look, pools, base) if kept is None else kept["pixels"]
+        first = self._first(picture, look, base) if kept is None else kept["pixels"]
         pixels = _tensor(first).clone().requires_grad_(True)
         descent = torch.optim.Adam([pixels], lr=RATE)
         if kept is not None and done > 0:
@@ -194,11 +182,13 @@ class EnergyMetamer:
         return ours / max(1e-12, base)
 
     def _first(
-        self, picture: Picture, look: Look, pools: Pools, base: NDArray[np.float32]
+        self, picture: Picture, look: Look, base: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
-            settings = MetamerSettings(self.pooling)
-            return metamer(picture, pools, settings, look.seed, noise_shift_px=look.noise_shift_px)
+            law = self.pooling.law
+            constant: Any = {LAWS[law][0]: self.pooling.constant}
+            ours = Metamer(law=law, fovea_deg=self.pooling.fovea_deg, **constant)
+            return (by_charts if look.geometry.wraps else Metamer.apply)(ours, picture, look)
         # Not the key of another kind of noise with this seed.
         noise = np.random.Generator(np.random.Philox(key=[look.seed, 3])).standard_normal(
             picture.shape[:2], dtype=np.float32

@@ -3,16 +3,12 @@
 To add a method, write its class (one file in this folder) and add one line to `SHIPPED`. A package
 of another lab adds its own by an entry point of the group ``metamerlab.methods``, which names the
 class.
-Parameters of a method are the keyword-only parameters of its class; the class checks
-their values. A class that draws on the GPU takes the context as its first parameter,
+A class that draws on the GPU takes the context as its first parameter,
 ``ctx``; one whose name carries a path (``onnx:FILE``) takes it as ``path``.
 """
 
-import difflib
-import importlib
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
@@ -21,29 +17,7 @@ import moderngl
 
 from pipeline.errors import GLUnavailableError, InputError
 from pipeline.methods.method import Method
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One method: its name, what it is, where its class lives."""
-
-    name: str  # a trailing colon: a path follows
-    summary: str
-    target: str  # module:class, imported when the method is made
-
-    @property
-    def takes_path(self) -> bool:
-        return self.name.endswith(":")
-
-    @property
-    def shown_name(self) -> str:
-        """The name as a user writes it."""
-        return {"onnx:": "onnx:FILE", "frames:": "frames:FOLDER"}.get(self.name, self.name)
-
-    def load(self) -> type[Any]:
-        """Import and return the class."""
-        module, _, attribute = self.target.partition(":")
-        return cast(type[Any], getattr(importlib.import_module(module), attribute))
+from pipeline.registry import Entry, check_given, defaults_of, find
 
 
 def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:
@@ -105,8 +79,8 @@ SHIPPED = tuple(
             "the background's edge, continued along the parallax",
             "pipeline.methods.background_extension:BackgroundExtension",
         ),
-        ("onnx:", "a neural network exported to ONNX", "pipeline.methods.onnx:OnnxNetwork"),
-        ("frames:", "frames made elsewhere", "pipeline.methods.frames:FramesOnDisk"),
+        ("onnx:", "a neural network exported to ONNX", "pipeline.methods.onnx:OnnxNetwork", "FILE"),
+        ("frames:", "frames made elsewhere", "pipeline.methods.frames:FramesOnDisk", "FOLDER"),
     )
 )
 
@@ -126,26 +100,12 @@ def check_method_name(name: str) -> Entry:
     InputError
         If there is no such method, with the nearest name; or if its path is missing.
     """
-    for entry in METHODS:
-        if entry.takes_path and name.startswith(entry.name):
-            if name == entry.name:
-                raise InputError(f"method {name!r} must name a path: {entry.shown_name}")
-            return entry
-        if name == entry.name:
-            return entry
-    raise InputError(
-        f"method must be one of {', '.join(method_names())} (got {name!r}{_hint(name)})"
-    )
+    return find(METHODS, name)
 
 
 def method_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of the method `name` with their defaults."""
-    signature = inspect.signature(check_method_name(name).load())
-    return {
-        parameter.name: parameter.default
-        for parameter in signature.parameters.values()
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-    }
+    return defaults_of(check_method_name(name).load())
 
 
 def method_files(name: str) -> list[Path]:
@@ -194,34 +154,12 @@ def create_method(
         If the method runs on the GPU and there is no context.
     """
     entry = check_method_name(name)
-    known = method_parameters(name)
-    given = dict(parameters or {})
-    for key in given:
-        if key not in known:
-            offered = ", ".join(known) or "none"
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"parameters of {name} are: {offered} (got {key!r}{hint})")
-        _check_type(key, given[key], known[key])
     method_class = entry.load()
+    check_given(name, method_class, parameters or {})
     leading: list[object] = []
     if "ctx" in inspect.signature(method_class).parameters:
         if ctx is None:
             raise GLUnavailableError(f"method {name!r} needs an OpenGL context (got none)")
         leading.append(ctx)
-    if entry.takes_path:
-        leading.append(Path(name.removeprefix(entry.name)))
-    return cast(Method, method_class(*leading, **given))
-
-
-def _check_type(key: str, value: object, default: object) -> None:
-    accepted = (int, float) if isinstance(default, float) else (type(default),)
-    if not isinstance(value, accepted) or (isinstance(value, bool) != isinstance(default, bool)):
-        wanted = " or ".join(kind.__name__ for kind in accepted)
-        raise InputError(f"parameter {key} must be {wanted} (got {value!r})")
-
-
-def _hint(name: str) -> str:
-    names = [entry.name for entry in METHODS]
-    near = difflib.get_close_matches(name.lower().replace("_", "-"), names, n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    leading += entry.path_in(name)
+    return cast(Method, method_class(*leading, **(parameters or {})))

@@ -97,7 +97,7 @@ def test_panoramas_are_taken(rng, name):
     [
         ({"method": "metamr"}, "did you mean 'metamer'"),
         ({"method": "warped_metamer"}, "did you mean 'warped-metamer'"),
-        ({"method": "files:"}, "must name a folder"),
+        ({"method": "files:"}, "must name a path"),
         ({"scalling": 0.3}, "did you mean 'scaling'"),
         ({"scaling": "wide"}, "must be int or float"),
         ({"chroma": "some"}, "follow, full, luma"),

@@ -1,0 +1,117 @@
+"""Classes under names: fill methods, and conditions for a gaze.
+
+Parameters of a name are the keyword-only parameters of its class; a class that hands ``**others``
+on to its base has the base's too. The class checks their values.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from pipeline.errors import InputError
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One name, what it stands for, and where its class lives."""
+
+    name: str  # a trailing colon: a path follows
+    summary: str
+    target: str  # module:class, imported when it is made
+    path: str = ""  # what the path leads to, FILE or FOLDER
+
+    @property
+    def takes_path(self) -> bool:
+        return self.name.endswith(":")
+
+    @property
+    def shown_name(self) -> str:
+        """The name as a user writes it."""
+        return self.name + self.path
+
+    def load(self) -> type[Any]:
+        """Import and return the class."""
+        module, _, attribute = self.target.partition(":")
+        return cast(type[Any], getattr(importlib.import_module(module), attribute))
+
+    def path_in(self, name: str) -> tuple[Path, ...]:
+        """The path that `name` carries, or nothing."""
+        return (Path(name.removeprefix(self.name)),) if self.takes_path else ()
+
+
+def find(entries: Sequence[Entry], name: str) -> Entry:
+    """Return the entry that `name` means; nothing is imported.
+
+    Raises
+    ------
+    InputError
+        If there is none, with the nearest name; or if its path is missing.
+    """
+    for entry in entries:
+        if entry.takes_path and name.startswith(entry.name):
+            if name == entry.name:
+                raise InputError(f"method {name!r} must name a path: {entry.shown_name}")
+            return entry
+        if name == entry.name:
+            return entry
+    shown = ", ".join(entry.shown_name for entry in entries)
+    near = _hint(name.lower().replace("_", "-"), [entry.name for entry in entries])
+    raise InputError(f"method must be one of {shown} (got {name!r}{near})")
+
+
+def parameters_of(kind: type[Any]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a class by name, those of its bases first."""
+    found: dict[str, inspect.Parameter] = {}
+    for base in kind.__mro__:
+        if "__init__" in vars(base):
+            every = inspect.signature(vars(base)["__init__"]).parameters.values()
+            found = {p.name: p for p in every if p.kind is p.KEYWORD_ONLY} | found
+            if not any(p.kind is p.VAR_KEYWORD for p in every):
+                break
+    return found
+
+
+def defaults_of(kind: type[Any]) -> dict[str, Any]:
+    """Return the parameters of a class with their defaults."""
+    return {name: parameter.default for name, parameter in parameters_of(kind).items()}
+
+
+def check_given(name: str, kind: type[Any], given: Mapping[str, Any]) -> None:
+    """Check the names and the types of parameters; their values are the class's to check.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, with the nearest that there is.
+    """
+    known = parameters_of(kind)
+    for key, value in given.items():
+        if key not in known:
+            offered = ", ".join(known) or "none"
+            raise InputError(
+                f"parameters of {name} are: {offered} (got {key!r}{_hint(key, known)})"
+            )
+        accepted = _accepted(known[key])
+        default = known[key].default
+        if not isinstance(value, accepted) or isinstance(value, bool) != isinstance(default, bool):
+            wanted = " or ".join(kind.__name__ for kind in accepted if kind is not type(None))
+            raise InputError(f"parameter {key} must be {wanted} (got {value!r})")
+
+
+def _accepted(parameter: inspect.Parameter) -> tuple[type, ...]:
+    default = parameter.default
+    if default is None:  # the annotation alone says what else it may be
+        numbers = "float" in str(parameter.annotation)
+        return (int, float, type(None)) if numbers else (str, type(None))
+    return (int, float) if isinstance(default, float) else (type(default),)
+
+
+def _hint(name: str, names: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
