@@ -37,6 +37,12 @@ def texture(geometry):
     return np.repeat(grey[..., None], 3, axis=2).clip(0, 1).astype(np.float32)
 
 
+@pytest.fixture(scope="module")
+def noisy(texture):
+    """The metamer of the texture, the gaze on the horizon."""
+    return foveate(texture, (0, 128), viewing=Equirectangular(), seed=3)
+
+
 @pytest.mark.parametrize("upper", [True, False])
 def test_a_cap_is_stereographic(geometry, upper, rng):
     """Positions invert directions, the pole is in the middle, and small circles are circles."""
@@ -107,23 +113,18 @@ def evenness(picture, **towards):
     return outwards[near].std() / round_it[near].std(), seen[near].std()
 
 
-def test_noise_runs_in_no_streaks_to_the_pole(geometry, texture):
-    gaze_px = (0.0, 128.0)
-    shown = foveate(texture, gaze_px, viewing=Equirectangular(), seed=3)
-    in_pixels = Metamer().apply(texture, Look(geometry, gaze_px, seed=3))
+def test_noise_runs_in_no_streaks_to_the_pole(geometry, texture, noisy):
+    in_pixels = Metamer().apply(texture, Look(geometry, (0, 128), seed=3))
     for down_deg in (-90, 90):
-        even, strength = evenness(shown, down_deg=down_deg)
+        even, strength = evenness(noisy, down_deg=down_deg)
         streaky, _ = evenness(in_pixels, down_deg=down_deg)
         assert 0.85 < even < 1.18
         assert streaky < 0.8
         assert strength == pytest.approx(evenness(texture, down_deg=down_deg)[1], rel=0.3)
 
 
-def test_noise_is_as_strong_where_belt_and_caps_are_mixed(texture):
-    blur, noisy = (
-        foveate(texture, (0, 128), viewing=Equirectangular(), method=method, seed=5)
-        for method in ("blur", "metamer")
-    )
+def test_noise_is_as_strong_where_belt_and_caps_are_mixed(texture, noisy):
+    blur = foveate(texture, (0, 128), viewing=Equirectangular(), method="blur")
     by_row = (noisy - blur).astype(np.float64)[..., 0].std(axis=1)
     latitude = 90 - (np.arange(256) + 0.5) * 180 / 256
     mixed = by_row[(np.abs(latitude) > 47) & (np.abs(latitude) < 53)].mean()
@@ -192,11 +193,13 @@ def test_noise_of_directions_is_as_smooth_as_noise_pooled_so(rng, smooth):
 
 
 @pytest.mark.parametrize("method", ["metamer", "warped-metamer"])
-def test_a_fovea_at_the_pole_is_copied_bit_for_bit(geometry, texture, method):
-    shown = foveate(texture, (77, 3), viewing=Equirectangular(), method=method, fovea_deg=8)
-    away = Look(geometry, (77, 3)).pools(Blur(fovea_deg=8).pooling).eccentricity_deg()
-    assert (shown[away <= 8] == texture[away <= 8]).all()
-    assert (shown[away > 20] != texture[away > 20]).mean() > 0.9
+def test_a_fovea_at_the_pole_is_copied_bit_for_bit(texture, method):
+    small = np.ascontiguousarray(texture[::2, ::2])
+    shown = foveate(small, (40, 2), viewing=Equirectangular(), method=method, fovea_deg=8)
+    look = Look(Equirectangular().of(256, 128), (40, 2))
+    away = look.pools(Blur(fovea_deg=8).pooling).eccentricity_deg()
+    assert (shown[away <= 8] == small[away <= 8]).all()
+    assert (shown[away > 20] != small[away > 20]).mean() > 0.9
 
 
 def test_noise_that_turns_with_the_panorama_turns_with_its_caps(geometry):
