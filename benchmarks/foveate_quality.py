@@ -285,6 +285,10 @@ def main(argv: list[str]) -> int:
     show(results + mean_over_pictures(results), console)
     if arguments.out:
         record = {"width_deg": arguments.width_deg, "edge_px": arguments.edge}
-        found = record | {"results": [asdict(result) for result in results]}
+        known = [
+            {key: None if value != value else value for key, value in asdict(result).items()}
+            for result in results
+        ]
+        found = record | {"results": known}
         Path(arguments.out).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 0
