@@ -1,21 +1,25 @@
 """The conditions by class: parameters checked and kept, the work done by the modules beside.
 
-Keyword-only parameters of a class are the parameters of its condition. Those of pooling are the
-same for all: `law`, the law's constant (`scaling`, `alpha` or `rate`), `fovea_deg`; see
-`pooling.make_pooling`.
+Keyword-only parameters of a class and of its bases are the parameters of its condition. Those of
+pooling are the same for all: see `Pooled`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
 from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import (
+    CONSTANTS,
+    Pooling,
+    PoolingParameters,
+    make_pooling,
+)
 from pipeline.foveation.settings import Chroma, MetamerSettings, Residual
 from pipeline.image_file import from_integers, read_pixels, three_channels
 
@@ -28,22 +32,28 @@ ENHANCED_RATE = 1.40
 """Arcmin per degree of the blurs that are enhanced, unless a law is given: Beyond Blur's widest."""
 
 
-class _Plain:
+class Plain:
     """A condition that numpy alone makes."""
+
+    pooling: Pooling | None = None
+    on_charts: ClassVar[bool] = False
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:  # noqa: ARG002
         return None
 
 
-class Reference(_Plain):
+class Reference(Plain):
     """The picture itself."""
 
     def apply(self, picture: Picture, look: Look) -> Picture:  # noqa: ARG002
         return picture.copy()
 
 
-class Blur(_Plain):
-    """Every pixel is its pool's mean."""
+class Pooled(Plain):
+    """A condition that pools; its parameters are those of `pooling.make_pooling`."""
+
+    pooling: Pooling
+    on_charts = True
 
     def __init__(
         self,
@@ -58,6 +68,10 @@ class Blur(_Plain):
             law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
         )
 
+
+class Blur(Pooled):
+    """Every pixel is its pool's mean."""
+
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
         from pipeline.foveation.gpu import BlurPass
 
@@ -67,24 +81,20 @@ class Blur(_Plain):
         return reference.blur(picture, look.pools(self.pooling))
 
 
-class Metamer(_Plain):
+class Metamer(Pooled):
     """Noise with every pool's moments; see `MetamerSettings`."""
 
     def __init__(
         self,
         *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
         chroma: Chroma = "follow",
         residual: Residual = "kept",
         noise: float = 1.0,
         levels: int = 5,
+        **pooling: Unpack[PoolingParameters],
     ) -> None:
-        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-        self.settings = MetamerSettings(pooling, levels, chroma, residual, noise)
+        super().__init__(**pooling)
+        self.settings = MetamerSettings(self.pooling, levels, chroma, residual, noise)
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
         from pipeline.foveation.gpu import MetamerPass
@@ -96,33 +106,22 @@ class Metamer(_Plain):
     def apply(self, picture: Picture, look: Look) -> Picture:
         return reference.metamer(
             picture,
-            look.pools(self.settings.pooling),
+            look.pools(self.pooling),
             self.settings,
             look.seed,
             noise_shift_px=look.noise_shift_px,
         )
 
 
-class _Enhanced(_Plain):
+class _Enhanced(Pooled):
     """A blur to which something is given back, by `strength`."""
 
     most_strength: ClassVar[float]
 
-    def __init__(
-        self,
-        *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
-        strength: float = 1.0,
-    ) -> None:
-        if law is None and scaling is None and alpha is None and rate is None:
-            rate = ENHANCED_RATE
-        self.pooling = make_pooling(
-            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
-        )
+    def __init__(self, *, strength: float = 1.0, **pooling: Unpack[PoolingParameters]) -> None:
+        if not any(pooling.get(name) is not None for name in ("law", *CONSTANTS)):
+            pooling["rate"] = ENHANCED_RATE
+        super().__init__(**pooling)
         if not 0 <= strength <= self.most_strength:
             raise InputError(f"strength must lie in 0..{self.most_strength:g} (got {strength})")
         self.strength = strength
@@ -150,76 +149,63 @@ class ContrastEnhanced(_Enhanced):
         )
 
 
-class Eidolon(_Plain):
-    """The picture displaced at random; see `DisplacementSettings`."""
+class _Displaced(Pooled):
+    """What is displaced at random; see `DisplacementSettings`."""
 
-    def __init__(
-        self,
-        *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
-        reach: float = 0.35,
-        smoothness: float = 0.5,
-    ) -> None:
-        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-        self.settings = DisplacementSettings(pooling, reach, smoothness)
+    match: ClassVar[bool]
+    settings: DisplacementSettings
 
     def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
         from pipeline.foveation.displacement_gpu import DisplacementPass
 
-        return DisplacementPass(ctx, geometry, self.settings, match=False)
+        return DisplacementPass(ctx, geometry, self.settings, match=self.match)
 
     def apply(self, picture: Picture, look: Look) -> Picture:
-        pooling = self.settings.pooling
-        return displacement.eidolon(
+        show = displacement.warped_metamer if self.match else displacement.eidolon
+        return show(
             picture,
-            look.pools(pooling),
+            look.pools(self.pooling),
             self.settings,
             look.seed,
-            field_pools=look.field_pools(pooling),
+            field_pools=look.field_pools(self.pooling),
             shift_px=look.noise_shift_px,
         )
 
 
-class WarpedMetamer(_Plain):
-    """The picture displaced at random, and given its pools' moments again."""
+class Eidolon(_Displaced):
+    """The picture displaced at random."""
+
+    match = False
 
     def __init__(
         self,
         *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
+        reach: float = 0.35,
+        smoothness: float = 0.5,
+        **pooling: Unpack[PoolingParameters],
+    ) -> None:
+        super().__init__(**pooling)
+        self.settings = DisplacementSettings(self.pooling, reach, smoothness)
+
+
+class WarpedMetamer(_Displaced):
+    """The picture displaced at random, and given its pools' moments again."""
+
+    match = True
+
+    def __init__(
+        self,
+        *,
         reach: float = 0.35,
         smoothness: float = 0.5,
         levels: int = 5,
+        **pooling: Unpack[PoolingParameters],
     ) -> None:
-        pooling = make_pooling(law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg)
-        self.settings = DisplacementSettings(pooling, reach, smoothness, levels)
-
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
-        from pipeline.foveation.displacement_gpu import DisplacementPass
-
-        return DisplacementPass(ctx, geometry, self.settings, match=True)
-
-    def apply(self, picture: Picture, look: Look) -> Picture:
-        pooling = self.settings.pooling
-        return displacement.warped_metamer(
-            picture,
-            look.pools(pooling),
-            self.settings,
-            look.seed,
-            field_pools=look.field_pools(pooling),
-            shift_px=look.noise_shift_px,
-        )
+        super().__init__(**pooling)
+        self.settings = DisplacementSettings(self.pooling, reach, smoothness, levels)
 
 
-class FilesOnDisk(_Plain):
+class FilesOnDisk(Plain):
     """Pictures made elsewhere: ``FOLDER/000000.png``, ``000001.png``, ... by frame number.
 
     The fovea is theirs as well: what made them answers for it.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +78,17 @@ class Condition(Protocol):
     """A configured way to change a picture for a gaze.
 
     A pure function of picture, look and parameters: any state is only a cache.
+
+    Attributes
+    ----------
+    pooling : Pooling or None
+        How widely the eye pools, where that plays a part.
+    on_charts : bool
+        Whether a panorama is shown in three pictures, see panorama.py; it needs `pooling`.
     """
+
+    pooling: Pooling | None
+    on_charts: ClassVar[bool]
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         """Return what is shown: (H, W, 3), float32 in [0, 1]."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition, Look, Picture, check_picture
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
+from pipeline.foveation.panorama import by_charts
 
 if TYPE_CHECKING:
     import moderngl
@@ -100,10 +101,12 @@ def check_condition_name(name: str) -> Entry:
 
 def condition_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of the condition `name` with their defaults."""
-    signature = inspect.signature(check_condition_name(name).load())
+    kinds = reversed(check_condition_name(name).load().__mro__)
     return {
         parameter.name: parameter.default
-        for parameter in signature.parameters.values()
+        for kind in kinds
+        if "__init__" in vars(kind)
+        for parameter in inspect.signature(vars(kind)["__init__"]).parameters.values()
         if parameter.kind is inspect.Parameter.KEYWORD_ONLY
     }
 
@@ -255,7 +258,7 @@ class Foveator:
         self.condition = create_condition(method, parameters)
         self.passes: FoveationPass | None = None
         if ctx is not None:
-            self.passes = self.condition.on_gpu(ctx, self.geometry)
+            self.passes = self._passes(ctx)
 
     def __call__(
         self,
@@ -278,7 +281,16 @@ class Foveator:
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             return self.passes.apply(image, look)
+        if self.geometry.wraps and self.condition.on_charts:
+            return by_charts(self.condition, image, look)
         return self.condition.apply(image, look)
+
+    def _passes(self, ctx: moderngl.Context) -> FoveationPass | None:
+        if not (self.geometry.wraps and self.condition.on_charts):
+            return self.condition.on_gpu(ctx, self.geometry)
+        from pipeline.foveation.panorama_gpu import panorama_pass
+
+        return panorama_pass(ctx, self.geometry, self.condition)
 
     def release(self) -> None:
         """Free what is held on the GPU."""

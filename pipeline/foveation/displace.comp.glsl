@@ -1,14 +1,14 @@
 #version 430
 // Displace: the field's last push, and the picture looked up at x + D(x) by a cubic spline.
-// Twin: displaced() in displacement.py. Change both or neither.
+// A panorama: see displace_sphere.comp.glsl. Twin: displaced() in displacement.py. Change both or neither.
 
 #constant TILE            // work-group edge, pixels
 #constant LEAST_VARIANCE  // of the field's pools, over HALVED_VARIANCE
 #constant REACH           // deviations from the border within which what crosses it fades out
-#constant CUBIC           // Keys' parameter
 #constant HALVINGS        // of the field's noise, at most
 
 #include "pools.glsl"
+#include "cubic.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -20,42 +20,11 @@ uniform float reach, smoothness;
 // Variance of a level's noise, covariance with and variance of the next one's; see white_energies().
 uniform vec3 energies[HALVINGS + 2];
 
-// Four indices from `first` on, at most 3 beyond the picture: reflected at borders that repeat.
-ivec4 mirrored(int first, int count) {
-    ivec4 index = first + ivec4(0, 1, 2, 3);
-    index = max(index, -1 - index);
-    return clamp(min(index, 2 * count - 1 - index), 0, count - 1);
-}
-
-ivec4 columns_from(float first, int count) {
-#if EQUIRECTANGULAR
-    // Within a whole turn; its rounding may leave one more.
-    ivec4 index = int(first - float(count) * floor(first / float(count))) + ivec4(0, 1, 2, 3);
-    index -= count * ivec4(greaterThanEqual(index, ivec4(count)));
-    return clamp(index, 0, count - 1);
-#else
-    return mirrored(int(first), count);
-#endif
-}
-
-float near(float t) { return ((CUBIC + 2.0) * t - (CUBIC + 3.0)) * t * t + 1.0; }
-float far(float t) { return CUBIC * (((t - 5.0) * t + 8.0) * t - 4.0); }
-vec4 cubic(float t) { return vec4(far(1.0 + t), near(t), near(1.0 - t), far(2.0 - t)); }
-
-vec3 row_at(ivec4 x, int y, vec4 w) {
-    return w.x * texelFetch(source, ivec2(x.x, y), 0).rgb + w.y * texelFetch(source, ivec2(x.y, y), 0).rgb
-         + w.z * texelFetch(source, ivec2(x.z, y), 0).rgb + w.w * texelFetch(source, ivec2(x.w, y), 0).rgb;
-}
-
 // See _within_frame().
 vec2 within_frame(vec2 off, vec2 left, vec2 right, float reach_px) {
     vec2 share = clamp(min(left, right) / max(reach_px, 1e-9), 0.0, 1.0);
     vec2 held = share * share * (3.0 - 2.0 * share) * off;
-    held /= 1.0 + abs(held) / mix(left, right, greaterThan(held, vec2(0.0)));
-#if EQUIRECTANGULAR
-    held.x = off.x;
-#endif
-    return held;
+    return held / (1.0 + abs(held) / mix(left, right, greaterThan(held, vec2(0.0))));
 }
 
 void main() {
@@ -73,11 +42,7 @@ void main() {
     vec2 field = mix(texelFetch(noise, pixel, 0).rg, textureLod(coarse_field, within, 0.0).rg,
                      beyond_lod(field_pool, 0));
     vec2 far_off = away * inversesqrt(variance) * field;
-    vec2 at = place + within_frame(far_off, place, vec2(size) - place, REACH * away) - 0.5;
-    vec2 corner = floor(at);
-    vec4 wx = cubic(at.x - corner.x), wy = cubic(at.y - corner.y);
-    ivec4 x = columns_from(corner.x - 1.0, size.x), y = mirrored(int(corner.y) - 1, size.y);
-    vec3 colour = wy.x * row_at(x, y.x, wx) + wy.y * row_at(x, y.y, wx)
-                + wy.z * row_at(x, y.z, wx) + wy.w * row_at(x, y.w, wx);
+    vec2 at = place + within_frame(far_off, place, vec2(size) - place, REACH * away);
+    vec3 colour = look_up(source, at, false);
     imageStore(warped, pixel, vec4(colour, 1.0));
 }

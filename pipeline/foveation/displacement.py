@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.features.reference import fitted_kernels
+from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
 from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import finished, twice
+from pipeline.foveation.sphere import displaced_rays, noise_key
 
 Floats = NDArray[np.float64]
 
@@ -68,8 +69,7 @@ class DisplacementSettings:
             raise InputError(
                 f"smoothness must lie above 0 and at most at 4 (got {self.smoothness})"
             )
-        if not 1 <= self.levels <= 6:
-            raise InputError(f"levels must lie in 1..6 (got {self.levels})")
+        check_levels(self.levels)
 
 
 def eidolon(
@@ -132,12 +132,42 @@ def displacement_px(
     shift_px: NDArray[np.floating] | None = None,
 ) -> Floats:
     """D: unit noise, as smooth as asked, times `reach` times the pools' deviation: (H, W, 2)."""
+    geometry = pools.geometry
+    if geometry.on_sphere:
+        return _on_sphere_px(pools, settings, seed, shift_px)
     field = unit_field(pools, settings.smoothness, seed)
     if shift_px is not None:
         x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in field.shape[1::-1]))
-        x, y = x - shift_px[..., 0], y - shift_px[..., 1]
-        field = look_up(field, x, y, wraps=pools.geometry.wraps)
-    return _within_frame(pools.geometry, settings.reach * pools.sigma_px(), field)
+        field = look_up(field, x - shift_px[..., 0], y - shift_px[..., 1], wraps=False)
+    return _within_frame(geometry, settings.reach * pools.sigma_px(), field)
+
+
+def _on_sphere_px(
+    pools: Pools,
+    settings: DisplacementSettings,
+    seed: int,
+    shift_px: NDArray[np.floating] | None,
+) -> Floats:
+    """D of a panorama, or of a part of it: no frame stands in its way."""
+    geometry = pools.geometry
+    x, y = np.broadcast_arrays(*pixel_centres(geometry))
+    rays = geometry.directions(x, y)
+    laid_on = None
+    if shift_px is not None:
+        laid_on = geometry.directions(x - shift_px[..., 0], y - shift_px[..., 1])
+    moved = displaced_rays(
+        rays,
+        np.radians(pools.pooling.sigma_deg(pools.eccentricity_deg())),
+        reach=settings.reach,
+        smoothness=settings.smoothness,
+        key=noise_key(seed),
+        laid_on=laid_on,
+    )
+    found: Floats = np.stack(geometry.positions(moved), axis=-1) - np.stack([x, y], axis=-1)
+    if geometry.wraps:  # the short way round
+        half = geometry.width_px / 2
+        found[..., 0] = (found[..., 0] + half) % geometry.width_px - half
+    return found
 
 
 def _within_frame(geometry: Geometry, deviation_px: Floats, field: Floats) -> Floats:
@@ -151,8 +181,6 @@ def _within_frame(geometry: Geometry, deviation_px: Floats, field: Floats) -> Fl
     found = deviation_px[..., None] * field
     lengths = geometry.width_px, geometry.height_px
     for axis, places in enumerate(pixel_centres(geometry)):
-        if axis == 0 and geometry.wraps:
-            continue
         left = np.broadcast_to(places, deviation_px.shape)
         right = lengths[axis] - left
         share = np.clip(np.minimum(left, right) / np.maximum(REACH * deviation_px, 1e-9), 0, 1)
@@ -162,7 +190,7 @@ def _within_frame(geometry: Geometry, deviation_px: Floats, field: Floats) -> Fl
 
 
 def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
-    """Noise pooled with `smoothness` times the pools' deviation, of variance 1: (H, W, 2)."""
+    """Noise pooled with `smoothness` times a flat picture's pools, of variance 1: (H, W, 2)."""
     geometry = pools.geometry
     count = chain_length(geometry.width_px, geometry.height_px)
 
@@ -171,7 +199,7 @@ def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
         return np.minimum(lod_of(sigma_px), count)
 
     white = field_noise((geometry.height_px, geometry.width_px), seed)
-    chosen = select(chain_of(white, count, wraps=geometry.wraps), lod_at, wraps=geometry.wraps)
+    chosen = select(chain_of(white, count, wraps=False), lod_at, wraps=False)
     return chosen / np.sqrt(pooled_white_variance(lod_at(0)))[..., None]
 
 

@@ -26,6 +26,7 @@ from pipeline.foveation.gpu import ChainPass, FoveationPass, Pooled, halved
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.sphere import FINEST, noise_key
 from pipeline.gl.shader import set_array
 
 
@@ -51,25 +52,7 @@ class DisplacementPass(FoveationPass):
         super().__init__(ctx, geometry)
         self.settings = settings
         self._pooled, self._field_pooled = (Pooled(geometry, settings.pooling) for _ in range(2))
-        self._count = count = chain_length(*self.size)
-        self._levels = min(settings.levels, count)
-        least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
-        self._field = self._keep(
-            self._field_pooled.compile(ctx, "foveation/field.comp.glsl", **least)
-        )
-        self._displace = self._keep(
-            self._field_pooled.compile(
-                ctx,
-                "foveation/displace.comp.glsl",
-                REACH=REACH,
-                CUBIC=CUBIC,
-                HALVINGS=count,
-                **least,
-            )
-        )
-        self._field["smoothness"] = self._displace["smoothness"] = settings.smoothness
-        self._displace["reach"] = settings.reach
-        set_array(self._displace, "energies", np.array(white_energies(count + 2), np.float32))
+        self._levels = min(settings.levels, chain_length(*self.size))
         self._join = self._keep(
             self._pooled.compile(
                 ctx,
@@ -81,32 +64,18 @@ class DisplacementPass(FoveationPass):
                 MOST_MATCH=MOST_MATCH,
             )
         )
-        sizes = [
-            (-(-self.size[0] // (1 << r)), -(-self.size[1] // (1 << r))) for r in range(count + 1)
-        ]
-        self._sizes = sizes
-        self._noise = [self._texture(size, "rg32f") for size in sizes]
-        # By resolution less 1: the finest is the look-up's.
-        self._chosen = [self._texture(size, "rg32f") for size in sizes[1:-1]]
         self._warped = self._texture(self.size)
-        self._seed: int | None = None
+        kind = _SphereField if geometry.on_sphere else _FlatField
+        self._field = kind(self, self._field_pooled, settings)
         self._match: _Match | None = _Match(self, self._pooled, self._levels) if match else None
 
     @property
     def dispatches(self) -> int:
-        return self._count + 1 + (self._match.dispatches if self._match else 0)
+        return self._field.dispatches + 1 + (self._match.dispatches if self._match else 0)
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
-        seed = check_seed(seed)
-        if seed == self._seed:
-            return
-        white = field_noise(self.size[::-1], seed)
-        for texture, noise in zip(
-            self._noise, chain_of(white, self._count, wraps=self.geometry.wraps), strict=True
-        ):
-            texture.write(np.ascontiguousarray(noise, np.float32).tobytes())
-        self._seed = seed
+        self._field.set_seed(check_seed(seed))
 
     def __call__(
         self,
@@ -124,17 +93,7 @@ class DisplacementPass(FoveationPass):
         self.set_seed(seed)
         self._pooled.look(gaze_px)
         self._field_pooled.look(field_gaze_px or gaze_px)
-        for r in reversed(range(1, self._count)):
-            self._noise[r].use(0)
-            (self._chosen[r] if r + 1 < self._count else self._noise[r + 1]).use(1)
-            self._chosen[r - 1].bind_to_image(0, read=False, write=True)
-            self._field["halvings"] = r
-            self._run(self._field, self._sizes[r])
-        source.use(0)
-        self._noise[0].use(1)
-        self._chosen[0].use(2)
-        self._warped.bind_to_image(0, read=False, write=True)
-        self._run(self._displace, self.size)
+        self._field.displace(source, self._warped)
         if self._match:
             self._match(source, self._warped)
             self._match.lend(self._join)
@@ -142,6 +101,89 @@ class DisplacementPass(FoveationPass):
         self._warped.use(1)
         target.bind_to_image(0, read=False, write=True)
         self._run(self._join, halved(self.size))
+
+
+class _FlatField:
+    """The field of a flat picture: noise, halved once per seed, and pushed for a gaze."""
+
+    def __init__(
+        self, owner: DisplacementPass, pooled: Pooled, settings: DisplacementSettings
+    ) -> None:
+        self._owner = owner
+        width, height = owner.size
+        self._count = count = chain_length(width, height)
+        least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
+        self._push = owner._keep(pooled.compile(owner.ctx, "foveation/field.comp.glsl", **least))
+        self._displace = owner._keep(
+            pooled.compile(
+                owner.ctx,
+                "foveation/displace.comp.glsl",
+                REACH=REACH,
+                CUBIC=CUBIC,
+                HALVINGS=count,
+                **least,
+            )
+        )
+        self._push["smoothness"] = self._displace["smoothness"] = settings.smoothness
+        self._displace["reach"] = settings.reach
+        set_array(self._displace, "energies", np.array(white_energies(count + 2), np.float32))
+        self._sizes = [(-(-width // (1 << r)), -(-height // (1 << r))) for r in range(count + 1)]
+        self._noise = [owner._texture(size, "rg32f") for size in self._sizes]
+        # By resolution less 1: the finest is the look-up's.
+        self._chosen = [owner._texture(size, "rg32f") for size in self._sizes[1:-1]]
+        self._seed: int | None = None
+
+    @property
+    def dispatches(self) -> int:
+        return self._count
+
+    def set_seed(self, seed: int) -> None:
+        if seed == self._seed:
+            return
+        white = field_noise(self._owner.size[::-1], seed)
+        for texture, noise in zip(
+            self._noise, chain_of(white, self._count, wraps=False), strict=True
+        ):
+            texture.write(np.ascontiguousarray(noise, np.float32).tobytes())
+        self._seed = seed
+
+    def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
+        for r in reversed(range(1, self._count)):
+            self._noise[r].use(0)
+            (self._chosen[r] if r + 1 < self._count else self._noise[r + 1]).use(1)
+            self._chosen[r - 1].bind_to_image(0, read=False, write=True)
+            self._push["halvings"] = r
+            self._owner._run(self._push, self._sizes[r])
+        source.use(0)
+        self._noise[0].use(1)
+        self._chosen[0].use(2)
+        warped.bind_to_image(0, read=False, write=True)
+        self._owner._run(self._displace, self._owner.size)
+
+
+class _SphereField:
+    """The field of a panorama, or of its pole: worked out where it is wanted, see sphere.py."""
+
+    dispatches = 1
+
+    def __init__(
+        self, owner: DisplacementPass, pooled: Pooled, settings: DisplacementSettings
+    ) -> None:
+        self._owner = owner
+        self._displace = owner._keep(
+            pooled.compile(
+                owner.ctx, "foveation/displace_sphere.comp.glsl", CUBIC=CUBIC, FINEST=FINEST
+            )
+        )
+        self._displace["smoothness"], self._displace["reach"] = settings.smoothness, settings.reach
+
+    def set_seed(self, seed: int) -> None:
+        self._displace["key"] = noise_key(seed)
+
+    def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
+        source.use(0)
+        warped.bind_to_image(0, read=False, write=True)
+        self._owner._run(self._displace, self._owner.size)
 
 
 class _Match:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import FlatGeometry, Geometry, pixel_centres
+from pipeline.foveation.geometry import Geometry, pixel_centres
 
 Floats = NDArray[np.float64]
 
@@ -226,11 +226,11 @@ def _box(
     right, down = _axes(centre)
     away = math.radians(reach_deg)
     aside = np.cos(turns)[:, None] * right + np.sin(turns)[:, None] * down
-    x, y = _pixels_of(geometry, math.cos(away) * centre + math.sin(away) * aside)
+    x, y = geometry.positions(math.cos(away) * centre + math.sin(away) * aside)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         return None, None
     if geometry.wraps:
-        middle = _pixels_of(geometry, centre[None])[0][0]
+        middle = geometry.positions(centre[None])[0][0]
         width = geometry.width_px
         x = middle + (x - middle + width / 2) % width - width / 2
         if np.ptp(x) > width / 2 or not 1 <= y.min() <= y.max() <= geometry.height_px - 1:
@@ -242,21 +242,3 @@ def _box(
     if not geometry.wraps:
         first, last = max(0, first), min(geometry.width_px, last)
     return np.arange(first_row, min(geometry.height_px, last_row)), np.arange(first, last)
-
-
-def _pixels_of(geometry: Geometry, rays: Floats) -> tuple[Floats, Floats]:
-    """Invert `Geometry.directions`; NaN behind a flat picture's eye."""
-    if geometry.wraps:
-        longitude = np.arctan2(rays[:, 0], rays[:, 2])
-        latitude = np.arcsin(np.clip(rays[:, 1], -1, 1))
-        return (
-            (longitude / (2 * np.pi) + 0.5) * geometry.width_px,
-            (latitude / np.pi + 0.5) * geometry.height_px,
-        )
-    ahead = np.where(rays[:, 2] > 1e-6, rays[:, 2], np.nan)
-    if not isinstance(geometry, FlatGeometry):
-        raise InputError("rings are drawn on flat pictures and panoramas")
-    return (
-        geometry.centre_px[0] + geometry.distance_px * rays[:, 0] / ahead,
-        geometry.centre_px[1] + geometry.distance_px * rays[:, 1] / ahead,
-    )

@@ -24,25 +24,21 @@ import os
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError, MissingExtraError
-from pipeline.features.reference import fitted_kernels
+from pipeline.features.reference import check_levels, fitted_kernels
+from pipeline.foveation.catalogue import Pooled
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import PoolingParameters
 from pipeline.foveation.reference import blurred, finished, metamer
 from pipeline.foveation.settings import MetamerSettings
-
-if TYPE_CHECKING:
-    import moderngl
-
-    from pipeline.foveation.gpu import FoveationPass
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]
@@ -62,7 +58,7 @@ INSTALL = (
 )
 
 
-class EnergyMetamer:
+class EnergyMetamer(Pooled):
     """Pixels that pool to the same energies, by descent; see the module.
 
     Raises
@@ -73,35 +69,27 @@ class EnergyMetamer:
         If a value is out of range.
     """
 
+    on_charts = False  # one descent, of which one state is kept
+
     def __init__(
         self,
         *,
-        law: str | None = None,
-        scaling: float | None = None,
-        alpha: float | None = None,
-        rate: float | None = None,
-        fovea_deg: float = 1.0,
         start: str = "metamer",
         steps: int = 60,
         levels: int = 5,
+        **pooling: Unpack[PoolingParameters],
     ) -> None:
-        self.pooling = make_pooling(
-            law, scaling=scaling, alpha=alpha, rate=rate, fovea_deg=fovea_deg
-        )
+        super().__init__(**pooling)
         if start not in STARTS:
             raise InputError(f"start must be one of {', '.join(STARTS)} (got {start!r})")
         if not 1 <= steps <= 100_000:
             raise InputError(f"steps must lie in 1..100000 (got {steps})")
-        if not 1 <= levels <= 6:
-            raise InputError(f"levels must lie in 1..6 (got {levels})")
+        check_levels(levels)
         self.start, self.steps, self.levels = start, steps, levels
         if find_spec("torch") is None:
             raise MissingExtraError(
                 f"energy-metamer needs torch, which is not installed here; {INSTALL}"
             )
-
-    def on_gpu(self, ctx: moderngl.Context, geometry: Any) -> FoveationPass | None:  # noqa: ARG002
-        return None
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return self.descend(picture, look)

@@ -25,6 +25,7 @@ from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import blurred, finished
+from pipeline.foveation.sphere import noise_strength
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ def noise_enhanced(
     # No more than the room that colour has: one deviation.
     room = np.minimum(base.min(axis=2), 1 - base.max(axis=2)).clip(0)
     noise = noise * np.minimum(1, room / np.maximum(shape, 1e-6))
+    if geometry.on_sphere:
+        noise *= noise_strength(geometry.directions(*pixel_centres(geometry)))
     return finished(picture, base + noise[..., None], pools)
 
 

@@ -11,6 +11,7 @@
 #include "pools.glsl"
 #if NOISE
 #include "ycbcr.glsl"
+#include "sphere.glsl"
 #endif
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
@@ -96,6 +97,9 @@ void store(ivec2 pixel, ivec2 size, vec3 change) {
     float away = seen.eccentricity_deg - fovea_deg;
     float fade = fovea_deg > 0.0 ? clamp(away / (FADE_SHARE * fovea_deg), 0.0, 1.0) : float(away > 0.0);
     vec3 changed = own.rgb;
+#if NOISE && PROJECTION
+    change *= noise_strength(seen.ray);
+#endif
 #if BASE
     vec2 within = 0.5 * place / vec2((size + 1) / 2);
     changed = mix(own.rgb, textureLod(coarse, within, 0.0).rgb, beyond_lod(pool_at(seen), 0));

@@ -46,10 +46,6 @@ vec2 slopes_of(vec4 first, vec4 second) {
 
 // Put by what a level's noise is to be multiplied, but for its gain.
 void put(int level, vec3 variance, float blue, float pool) {
-#if EQUIRECTANGULAR
-    float parallel = parallel_at(4.0 * (float(block.y) + 0.5));
-    variance.y *= parallel * parallel;
-#endif
     float kept = 1.0 - beyond_lod(pool * exp2(float(-2 * level)), 0);
     variance *= 1.0 - kept * kept;
     asked[level] += 0.25 * variance;

@@ -18,6 +18,7 @@ from pipeline.errors import InputError
 Floats: TypeAlias = NDArray[np.float64]
 
 WIDEST_FLAT_DEG = 180.0
+LEAST_FROM_FAR_POLE = 1e-6  # 1 less the cosine: a twelfth of a degree
 
 
 class Geometry(Protocol):
@@ -34,12 +35,17 @@ class Geometry(Protocol):
         """Whether the right border goes on at the left one."""
         ...
 
-    def parallel(self, y: Floats) -> Floats:
-        """Of a panorama, the length of the parallels there over the equator's; else 1."""
+    @property
+    def on_sphere(self) -> bool:
+        """Whether this is a panorama, or a part of one."""
         ...
 
     def directions(self, x: Floats, y: Floats) -> Floats:
         """Unit vectors from the eye to positions of one shape (...): (..., 3)."""
+        ...
+
+    def positions(self, rays: Floats) -> tuple[Floats, Floats]:
+        """Invert `directions`: x and y of shape (...); NaN for what a flat picture cannot show."""
         ...
 
     def px_per_deg(self, x: Floats, y: Floats) -> Floats:
@@ -133,13 +139,19 @@ class FlatGeometry:
     def wraps(self) -> bool:
         return False
 
-    def parallel(self, y: Floats) -> Floats:
-        return np.ones_like(y)
+    @property
+    def on_sphere(self) -> bool:
+        return False
 
     def directions(self, x: Floats, y: Floats) -> Floats:
         across, down = x - self.centre_px[0], y - self.centre_px[1]
         rays = np.stack(np.broadcast_arrays(across, down, self.distance_px), axis=-1)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+    def positions(self, rays: Floats) -> tuple[Floats, Floats]:
+        scale = self.distance_px / np.where(rays[..., 2] > 1e-6, rays[..., 2], np.nan)
+        x, y = (self.centre_px[axis] + scale * rays[..., axis] for axis in (0, 1))
+        return x, y
 
     def px_per_deg(self, x: Floats, y: Floats) -> Floats:
         """At an angle t off the normal d / cos(t)^2 along the radius and d / cos(t) across it."""
@@ -158,6 +170,10 @@ class EquirectangularGeometry:
     def wraps(self) -> bool:
         return True
 
+    @property
+    def on_sphere(self) -> bool:
+        return True
+
     def directions(self, x: Floats, y: Floats) -> Floats:
         longitude = (x / self.width_px - 0.5) * (2 * np.pi)
         latitude = self._latitude(y)
@@ -165,13 +181,16 @@ class EquirectangularGeometry:
         rays = (np.sin(longitude) * level, -np.sin(latitude), np.cos(longitude) * level)
         return np.stack(np.broadcast_arrays(*rays), axis=-1)
 
+    def positions(self, rays: Floats) -> tuple[Floats, Floats]:
+        longitude = np.arctan2(rays[..., 0], rays[..., 2])
+        down = np.arcsin(np.clip(rays[..., 1], -1, 1))
+        x, y = longitude / (2 * np.pi) + 0.5, down / np.pi + 0.5
+        return x * self.width_px, y * self.height_px
+
     def px_per_deg(self, x: Floats, y: Floats) -> Floats:
         """W / 360 along a meridian, W / 360 / cos(latitude) along a parallel."""
-        density = self.width_px / 360 / np.sqrt(self.parallel(y))
-        return np.asarray(np.broadcast_arrays(density, x)[0])
-
-    def parallel(self, y: Floats) -> Floats:
-        return np.maximum(np.cos(self._latitude(y)), self.least_cosine)
+        level = np.maximum(np.cos(self._latitude(y)), self.least_cosine)
+        return np.asarray(np.broadcast_arrays(self.width_px / 360 / np.sqrt(level), x)[0])
 
     @property
     def least_cosine(self) -> float:
@@ -179,7 +198,69 @@ class EquirectangularGeometry:
         return math.sin(np.pi / 4 / self.height_px)
 
     def _latitude(self, y: Floats) -> Floats:
-        return np.asarray((0.5 - np.clip(y / self.height_px, 0, 1)) * np.pi)
+        return np.asarray((0.5 - y / self.height_px) * np.pi)
+
+
+@dataclass(frozen=True)
+class CapGeometry:
+    """A pole of a panorama and what lies around it, seen in a stereographic picture.
+
+    Stereographic pictures keep angles: a small circle around any direction is a circle of pixels.
+
+    Parameters
+    ----------
+    edge_px : int
+        Of the square picture, the pole in its middle.
+    radian_px : float
+        Pixels of a radian at the pole; farther out there are more.
+    upper : bool
+        Whether it is the pole above the eye.
+    """
+
+    edge_px: int
+    radian_px: float
+    upper: bool
+
+    @property
+    def width_px(self) -> int:
+        return self.edge_px
+
+    @property
+    def height_px(self) -> int:
+        return self.edge_px
+
+    @property
+    def wraps(self) -> bool:
+        return False
+
+    @property
+    def on_sphere(self) -> bool:
+        return True
+
+    @property
+    def pole(self) -> float:
+        """y of the direction to the pole."""
+        return -1.0 if self.upper else 1.0
+
+    def directions(self, x: Floats, y: Floats) -> Floats:
+        across, down = self._from_pole(x), self._from_pole(y)
+        square = across**2 + down**2
+        rays = (2 * across, self.pole * (1 - square), -self.pole * 2 * down)
+        return np.stack(np.broadcast_arrays(*rays), axis=-1) / (1 + square)[..., None]
+
+    def positions(self, rays: Floats) -> tuple[Floats, Floats]:
+        # The other pole would lie at infinity.
+        scale = 2 * self.radian_px / np.maximum(1 + self.pole * rays[..., 1], LEAST_FROM_FAR_POLE)
+        middle = self.edge_px / 2
+        return middle + scale * rays[..., 0], middle - self.pole * scale * rays[..., 2]
+
+    def px_per_deg(self, x: Floats, y: Floats) -> Floats:
+        square = self._from_pole(x) ** 2 + self._from_pole(y) ** 2
+        return np.asarray(math.radians(1) * self.radian_px * (1 + square))
+
+    def _from_pole(self, place: Floats) -> Floats:
+        """Of a coordinate, the tangent of half the angle that it stands for."""
+        return np.asarray((place - self.edge_px / 2) / (2 * self.radian_px))
 
 
 def pixel_centres(geometry: Geometry, halvings: int = 0) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import moderngl
@@ -17,9 +18,15 @@ from pipeline.features.gpu import band_constants
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
-from pipeline.foveation.geometry import EquirectangularGeometry, FlatGeometry, Geometry, check_gaze
+from pipeline.foveation.geometry import (
+    CapGeometry,
+    EquirectangularGeometry,
+    FlatGeometry,
+    Geometry,
+    check_gaze,
+)
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import LEAST_PARALLEL, PARTNER_SHARE, SMALLEST_VARIANCE
+from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     MOST_STEPS,
@@ -32,6 +39,7 @@ from pipeline.foveation.noise_plane import (
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import (
     check_texture,
@@ -49,6 +57,8 @@ from pipeline.noise.tile import TEXELS_PER_PX
 TILE = 8  # work-group edge
 TEXEL_BYTES = 16  # of noise
 
+_PROJECTIONS = {FlatGeometry: 0, EquirectangularGeometry: 1, CapGeometry: 2}  # see pools.glsl
+
 Size = tuple[int, int]
 
 
@@ -58,7 +68,7 @@ class Pooled:
     def __init__(self, geometry: Geometry, pooling: Pooling) -> None:
         self.geometry = geometry
         self.constants = {
-            "EQUIRECTANGULAR": geometry.wraps,
+            "PROJECTION": _PROJECTIONS[type(geometry)],
             "POWER": pooling.power,
             "HALVED_VARIANCE": HALVED_VARIANCE,
         }
@@ -71,6 +81,8 @@ class Pooled:
             self._fixed |= {"centre_px": geometry.centre_px, "distance_px": geometry.distance_px}
         elif isinstance(geometry, EquirectangularGeometry):
             self._fixed["least_cosine"] = geometry.least_cosine
+        elif isinstance(geometry, CapGeometry):
+            self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
         self._shaders: list[moderngl.ComputeShader] = []
 
     def compile(
@@ -257,7 +269,6 @@ class ChainPass:
                         OWN=key[0],
                         OLDER=key[1],
                         CHROMA=chroma,
-                        LEAST_PARALLEL=LEAST_PARALLEL,
                         **taps,
                     )
                 )
@@ -291,8 +302,6 @@ class ChainPass:
                 older.use(1)
             if (moments := self.moments[r]) is not None:
                 moments.bind_to_image(1, read=False, write=True)
-            if "row_share" in shader:
-                shader["row_share"] = (1 << r) / self._owner.geometry.height_px
             self._owner._run(shader, self.sizes[r + 1])
 
     def push(self, last: int, first: int | None = None) -> None:
@@ -312,6 +321,14 @@ class ChainPass:
             self._owner._run(shader, self.sizes[r])
 
 
+def sphere_constants() -> dict[str, float]:
+    """What sphere.glsl is compiled with."""
+    return {
+        name: math.sin(math.radians(angle))
+        for name, angle in (("BELT_SINE", BELT_DEG), ("CAP_SINE", CAP_DEG))
+    }
+
+
 def finish_constants(**changes: int | float | bool) -> dict[str, int | float | bool]:
     """What finish.comp.glsl is compiled with, unless told otherwise."""
     constants: dict[str, int | float | bool] = {
@@ -324,6 +341,7 @@ def finish_constants(**changes: int | float | bool) -> dict[str, int | float | b
         "NOISE_ROWS": 1,
         "NOISE_COLUMNS": 1,
         "NOISE_SCALE": 1.0,
+        **sphere_constants(),
     }
     return constants | changes
 

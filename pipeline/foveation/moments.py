@@ -5,10 +5,6 @@ averaged over 2x2 coefficients, halved like the picture, and chosen at the level
 own pyramid level: level k pools ``sigma / 2^k`` coefficients. The variance is E[b^2] - E[b]^2, both
 at one level of detail (mixing variances would forget how far two pools' means lie apart).
 
-On a panorama, pixels crowd along the parallels towards the poles, and what varies so much per
-degree varies by less from pixel to pixel. So coefficients along x are pooled as they would be at
-the equator, or wide pools would carry the equator's detail to the poles.
-
 What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools are wide.
 """
 
@@ -22,17 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
-from pipeline.features.reference import BANDS, fitted_kernels
+from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import band, enlarge, halve, halve_box, select
-from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools, halving_variance
 
 Floats = NDArray[np.float64]
 
-ALONG_X = BANDS.index("along_x")
 BLOCK_HALVINGS = 2  # a block is 4x4 pixels
-LEAST_PARALLEL = 0.1
-"""Of the equator: coefficients along x, divided by their parallel's length, are raised no more."""
 # First moments are means of 2x2 coefficients, of variance 1/4, where a pool of the same level of
 # detail has the low-pass's. A share p of the one beside, 2 coefficients away, adds 4 p (1 - p).
 PARTNER_SHARE = (1 - math.sqrt(1.25 - halving_variance())) / 2
@@ -68,27 +60,21 @@ class LevelMoments:
         return LevelMoments(square, mean, cross, flat.reshape(*flat.shape[:2], 3, 2))
 
 
-def coefficient_moments(low_rgb: Floats, geometry: Geometry, level: int) -> Floats:
+def coefficient_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
     """Moments of the single coefficients of a level, packed: (h, w, 14)."""
     ycc = ycbcr_from_rgb(low_rgb).astype(np.float64)
     kernels = fitted_kernels().bands()
-    bands = np.stack([band(ycc, kernel, wraps=geometry.wraps) for kernel in kernels], axis=2)
-    bands[:, :, ALONG_X] /= np.maximum(_parallels(geometry, level), LEAST_PARALLEL)
+    bands = np.stack([band(ycc, kernel, wraps=wraps) for kernel in kernels], axis=2)
     luma, chroma = bands[..., 0], bands[..., 1:]
     cross = (luma[..., None] * chroma).sum(axis=2)
     return LevelMoments(luma**2, luma, cross, chroma**2).packed()
 
 
-def _parallels(geometry: Geometry, halvings: int) -> Floats:
-    """Lengths of the parallels of texels over the equator's: (h, 1, 1)."""
-    return geometry.parallel(pixel_centres(geometry, halvings)[1])[..., None]
-
-
-def moment_chain(low_rgb: Floats, count: int, geometry: Geometry, level: int) -> list[Floats]:
+def moment_chain(low_rgb: Floats, count: int, *, wraps: bool) -> list[Floats]:
     """A level's moments at the next `count` resolutions below it, packed."""
-    chain = [halve_box(coefficient_moments(low_rgb, geometry, level))]
+    chain = [halve_box(coefficient_moments(low_rgb, wraps=wraps))]
     while len(chain) < count:
-        chain.append(halve(chain[-1], wraps=geometry.wraps))
+        chain.append(halve(chain[-1], wraps=wraps))
     return chain
 
 
@@ -113,9 +99,9 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
     lows : sequence of ndarray
         The picture (R'G'B') and its halvings.
     """
-    count = len(lows) - 1
+    count, wraps = len(lows) - 1, pools.geometry.wraps
     found = [
-        level_wanted(moment_chain(lows[level], count - level, pools.geometry, level), pools, level)
+        level_wanted(moment_chain(lows[level], count - level, wraps=wraps), pools, level)
         for level in range(levels)
     ]
     variances, slopes, remainders = (list(parts) for parts in zip(*found, strict=True))
@@ -152,9 +138,6 @@ def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats,
     chroma = moments.chroma_square.sum(axis=2)
     rest = np.maximum(chroma - slopes * moments.cross, 0) / (chroma + SMALLEST_VARIANCE)
     remainder = moments.chroma_square * rest[:, :, None] * lost[..., None]
-    here = _parallels(pools.geometry, BLOCK_HALVINGS)[..., 0] ** 2
-    variance[:, :, ALONG_X] *= here
-    remainder[:, :, ALONG_X] *= here[..., None]
     return variance * lost, slopes, remainder
 
 
@@ -175,7 +158,7 @@ def _lost(lod: Floats) -> Floats:
 def band_variances(
     lows: Sequence[Floats], pools: Pools, level: int, *, halvings: int = 0
 ) -> Floats:
-    """Pooled variance of luma in a level's bands: (h, w, 3); of a panorama, as at the equator.
+    """Pooled variance of luma in a level's bands: (h, w, 3).
 
     Parameters
     ----------
@@ -185,7 +168,7 @@ def band_variances(
         At its coefficients by default, or at the texels of the first halving (1).
     """
     wraps = pools.geometry.wraps
-    chain = moment_chain(lows[0], len(lows) - 1, pools.geometry, level)
+    chain = moment_chain(lows[0], len(lows) - 1, wraps=wraps)
     skipped = skipped_moments(level, len(chain))
     chosen = select(
         chain[skipped:],

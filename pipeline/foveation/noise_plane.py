@@ -1,8 +1,7 @@
 """The fills' noise, laid over a whole picture.
 
 A picture gets a tile as large as itself, up to `LARGEST_TILE`: on any even texture one would see
-the tile of fills, 256 px, repeat itself. A panorama gets noise for all of it, of the same angular
-size everywhere: towards the poles, where pixels crowd, it is stretched along the parallels.
+the tile of fills, 256 px, repeat itself. A panorama gets noise for all of it, without a seam.
 
 Noise is kept in steps of `GRAIN`, so that a byte holds it: what is added to a picture last waits
 for memory, and noise as coarse as that tells no more.
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import EquirectangularGeometry
 from pipeline.noise.mixing import fitted_mixing
 from pipeline.noise.tile import (
     TILE,
@@ -37,8 +35,6 @@ LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little woul
 LARGEST_SEED = 2**63 - 1
 GRAIN = 2.0**-4  # step of the noise, deviations
 MOST_STEPS = 127  # to either side: 8 deviations
-LEAST_COLUMNS = 8  # around a panorama's pole
-OFFSET = 0.382  # of the height: so far apart are the rows that different stretches take
 
 
 def check_seed(seed: int) -> int:
@@ -77,53 +73,14 @@ def noise_tile(seed: int, levels: int, channels: int, edge: int = TILE) -> Halve
 
 @lru_cache(maxsize=2)
 def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Halves:
-    """Noise for a whole panorama: (height, 2 * height, channels, levels * 3), of unit variance.
-
-    At a latitude, pixels lie 1 / cosine times as densely along the parallel as along the meridian.
-    So the white noise that is split into bands is stretched by as much: it is white to the eye.
-    """
-    size = height_px, 2 * height_px
-    geometry = EquirectangularGeometry(size[1], size[0])
-    octave = -np.log2(geometry.parallel(np.arange(height_px, dtype=np.float64) + 0.5))
-    bands = _split_any(_stretched(white_noise(seed, size, channels), octave), levels)
-    for level in range(levels):
-        square = (bands[level] ** 2).mean(axis=(0, 2))  # (rows, bands): unit variance in each row
-        square = _averaged((square + square[::-1]) / 2, 1 << level)
-        bands[level] /= np.sqrt(square)[:, None]
-    return grained(mixed(bands).transpose(3, 4, 2, 0, 1).reshape(*size, channels, 3 * levels))
-
-
-def _split_any(white: Floats, levels: int) -> Floats:
-    """Split noise that goes on at its borders, of any size; see `split`."""
-    margin, (height, width) = 5 << levels, white.shape[:2]  # farther than any filter reaches
-    whole = [(margin, margin + -edge % (1 << levels)) for edge in (height, width)]
-    bands = split(np.pad(white, (*whole, (0, 0)), mode="wrap"), levels)
-    return np.ascontiguousarray(bands[:, :, margin : margin + height, margin : margin + width])
-
-
-def _stretched(white: Floats, octave: Floats) -> Floats:
-    """Stretch the rows of noise (H, W, channels) by 2^octave along x; it goes on at its sides.
-
-    A row is mixed, at constant power, of noise stretched by the two nearest powers of two.
-    """
-    height, width, _ = white.shape
-    found = np.zeros_like(white)
-    for power in range(int(octave.max()) + 2):
-        share = np.sqrt(np.maximum(0, 1 - np.abs(octave - power)))[:, None, None]
-        columns = min(width, max(LEAST_COLUMNS, round(width / 2**power)))
-        taken = np.roll(white, -round(OFFSET * power * height), axis=0)[:, :columns]
-        waves = np.fft.rfft(taken, axis=1) * (width / columns)
-        found += share * np.fft.irfft(waves, width, axis=1)
-    return found
-
-
-def _averaged(rows: Floats, reach: int) -> Floats:
-    """Mean of each row (H, ...) and up to `reach` to either side."""
-    sums = np.cumsum(np.concatenate([np.zeros_like(rows[:1]), rows]), axis=0)
-    last = len(rows)
-    index = np.arange(last)
-    low, high = np.maximum(index - reach, 0), np.minimum(index + reach + 1, last)
-    return np.asarray((sums[high] - sums[low]) / (high - low)[:, None])
+    """Noise for a whole panorama: (height, 2 * height, channels, levels * 3), of unit variance."""
+    height, width = size = height_px, 2 * height_px
+    margin = 5 << levels  # farther than any filter reaches
+    whole = [(margin, margin + -edge % (1 << levels)) for edge in size]
+    white = np.pad(white_noise(seed, size, channels), (*whole, (0, 0)), mode="wrap")
+    bands = split(white, levels)[:, :, margin : margin + height, margin : margin + width]
+    noise = mixed(np.ascontiguousarray(bands)).transpose(3, 4, 2, 0, 1)
+    return grained(noise.reshape(*size, channels, 3 * levels))
 
 
 @lru_cache(maxsize=1)
@@ -155,7 +112,7 @@ def noise_plane(
     size : (height, width)
     shift_px : ndarray, shape (H, W, 2), optional
         The pixel at (x, y) has the noise of (x, y) - shift: what a surface carries along with it.
-        Places between pixels keep their variance. Noise that a panorama carries is not stretched.
+        Places between pixels keep their variance.
     """
     height, width = size
     edge = tile_edge(height, width)

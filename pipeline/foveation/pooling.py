@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,18 @@ PRESETS: dict[str, tuple[Law, float]] = {
     "authors": ("quadratic", 0.2),
 }
 DEFAULT_PRESET = "v1"
+CONSTANTS = tuple(name for name, _, _ in LAWS.values())
+"""What the laws' constants are called."""
+
+
+class PoolingParameters(TypedDict, total=False):
+    """Keywords of `make_pooling`, for what hands them on."""
+
+    law: str | None
+    scaling: float | None
+    alpha: float | None
+    rate: float | None
+    fovea_deg: float
 
 
 @dataclass(frozen=True)

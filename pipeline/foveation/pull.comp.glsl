@@ -26,12 +26,6 @@ layout(binding = 1) uniform sampler2DArray fine_moments;
 layout(rgba32f, binding = 1) uniform writeonly image2DArray coarse_moments;
 #endif
 
-#if OWN && WRAPS
-#constant LEAST_PARALLEL
-uniform float row_share;  // height of a texel of `fine` over the panorama's
-const float PI = 3.14159265358979;
-#endif
-
 struct Row { vec4 a, b, c, d; };
 
 Row row_at(ivec4 x, int y) {
@@ -55,15 +49,6 @@ vec4 moments_row(ivec4 x, int y, int layer, bool is_outer) {
 #if OWN
 const vec3 LUMA = vec3(YCBCR_FROM_RGB[0].x, YCBCR_FROM_RGB[1].x, YCBCR_FROM_RGB[2].x);
 
-// Over the equator's length. Coefficients along x are pooled as they would be there.
-float parallel_at(int row) {
-#if WRAPS
-    return max(cos((0.5 - min((float(row) + 0.5) * row_share, 1.0)) * PI), LEAST_PARALLEL);
-#else
-    return 1.0;
-#endif
-}
-
 #define BANDS(of, above, here, below, left, centre, right)                                        \
     linear_bands(of(above.left), of(above.centre), of(above.right), of(here.left), of(here.centre), \
                  of(here.right), of(below.left), of(below.centre), of(below.right))
@@ -75,7 +60,6 @@ float parallel_at(int row) {
 #define ADD(weight, above, here, below, left, centre, right)                                      \
     {                                                                                             \
         Bands rgb = BANDS(RGB, above, here, below, left, centre, right);                          \
-        rgb.along_x /= level;                                                                     \
         vec3 luma = vec3(dot(LUMA, rgb.high), dot(LUMA, rgb.along_x), dot(LUMA, rgb.along_y));    \
         vec3 weighed = (weight) * luma;                                                           \
         square += weighed * luma;                                                                 \
@@ -87,7 +71,7 @@ float parallel_at(int row) {
 #define ADD(weight, above, here, below, left, centre, right)                                      \
     {                                                                                             \
         Bands grey = BANDS(GREY, above, here, below, left, centre, right);                        \
-        vec3 luma = vec3(grey.high.x, grey.along_x.x / level, grey.along_y.x);                    \
+        vec3 luma = vec3(grey.high.x, grey.along_x.x, grey.along_y.x);                    \
         square += (weight) * luma * luma;                                                         \
         mean += (weight) * luma;                                                                  \
     }
@@ -106,10 +90,8 @@ void main() {
     vec3 square = vec3(0.0), mean = vec3(0.0), product = vec3(0.0);
     // The first coefficient stands for one that an odd border has not.
     vec2 whole = vec2(lessThan(2 * texel + 1, size)), first = 0.5 * (2.0 - whole), next = 0.5 * whole;
-    float level = parallel_at(2 * texel.y);
     ADD(first.x * first.y, r0, r1, r2, a, b, c)
     ADD(next.x * first.y, r0, r1, r2, b, c, d)
-    level = parallel_at(2 * texel.y + 1);
     ADD(first.x * next.y, r1, r2, r3, a, b, c)
     ADD(next.x * next.y, r1, r2, r3, b, c, d)
     vec3 cross_sum = YCBCR_FROM_RGB * product;

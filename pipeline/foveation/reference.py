@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from pipeline.colour import RGB_FROM_YCBCR
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
-from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.sphere import noise_strength
 from pipeline.noise.gains import spectral_gains
 from pipeline.noise.mixing import fitted_mixing
 
@@ -102,6 +103,8 @@ def metamer_parts(
         picture.shape[:2], seed, levels, channels, wraps=geometry.wraps, shift_px=noise_shift_px
     )
     ycc = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
+    if geometry.on_sphere:
+        ycc *= noise_strength(geometry.directions(*pixel_centres(geometry)))[..., None]
     return Parts(base, settings.noise * ycc @ RGB_FROM_YCBCR.T, wanted)
 
 

@@ -123,7 +123,7 @@ def split(white: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
         for index, kernel in enumerate(kernels.bands()):
             coefficients = band(periodic, kernel)[4:-4, 4:-4]
             tile = _full_size(coefficients, level, index, kernels)
-            tile = tile / np.sqrt((tile**2).mean(axis=(0, 1)))
+            tile = tile / np.sqrt(np.maximum((tile**2).mean(axis=(0, 1)), 1e-12))
             found[level, index] = tile.transpose(2, 0, 1)
         low = halve(periodic, kernels)[2:-2, 2:-2]
     return np.moveaxis(found, 1, -1)

@@ -1,16 +1,19 @@
 // How widely the eye pools at a place, as the share of each level of detail.
 // Twin: geometry.py, pooling.py and lod.py in foveation/. Change both or neither.
 
-#constant EQUIRECTANGULAR  // 1: a whole panorama, 0: a flat picture
+#constant PROJECTION       // 0: a flat picture, 1: a whole panorama, 2: a pole of one; see geometry.py
 #constant POWER            // of the eccentricity in the pooling law: 1 or 2
 #constant HALVED_VARIANCE  // of a halving and a doubling, over 3: see lod.py
 
 uniform vec2 picture_px;    // width, height
-#if EQUIRECTANGULAR
-uniform float least_cosine; // of the latitude
-#else
+#if PROJECTION == 0
 uniform vec2 centre_px;     // where the normal through the eye meets the picture
 uniform float distance_px;
+#elif PROJECTION == 1
+uniform float least_cosine; // of the latitude
+#else
+uniform float radian_px;    // pixels of a radian at the pole
+uniform float pole;         // y of its direction
 #endif
 uniform vec3 gaze;          // unit vector from the eye
 uniform float slope;        // of the law, degrees
@@ -18,33 +21,34 @@ uniform float fovea_deg;
 
 const float PI = 3.14159265358979;
 
-// Of what lies at a place: its angle from the gaze, and the pixels of a square degree there.
+// Of what lies at a place: its direction, its angle from the gaze, and the pixels of a square degree
+// there.
 struct Place {
+    vec3 ray;
     float eccentricity_deg, square_deg_px;
 };
 
-#if EQUIRECTANGULAR
-float latitude_at(float y) { return (0.5 - clamp(y / picture_px.y, 0.0, 1.0)) * PI; }
-
-// Length of a parallel over the equator's.
-float parallel_at(float y) { return max(cos(latitude_at(y)), least_cosine); }
-#endif
-
 Place seen_at(vec2 at) {
-#if EQUIRECTANGULAR
+#if PROJECTION == 0
+    vec3 ray = vec3(at - centre_px, distance_px);
+    float per_deg = radians(1.0) * distance_px, secant = length(ray) / distance_px;
+    float square_deg_px = per_deg * per_deg * secant * secant * secant;
+#elif PROJECTION == 1
     float longitude = (at.x / picture_px.x - 0.5) * (2.0 * PI);
-    float latitude = latitude_at(at.y);
+    float latitude = (0.5 - at.y / picture_px.y) * PI;
     float level = cos(latitude);
     vec3 ray = vec3(sin(longitude) * level, -sin(latitude), cos(longitude) * level);
     float per_deg = picture_px.x / 360.0;
     float square_deg_px = per_deg * per_deg / max(level, least_cosine);
 #else
-    vec3 ray = vec3(at - centre_px, distance_px);
-    float per_deg = radians(1.0) * distance_px, secant = length(ray) / distance_px;
-    float square_deg_px = per_deg * per_deg * secant * secant * secant;
+    vec2 from_pole = (at - 0.5 * picture_px) / (2.0 * radian_px);
+    float square = dot(from_pole, from_pole);
+    vec3 ray = vec3(2.0 * from_pole.x, pole * (1.0 - square), -pole * 2.0 * from_pole.y) / (1.0 + square);
+    float per_deg = radians(1.0) * radian_px * (1.0 + square);
+    float square_deg_px = per_deg * per_deg;
 #endif
     float angle = atan(length(cross(ray, gaze)), dot(ray, gaze));
-    return Place(degrees(angle), square_deg_px);
+    return Place(ray, degrees(angle), square_deg_px);
 }
 
 float law(float eccentricity_deg) {

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.noise.hashing import pcg3d
 from pipeline.shiftmap.base import Ways
 from pipeline.shiftmap.settings import (
     ASIDE_EVERY,
@@ -277,13 +278,7 @@ def hashed(
     low, high = seed & 0xFFFFFFFF, seed >> 32
     salts = (low, high, low * 0x9E3779B9 & 0xFFFFFFFF)
     x, y, z = (key ^ np.uint32(salt) for key, salt in zip(keys, salts, strict=True))
-    x, y, z = (v * np.uint32(1664525) + np.uint32(1013904223) for v in (x, y, z))
-    for scramble in (True, False):
-        x = x + y * z
-        y = y + z * x
-        z = z + x * y
-        if scramble:
-            x, y, z = (v ^ (v >> np.uint32(16)) for v in (x, y, z))
+    _, _, z = pcg3d(x, y, z)
     return np.asarray(z ^ (z >> np.uint32(16)), np.uint32)
 
 

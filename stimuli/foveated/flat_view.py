@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
+from pipeline.foveation.panorama import over_poles
 
 SCORED_DEG = 90.0
 """Width and height of the view in which panoramas are scored."""
@@ -49,7 +50,7 @@ def flat_view(
         If the panorama is not 2:1.
     """
     height, width = panorama.shape[:2]
-    Equirectangular().of(width, height)
+    around = Equirectangular().of(width, height)
     finest = math.radians(1) * geometry.distance_px  # px per degree in the middle: the least
     samples = min(max(1, math.ceil(width / 360 / finest - 0.01)), _MOST_SAMPLES)
     padded = _padded(np.asarray(panorama, np.float32))
@@ -61,11 +62,9 @@ def flat_view(
     for down in inside:
         for right in inside:
             rays = geometry.directions(columns + right, rows + down) @ turned.T
-            longitude = np.arctan2(rays[..., 0], rays[..., 2])
-            latitude = np.arcsin(np.clip(rays[..., 1], -1, 1))
+            x, y = around.positions(rays)
             # To indices of the padded array, whose pixels' centres are whole numbers.
-            x = (longitude / (2 * np.pi) + 0.5) * width - 0.5 + _MARGIN
-            y = (latitude / np.pi + 0.5) * height - 0.5 + _MARGIN
+            x, y = x - 0.5 + _MARGIN, y - 0.5 + _MARGIN
             total += cv2.remap(
                 padded, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC
             ).reshape(total.shape)
@@ -111,11 +110,5 @@ def turn(right_deg: float, down_deg: float) -> NDArray[np.float64]:
 
 def _padded(panorama: NDArray[np.float32]) -> NDArray[np.float32]:
     """Go on past the sides, and past the poles where the other meridian comes back."""
-    half = panorama.shape[1] // 2
-    margin = min(_MARGIN, panorama.shape[0])
-    over = np.roll(panorama[:margin][::-1], half, axis=1)
-    under = np.roll(panorama[-margin:][::-1], half, axis=1)
-    tall = np.concatenate([over, panorama, under])
-    rest = _MARGIN - margin
-    tall = np.pad(tall, ((rest, rest), (0, 0), (0, 0)), mode="edge")
+    tall = over_poles(panorama, _MARGIN)
     return np.pad(tall, ((0, 0), (_MARGIN, _MARGIN), (0, 0)), mode="wrap")

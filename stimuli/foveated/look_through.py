@@ -156,10 +156,7 @@ def _named(choice: Choice) -> str:
 
 def pooling_of(choice: Choice) -> Pooling:
     """The pools of a choice; those of the default law where it has none."""
-    condition: Any = create_condition(choice.name, choice.parameters)
-    settings = getattr(condition, "settings", condition)
-    found = getattr(settings, "pooling", None)
-    return found if isinstance(found, Pooling) else Pooling()
+    return create_condition(choice.name, choice.parameters).pooling or Pooling()
 
 
 def check_choices(choices: Sequence[Choice]) -> None:

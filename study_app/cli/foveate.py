@@ -1,16 +1,17 @@
-"""`metamerlab foveate`: one picture, as a metamer or a rival shows it to a gaze."""
+"""`metamerlab foveate`: a picture or a clip, as a metamer or a rival shows it to a gaze."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -57,12 +58,18 @@ def foveate(
     picture: Annotated[
         Path,
         typer.Argument(
-            help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...", show_default=False
+            help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...; or a folder of frames.",
+            show_default=False,
         ),
     ],
     out: Annotated[
-        Path, typer.Argument(help="The picture to write, .png or .exr; replaced if there.")
-    ] = Path("foveated.png"),
+        Path | None,
+        typer.Argument(
+            help="The picture to write, .png or .exr; replaced if there. Of frames: a folder."
+            r" \[default: foveated.png, or foveated/]",
+            show_default=False,
+        ),
+    ] = None,
     gaze: Annotated[
         str | None,
         typer.Option(
@@ -104,6 +111,15 @@ def foveate(
     numpy_only: Annotated[
         bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
     ] = False,
+    flow: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Of frames: NAME.flo for each but the first, how far each of its pixels has come"
+            " since the frame before. Noise goes along; without it it lies on the screen.",
+            show_default=False,
+        ),
+    ] = None,
     stops: Annotated[
         float,
         typer.Option(
@@ -182,7 +198,7 @@ def foveate(
         ),
     ] = None,
 ) -> None:
-    """Show one picture to a gaze: a metamer of the periphery, or what it is compared with.
+    """Show a picture to a gaze: a metamer of the periphery, or what it is compared with.
 
     In the fovea, one degree around the gaze unless told otherwise, nothing changes.
     energy-metamer takes minutes: interrupted, the same command goes on where it was.
@@ -200,27 +216,53 @@ def foveate(
         metamerlab foveate photo.jpg --score scores/
 
         metamerlab foveate around.exr out.png --panorama --clip
+
+        metamerlab foveate frames/ shown/ --flow flow/
     """
     from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.clip_to_files import foveate_clip
     from stimuli.foveated.to_files import Outputs, foveate_file
 
     with user_errors():
         sheet = compare is not None or score is not None
         choices = _choices(methods, settings, sheet)
-        outputs = Outputs(out, compare, steps, score, animate, flip, size_px)
-        _check(outputs)
+        outputs = Outputs(
+            out or Path("foveated.png"), compare, steps, score, animate, flip, size_px
+        )
+        if picture.is_dir():
+            _check_clip(out, outputs)
+        else:
+            _check(outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with _renderer(console, numpy_only) as ctx, Teller(console) as teller:
-            foveate_file(
-                picture, outputs, gaze=gaze, display=display, fov_deg=fov, panorama=panorama,
-                choices=choices, seed=seed, reading=Reading(background, clip, stops, encoded),
-                ctx=ctx, say=teller.say, progress=teller.progress,
-            )  # fmt: skip
+            common: dict[str, Any] = {
+                "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
+                "seed": seed, "reading": Reading(background, clip, stops, encoded), "ctx": ctx,
+                "say": teller.say, "progress": teller.progress,
+            }  # fmt: skip
+            if picture.is_dir():
+                shown = out or Path("foveated")
+                foveate_clip(picture, shown, flow=flow, choice=choices[0], **common)
+            else:
+                foveate_file(picture, outputs, choices=choices, **common)
 
 
-def _check(outputs: Outputs) -> None:
+def _check_clip(out: Path | None, outputs: Outputs) -> None:
+    """Refuse what is made of one picture alone."""
+    looks = ("compare", "steps", "score", "animate", "flip")
+    given = [f"--{name}" for name in looks if getattr(outputs, name) is not None]
+    if given:
+        raise StudyError(f"{given[0]} takes one picture, not a folder; give it a frame")
+    if out is not None and out.suffix.lower() in FILE_ENDINGS:
+        raise StudyError(f"OUT must be a folder, as the frames lie in one (got {out})")
+
+
+def _check(outputs: Outputs, flow: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
     from stimuli.foveated.moving import ENDINGS
+
+    if flow is not None:
+        raise StudyError("--flow is for a folder of frames (PICTURE is no folder)")
 
     check_outputs(
         {

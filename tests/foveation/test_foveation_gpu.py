@@ -25,6 +25,12 @@ VIEWS = [
     ((9, 13), Flat(100), (2.0, 2.0)),
     ((1, 1), Flat(40), (9.0, 9.0)),
 ]
+PANORAMA_LOOKS = [
+    ("blur", (110.0, 12.0)),
+    ("metamer", (30.0, 30.0)),
+    ("eidolon", (60.0, 0.0)),
+    ("warped-metamer", (5.0, 48.0)),
+]
 # Noise and its weights are half floats: each is off by at most 2^-11 of itself (Mesa truncates),
 # and noise is at most 4 deviations of .25.
 TOLERANCE = 2 * 4 * 0.25 * 2.0**-11
@@ -113,6 +119,27 @@ def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, matc
     )
     # Places are known to some 1e-5 px, and a picture's edge is one step of it a pixel.
     np.testing.assert_allclose(found, wanted, atol=0.5 / 255)
+
+
+@pytest.mark.parametrize(("method", "gaze_px"), PANORAMA_LOOKS)
+def test_panorama_on_gpu_matches_reference(gl_context, method, gaze_px):
+    """Belt and caps together, also where they are mixed and at the poles."""
+    picture = photograph((60, 120))
+    plain, drawn = (
+        foveate(picture, gaze_px, viewing=Equirectangular(), method=method, seed=4, ctx=ctx)
+        for ctx in (None, gl_context)
+    )
+    np.testing.assert_allclose(drawn, plain, atol=0.5 / 255)
+    assert np.abs(plain - picture)[:6].mean() > 0.005
+
+
+def test_panoramas_carry_noise_by_numpy(gl_context, rng):
+    picture, shift = photograph((32, 64)), rng.random((32, 64, 2))
+    plain, drawn = (
+        foveate(picture, (3, 9), viewing=Equirectangular(), noise_shift_px=shift, ctx=ctx)
+        for ctx in (None, gl_context)
+    )
+    assert (drawn == plain).all()
 
 
 def test_carried_displacement_is_left_to_numpy(gl_context, rng):

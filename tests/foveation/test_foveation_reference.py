@@ -267,46 +267,6 @@ def test_a_panoramas_noise_goes_on_over_its_seam(panorama):
     assert steps[-1] < 1.2 * steps.mean()
 
 
-def test_a_panoramas_noise_has_unit_variance_in_every_row(panorama):
-    by_row = (panorama**2).mean(axis=1)
-    even = (panorama**2).mean(axis=(0, 1))
-    bunches = by_row[16:-16].reshape(14, 16, -1).mean(axis=1)
-    np.testing.assert_allclose(bunches, np.broadcast_to(even, bunches.shape), rtol=0.4)
-
-
-def test_a_panoramas_noise_is_as_fine_in_degrees_at_every_latitude(panorama):
-    """Steps along the parallel, of the finest bands, shrink as the parallel does."""
-    fine = panorama[..., :1]
-    steps = np.sqrt((np.diff(fine, axis=1) ** 2).mean(axis=(1, 2)) / (fine**2).mean(axis=(1, 2)))
-    latitude = (0.5 - (np.arange(256) + 0.5) / 256) * np.pi
-
-    def around(degrees):
-        near = np.abs(np.degrees(np.abs(latitude)) - degrees) < 3
-        return steps[near].mean()
-
-    for degrees in (50, 70):
-        shrunk = around(degrees) / around(0)
-        assert np.cos(np.radians(degrees)) / 1.5 < shrunk < np.cos(np.radians(degrees)) * 1.6
-
-
-def test_pools_do_not_carry_detail_along_the_equator_to_the_poles():
-    """Stripes along every meridian are as fine per degree at the pole, and fainter per pixel."""
-    geometry = Equirectangular().of(512, 256)
-    rays = geometry.directions(*pixel_centres(geometry))
-    rng = np.random.default_rng(4)
-    waves = rng.standard_normal((60, 3))
-    waves *= 60 / np.linalg.norm(waves, axis=1, keepdims=True)
-    grey = 0.5 + 0.02 * np.sin(rays @ waves.T + rng.uniform(0, 6.3, 60)).sum(axis=2)
-    picture = np.repeat(grey[..., None], 3, axis=2)
-    pools = Pools(geometry, (0, 128), Pooling())
-    wanted = wanted_by_blocks(chain_of(picture, 6, wraps=True), pools, 1).variances[..., 1]
-    own = analyse(ycbcr_from_rgb(picture), 1).bands[0][..., 1, 0]
-    rows = np.abs((np.arange(256) + 0.5) / 256 - 0.5) * 180
-    high = (rows > 70) & (rows < 80)
-    owed = wanted.repeat(4, axis=0)[high].mean()
-    assert 0.5 < owed / (own[high] ** 2).mean() < 2.5
-
-
 def test_a_panorama_has_no_seam():
     """Rolled by a whole number of coarse texels, picture and gaze give the rolled base."""
     rng = np.random.default_rng(1)

@@ -1,0 +1,112 @@
+"""A panorama in three pictures, on the GPU. Twin: panorama.py. Change both or neither."""
+
+from __future__ import annotations
+
+import moderngl
+
+from pipeline.foveation.condition import Condition
+from pipeline.foveation.displacement import CUBIC
+from pipeline.foveation.geometry import CapGeometry, Geometry
+from pipeline.foveation.gpu import FoveationPass, Pooled, sphere_constants
+from pipeline.foveation.panorama import cap_gaze_px, cap_of
+from pipeline.foveation.pooling import Pooling
+
+
+def panorama_pass(
+    ctx: moderngl.Context, geometry: Geometry, condition: Condition
+) -> FoveationPass | None:
+    """Build the passes of a whole panorama, or None for a condition that numpy alone does."""
+    belt = condition.on_gpu(ctx, geometry)
+    if belt is None or condition.pooling is None:
+        return None
+    caps = [cap_of(geometry, upper=upper) for upper in (True, False)]
+    inner = [condition.on_gpu(ctx, cap) for cap in caps]
+    return PanoramaPass(
+        ctx,
+        geometry,
+        condition.pooling,
+        belt,
+        [(cap, made) for cap, made in zip(caps, inner, strict=True) if made is not None],
+    )
+
+
+class PanoramaPass(FoveationPass):
+    """A condition for a panorama: the belt's passes, and those of the caps around both poles.
+
+    Noise that surfaces carry along is left to numpy.
+    """
+
+    carries_noise = False
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        geometry: Geometry,
+        pooling: Pooling,
+        belt: FoveationPass,
+        caps: list[tuple[CapGeometry, FoveationPass]],
+    ) -> None:
+        super().__init__(ctx, geometry)
+        self._belt, self._caps = belt, caps
+        self._inner = [belt, *(made for _, made in caps)]
+        self.chains = [chain for made in self._inner for chain in made.chains]
+        self._pooled = Pooled(geometry, pooling)
+        self._join = self._keep(
+            self._pooled.compile(
+                ctx, "foveation/charts.comp.glsl", CUBIC=CUBIC, **sphere_constants()
+            )
+        )
+        self._join["cap_radian_px"] = caps[0][0].radian_px
+        self._draw = [
+            self._keep(Pooled(cap, pooling).compile(ctx, "foveation/cap.comp.glsl", CUBIC=CUBIC))
+            for cap, _ in caps
+        ]
+        self._shown = [self._texture(made.size) for made in self._inner]
+        self._seen = [self._texture(made.size) for _, made in caps]
+
+    @property
+    def dispatches(self) -> int:
+        return sum(made.dispatches for made in self._inner) + len(self._caps) + 1
+
+    @property
+    def held_bytes(self) -> int:
+        return super().held_bytes + sum(made.held_bytes for made in self._inner)
+
+    def __call__(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        gaze_px: tuple[float, float],
+        *,
+        seed: int = 0,
+        noise_shift_px: moderngl.Texture | None = None,
+        field_gaze_px: tuple[float, float] | None = None,
+    ) -> None:
+        self._check(source, target)
+        if noise_shift_px is not None:
+            raise ValueError("panoramas carry noise along by numpy alone")
+        self._pooled.look(gaze_px)
+        self._belt(source, self._shown[0], gaze_px, seed=seed, field_gaze_px=field_gaze_px)
+        for (cap, made), draw, seen, shown in zip(
+            self._caps, self._draw, self._seen, self._shown[1:], strict=True
+        ):
+            source.use(0)
+            seen.bind_to_image(0, read=False, write=True)
+            self._run(draw, made.size)
+            made(
+                seen,
+                shown,
+                cap_gaze_px(self.geometry, cap, gaze_px),
+                seed=seed,
+                field_gaze_px=field_gaze_px and cap_gaze_px(self.geometry, cap, field_gaze_px),
+            )
+        source.use(0)
+        for unit, texture in enumerate(self._shown, start=1):
+            texture.use(unit)
+        target.bind_to_image(0, read=False, write=True)
+        self._run(self._join, self.size)
+
+    def release(self) -> None:
+        for made in self._inner:
+            made.release()
+        super().release()

@@ -1,0 +1,143 @@
+"""The frames of a clip, shown to a gaze, into files; noise on the screen or carried along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.foveation.conditions import Foveator
+from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.steady_gaze import carried
+from stimuli.exr import save_colour
+from stimuli.flow_file import read_flo
+from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.look_through import Choice, check_choices
+from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+
+FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")
+
+
+def foveate_clip(
+    frames: Path,
+    out: Path,
+    *,
+    flow: Path | None = None,
+    gaze: str | None = None,
+    display: str | None = None,
+    fov_deg: float | None = None,
+    panorama: bool = False,
+    choice: Choice | None = None,
+    seed: int = 0,
+    reading: Reading | None = None,
+    ctx: moderngl.Context | None = None,
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Path]:
+    """Show every frame of a folder to one gaze, and write them under their names as PNG.
+
+    Parameters
+    ----------
+    frames : Path
+        A folder of pictures of one size, in the order of their names.
+    out : Path
+        Another folder, made if it is missing; files of the same names are replaced.
+    flow : Path, optional
+        A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
+        of *that* frame, where it is less where it was a frame ago. Noise and displacements then
+        go with the surfaces. Without it they lie on the screen.
+    choice : Choice, optional
+        The condition; by default `metamer`.
+
+    Other parameters are those of `foveate_file`.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError, StudyError, OSError
+        Where a frame or its flow is not what it must be. Frames before it have been written.
+    """
+    tell, reading = say or (lambda _: None), reading or Reading()
+    chosen = choice or Choice("metamer")
+    check_choices([chosen])
+    check_seed(seed)
+    paths = sorted(p for p in frames.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
+    motions = _files(frames, out, paths, flow)
+    first = read_any(paths[0], reading)
+    size = (first.colour.shape[0], first.colour.shape[1])
+    looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
+    gaze_px = read_gaze(gaze, looking.geometry)
+    tell(f"{len(paths)} frames, {size[1]} x {size[0]} px")
+    tell(looking.words)
+    tell(gaze_words(gaze_px, looking.geometry))
+    for note in (*first.notes, *looking.notes):
+        tell(f"note: {note}")
+    tell("noise is carried along the flow" if flow else "noise lies on the screen")
+    out.mkdir(parents=True, exist_ok=True)
+    written = []
+    foveator = Foveator(
+        size, viewing=looking.viewing, method=chosen.name, ctx=ctx, **chosen.parameters
+    )
+    try:
+        shift: NDArray[np.float64] | None = None
+        for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
+            opened = first if index == 0 else read_any(path, reading)
+            if opened.colour.shape[:2] != size:
+                height, width = opened.colour.shape[:2]
+                raise InputError(
+                    f"{path}: must be {size[1]} x {size[0]} px as the first frame"
+                    f" (is {width} x {height})"
+                )
+            if motion is not None:
+                shift = carried(shift, _read_flow(motion, size))
+            shown = foveator(opened.colour, gaze_px, seed=seed, frame=index, noise_shift_px=shift)
+            written.append(out / f"{path.stem}.png")
+            save_colour(written[-1], shown, bits=opened.bits)
+            if progress is not None:
+                progress("frames", index + 1, len(paths))
+    finally:
+        foveator.release()
+    tell(f"wrote {len(written)} frames to {out} ({chosen.label})")
+    return written
+
+
+def _files(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> list[Path | None]:
+    """Check the folders, and find each frame's flow."""
+    if not paths:
+        raise InputError(
+            f"{frames}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
+        )
+    if len({path.stem for path in paths}) < len(paths):
+        raise InputError(f"{frames}: must hold each frame once, whatever its ending")
+    if out.exists() and out.samefile(frames):
+        raise InputError(f"{out}: holds the frames themselves; write to another folder")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
+    if flow is None:
+        return [None] * len(paths)
+    motions = [flow / f"{path.stem}.flo" for path in paths[1:]]
+    missing = [path.name for path in motions if not path.is_file()]
+    if missing:
+        raise InputError(
+            f"{flow}: must hold the flow of every frame but the first"
+            f" ({len(missing)} of {len(motions)} missing, the first is {missing[0]})"
+        )
+    return [None, *motions]
+
+
+def _read_flow(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
+    flow, _ = read_flo(path)  # where it is unknown noise stays on the screen
+    if flow.shape[:2] != size:
+        raise InputError(
+            f"{path}: must be {size[1]} x {size[0]} px as the frames"
+            f" (is {flow.shape[1]} x {flow.shape[0]})"
+        )
+    return flow

@@ -1,0 +1,100 @@
+"""`metamerlab foveate` on a folder of frames: noise on the screen, and carried along."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.foveation.conditions import foveate
+from pipeline.foveation.steady_gaze import carried
+from pipeline.image_file import read_pixels
+from stimuli.exr import save_colour
+from stimuli.flow_file import write_flo
+from study_app.cli import app
+
+HEIGHT, WIDTH = 40, 56
+
+
+def run(*arguments):
+    given = ["foveate", *map(str, arguments), "--numpy"]
+    return CliRunner().invoke(app, given, catch_exceptions=False)
+
+
+def refusal(*arguments) -> str:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.strip().startswith("error: ")
+    return result.stderr
+
+
+@pytest.fixture
+def colours(rng):
+    """A texture that moves by 3 px to the right from frame to frame."""
+    wide = (rng.integers(60, 200, (HEIGHT, WIDTH + 9, 3)) / np.float32(255)).astype(np.float32)
+    return [np.ascontiguousarray(wide[:, 9 - 3 * k : 9 - 3 * k + WIDTH]) for k in range(3)]
+
+
+@pytest.fixture
+def frames(tmp_path, colours):
+    (tmp_path / "frames").mkdir()
+    for index, colour in enumerate(colours):
+        save_colour(tmp_path / "frames" / f"f{index}.png", colour)
+    return tmp_path / "frames"
+
+
+@pytest.fixture
+def flow(tmp_path):
+    (tmp_path / "flow").mkdir()
+    moved = np.broadcast_to(np.float32([3, 0]), (HEIGHT, WIDTH, 2))
+    for index in (1, 2):
+        write_flo(tmp_path / "flow" / f"f{index}.flo", moved)
+    return tmp_path / "flow"
+
+
+def shown(folder):
+    return [read_pixels(path).data / 255 for path in sorted(folder.iterdir())]
+
+
+def test_frames_without_flow_share_the_noise_of_the_screen(frames, tmp_path, colours):
+    result = run(frames, tmp_path / "out", "--seed", 4)
+
+    assert result.exit_code == 0
+    assert "3 frames, 56 x 40 px" in result.stdout
+    assert "noise lies on the screen" in result.stdout
+    for found, colour in zip(shown(tmp_path / "out"), colours, strict=True):
+        wanted = foveate(colour, (28, 20), seed=4)
+        np.testing.assert_allclose(found, wanted, atol=0.51 / 255)
+
+
+@pytest.mark.parametrize("method", ["metamer", "eidolon"])
+def test_noise_goes_along_the_flow(frames, flow, tmp_path, colours, method):
+    result = run(frames, tmp_path / "out", "--flow", flow, "-m", method)
+
+    assert result.exit_code == 0
+    assert "noise is carried along the flow" in result.stdout
+    shift = None
+    found = shown(tmp_path / "out")
+    for index, (picture, colour) in enumerate(zip(found, colours, strict=True)):
+        if index:
+            shift = carried(shift, np.broadcast_to([3.0, 0.0], (HEIGHT, WIDTH, 2)))
+        wanted = foveate(colour, (28, 20), noise_shift_px=shift, method=method)
+        np.testing.assert_allclose(picture, wanted, atol=0.51 / 255)
+    assert (shift[..., 0] == 6).all()
+
+
+def test_what_is_no_clip_is_refused(frames, flow, tmp_path, colours):
+    (tmp_path / "empty").mkdir()
+    assert "must hold frames" in refusal(tmp_path / "empty", tmp_path / "o")
+    assert "the frames themselves" in refusal(frames, frames)
+    assert "OUT must be a folder" in refusal(frames, tmp_path / "o.png")
+    assert "--compare takes one picture" in refusal(frames, "--compare", tmp_path / "s.png")
+    assert "folder of frames" in refusal(frames / "f0.png", tmp_path / "o.png", "--flow", flow)
+    (flow / "f1.flo").unlink()
+    assert "1 of 2 missing, the first is f1.flo" in refusal(frames, tmp_path / "o", "--flow", flow)
+    assert not (tmp_path / "o").exists()
+    save_colour(frames / "f1.png", colours[0][:20])
+    assert "f1.png: must be 56 x 40 px" in refusal(frames, tmp_path / "o")
+
+
+def test_flow_of_another_size_is_refused(frames, flow, tmp_path):
+    write_flo(flow / "f2.flo", np.zeros((8, 9, 2), np.float32))
+    assert "f2.flo: must be 56 x 40 px" in refusal(frames, tmp_path / "o", "--flow", flow)
