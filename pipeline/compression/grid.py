@@ -38,20 +38,21 @@ class Density:
     knee_px: float
 
     @property
-    def _turns_px(self) -> float:
+    def turn_px(self) -> float:
+        """From here on cells grow."""
         return max(self.start_px, self.knee_px)
 
     def columns(self, radius_px: Floats) -> Floats:
         """Integrate the density from `start_px` on; negative before it."""
-        near = np.minimum(radius_px, self._turns_px) - self.start_px
-        far = np.log(np.maximum(radius_px, self._turns_px) / self._turns_px)
+        near = np.minimum(radius_px, self.turn_px) - self.start_px
+        far = np.log(np.maximum(radius_px, self.turn_px) / self.turn_px)
         return np.asarray(near + self.knee_px * far)
 
     def radius_px(self, columns: Floats) -> Floats:
         """Invert `columns`."""
-        flat = self._turns_px - self.start_px
+        flat = self.turn_px - self.start_px
         far = np.exp(np.maximum(columns - flat, 0) / self.knee_px)
-        return np.asarray(self.start_px + np.minimum(columns, flat) + self._turns_px * (far - 1))
+        return np.asarray(self.start_px + np.minimum(columns, flat) + self.turn_px * (far - 1))
 
 
 @dataclass(frozen=True)
@@ -91,14 +92,14 @@ class PolarGrid:
     @cached_property
     def shape(self) -> tuple[int, int]:
         """Rows and columns; no columns where all of the picture is nearer than `from_px`."""
-        rows = math.ceil(self.rows_per_turn * self._span / TURN - _ROUNDING)
+        rows = math.ceil(self.rows_per_turn * self.arc[1] / TURN - _ROUNDING)
         columns = float(self.density.columns(np.array(self.farthest_px)))
         return max(1, rows), max(0, math.ceil(columns - _ROUNDING))
 
     @property
     def whole_turn(self) -> bool:
         """Whether the last row goes on at the first one."""
-        return self._span == TURN
+        return self.arc[1] == TURN
 
     def cell_px(self) -> tuple[Floats, Floats]:
         """Extent of each column's cells along the radius and along the circle, pixels."""
@@ -108,7 +109,7 @@ class PolarGrid:
 
     def positions(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
         """Where places in the grid lie on the picture: x and y, pixels."""
-        angle = self._first + rows * (TURN / self.rows_per_turn)
+        angle = self.arc[0] + rows * (TURN / self.rows_per_turn)
         radius = self.density.radius_px(columns)
         x, y = self.gaze_px
         return x + radius * np.cos(angle), y + radius * np.sin(angle)
@@ -117,20 +118,12 @@ class PolarGrid:
         """Where positions on the picture lie in the grid: rows and columns; undo `positions`."""
         across, down = x - self.gaze_px[0], y - self.gaze_px[1]
         # Measured from the middle of what the arc leaves out: no angle jumps within the arc.
-        left_out = (TURN - self._span) / 2
-        angle = (np.arctan2(down, across) - self._first + left_out) % TURN - left_out
+        left_out = (TURN - self.arc[1]) / 2
+        angle = (np.arctan2(down, across) - self.arc[0] + left_out) % TURN - left_out
         return angle * (self.rows_per_turn / TURN), self.density.columns(np.hypot(across, down))
 
-    @property
-    def _first(self) -> float:
-        return self._arc[0]
-
-    @property
-    def _span(self) -> float:
-        return self._arc[1]
-
     @cached_property
-    def _arc(self) -> tuple[float, float]:
+    def arc(self) -> tuple[float, float]:
         """First angle and span of what holds the picture; a whole turn if the gaze is on it."""
         (width, height), (x, y) = self.size, self.gaze_px
         if 0 < x < width and 0 < y < height:

@@ -19,7 +19,6 @@ from pipeline.colour import RGB_FROM_YCBCR
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.resample import MARGIN, around, linear, to_cells
 from pipeline.foveation.chain import chain_of
-from pipeline.foveation.geometry import Flat
 from pipeline.foveation.moments import (
     BLOCK_HALVINGS,
     SMALLEST_VARIANCE,
@@ -94,10 +93,8 @@ def lost_maps(
 
 
 def _moments(image: NDArray[np.floating], levels: int) -> list[Floats]:
-    height, width = image.shape[:2]
-    geometry = Flat().of(width, height)
     lows = chain_of(image.astype(np.float64), levels - 1, wraps=False) if levels else []
-    return [coefficient_moments(low, geometry, level) for level, low in enumerate(lows)]
+    return [coefficient_moments(low, wraps=False) for low in lows]
 
 
 def mean_of_maps(maps: Sequence[Sequence[LostMap]]) -> list[LostMap]:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.compression.grid import PolarGrid
+from pipeline.foveation.displacement import look_up
 
 Floats = NDArray[np.float64]
 
 MOST_SAMPLES = 32
 """Of a cell along an axis: the paper's bound R, section 5.1.2."""
 SAMPLES_PER_PX = 1.5
-MARGIN = 2  # rows: as far as interpolation reaches beyond a cell's middle
+MARGIN = 1  # rows: as far as linear interpolation reaches beyond a cell's middle
 
 
 def to_cells(image: Floats, grid: PolarGrid, *, px: float = 1.0) -> Floats:
@@ -62,10 +61,11 @@ def to_cells(image: Floats, grid: PolarGrid, *, px: float = 1.0) -> Floats:
 
 
 def from_cells(cells: Floats, grid: PolarGrid) -> Floats:
-    """Read cells at the picture's pixels: (rows, columns, channels) to (H, W, channels)."""
+    """Read cells (rows, columns, channels) at the picture's pixels, by a cubic: (H, W, channels)."""
     width, height = grid.size
     row, column = grid.places(*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
-    return cubic(around(cells, grid), column, row + MARGIN)
+    turned = np.ascontiguousarray(cells.transpose(1, 0, 2))  # only columns go on at the other side
+    return look_up(turned, row, column, wraps=grid.whole_turn)
 
 
 def around(cells: Floats, grid: PolarGrid) -> Floats:
@@ -76,42 +76,9 @@ def around(cells: Floats, grid: PolarGrid) -> Floats:
 
 def linear(image: Floats, x: Floats, y: Floats) -> Floats:
     """Read (H, W, channels) at positions of one shape; beyond the border the border goes on."""
-    return _interpolated(image, x, y, _linear_weights)
-
-
-def cubic(image: Floats, x: Floats, y: Floats) -> Floats:
-    """The same, by Catmull and Rom's cubics."""
-    return _interpolated(image, x, y, _cubic_weights)
-
-
-def _linear_weights(part: Floats) -> dict[int, Floats]:
-    return {0: 1 - part, 1: part}
-
-
-def _cubic_weights(part: Floats) -> dict[int, Floats]:
-    square = part * part
-    cube = square * part
-    return {
-        -1: (2 * square - part - cube) / 2,
-        0: (2 - 5 * square + 3 * cube) / 2,
-        1: (part + 4 * square - 3 * cube) / 2,
-        2: (cube - square) / 2,
-    }
-
-
-def _interpolated(
-    image: Floats, x: Floats, y: Floats, weights_of: Callable[[Floats], dict[int, Floats]]
-) -> Floats:
-    """Weigh the texels around each position; `weights_of` a share says which and how much."""
-    height, width = image.shape[:2]
-    x, y = np.broadcast_arrays(x, y)
-    left, top = np.floor(x - 0.5), np.floor(y - 0.5)
-    across, down = weights_of(x - 0.5 - left), weights_of(y - 0.5 - top)
-    found = np.zeros((*x.shape, image.shape[2]))
-    flat = image.reshape(-1, image.shape[2])
-    for j, of_row in down.items():
-        row = np.clip(top + j, 0, height - 1).astype(np.intp) * width
-        for i, of_column in across.items():
-            column = np.clip(left + i, 0, width - 1).astype(np.intp)
-            found += (of_row * of_column)[..., None] * flat.take(row + column, axis=0)
-    return found
+    places = np.stack(np.broadcast_arrays(y - 0.5, x - 0.5))
+    planes = [
+        ndimage.map_coordinates(plane, places, order=1, mode="nearest")
+        for plane in np.moveaxis(image, -1, 0)
+    ]
+    return np.stack(planes, axis=-1)
