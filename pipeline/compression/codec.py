@@ -8,8 +8,8 @@ Twin of `decompress`: gpu.py. Change both or neither.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +33,12 @@ from pipeline.foveation.noise_plane import check_seed
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
-Progress = Callable[[str], None]
 
 DEFAULT_CODEC = "jpeg"
 DEFAULT_ANGLES = 384
 DEFAULT_QUALITY = 75
 MAP_QUALITY = 50
 """Of the atlas: maps are smooth, and half of an error in them is not seen."""
-KILOBYTE = 1000
 FIRST_SHARE = 0.15
 """Of a size that is asked for: what maps are taken to need before they are made."""
 
@@ -136,7 +134,7 @@ class _Work:
         statistics = tuple(
             self._statistics(bases[at : at + hold], self._frames[at : at + hold]) for at in groups
         )
-        return Compressed(self._grid, codec, len(self._maps), bases, statistics, hold)
+        return Compressed(self._grid, codec, quality, len(self._maps), bases, statistics, hold)
 
     def at_size(self, size_bytes: int) -> Compressed:
         """Look for the best quality of the bases with which the whole fits."""
@@ -170,14 +168,9 @@ class _Work:
 
     def _best_within(self, room: float) -> int:
         """The best quality of bases in so many bytes; 0: none."""
-        low, high = 0, image_codecs.BEST_QUALITY
-        while low < high:
-            middle = (low + high + 1) // 2
-            if sum(len(base) for base in self._bases(middle)) <= room:
-                low = middle
-            else:
-                high = middle - 1
-        return low
+        return image_codecs.best_quality(
+            lambda quality: sum(len(base) for base in self._bases(quality)) <= room
+        )
 
     def _bases(self, quality: int) -> tuple[bytes, ...]:
         return tuple(
@@ -241,8 +234,3 @@ def decompress(compressed: Compressed, *, seed: int = 0, frame: int = 0) -> NDAr
     if maps:
         picture = picture + noise_of(maps, seed)
     return np.clip(picture, 0, 1).astype(np.float32)
-
-
-def without_statistics(compressed: Compressed) -> Compressed:
-    """The same colour, and nothing of what it lost."""
-    return replace(compressed, levels=0, statistics=())

@@ -22,7 +22,7 @@ from pipeline.errors import InputError
 MAGIC = b"MMLC"
 VERSION = 1
 MOST_EDGE_PX = 16384
-MOST_PX = 100_000_000
+MOST_PX = 2**25
 LEAST_ANGLES, MOST_ANGLES = 16, 4096
 FARTHEST = 4
 """Edges of the picture that a gaze may lie away from it."""
@@ -30,8 +30,8 @@ MOST_FRAMES = 100_000
 LARGEST_SCALE = 4.0
 """Of a deviation: coefficients of colour in [0, 1] have less."""
 
-# width, height, gaze x, gaze y, angles, codec, levels, frames, held frames
-_HEADER = struct.Struct("<4sB3x II dd HBB IH2x")
+# width, height, gaze x, gaze y, angles, codec, quality, levels, frames, held frames
+_HEADER = struct.Struct("<4sB3x II dd HBBB x IH")
 _CHECK = struct.Struct("<I")
 _LENGTH = struct.Struct("<I")
 
@@ -54,6 +54,8 @@ class Compressed:
         Of the base.
     codec : str
         One of `image_codecs.CODECS`, of bases and atlases.
+    quality : int
+        Of the codec, for bases: what it was asked for.
     levels : int
         Maps of statistics; 0: a foveated picture without any.
     bases : tuple of bytes
@@ -66,6 +68,7 @@ class Compressed:
 
     grid: PolarGrid
     codec: str
+    quality: int
     levels: int
     bases: tuple[bytes, ...]
     statistics: tuple[Statistics, ...]
@@ -112,6 +115,7 @@ def to_bytes(compressed: Compressed) -> bytes:
         *grid.gaze_px,
         grid.rows_per_turn,
         CODECS.index(compressed.codec),
+        compressed.quality,
         compressed.levels,
         len(compressed.bases),
         compressed.hold,
@@ -123,12 +127,6 @@ def to_bytes(compressed: Compressed) -> bytes:
         parts += [_LENGTH.pack(len(base)), base]
     body = b"".join(parts)
     return body + _CHECK.pack(zlib.crc32(body))
-
-
-def overhead_bytes(levels: int, frames: int, statistics: int) -> int:
-    """What a file holds beside its coded pictures."""
-    of_statistics = statistics * (_LENGTH.size + 12 * levels)
-    return _HEADER.size + of_statistics + frames * _LENGTH.size + _CHECK.size
 
 
 def from_bytes(data: bytes, name: str = "the file") -> Compressed:
@@ -160,7 +158,9 @@ def from_bytes(data: bytes, name: str = "the file") -> Compressed:
 
 
 def _parsed(body: bytes) -> Compressed:
-    _, _, width, height, x, y, angles, codec, levels, frames, hold = _HEADER.unpack_from(body)
+    (_, _, width, height, x, y, angles, codec, quality, levels, frames, hold) = _HEADER.unpack_from(
+        body
+    )
     check_request((width, height), (x, y), angles)
     if codec >= len(CODECS):
         raise InputError(f"its codec must be one of 0..{len(CODECS) - 1} (is {codec})")
@@ -176,7 +176,7 @@ def _parsed(body: bytes) -> Compressed:
     statistics = tuple(rest.statistics(levels) for _ in range(groups))
     bases = tuple(rest.block() for _ in range(frames))
     rest.end()
-    return Compressed(grid, CODECS[codec], levels, bases, statistics, hold)
+    return Compressed(grid, CODECS[codec], quality, levels, bases, statistics, hold)
 
 
 class _Rest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,18 @@ def encode(picture: Bytes, codec: str, quality: int) -> bytes:
     held = io.BytesIO()
     Image.fromarray(picture).save(held, check_codec(codec).upper(), quality=quality)
     return held.getvalue()
+
+
+def best_quality(fits: Callable[[int], bool]) -> int:
+    """The best quality that fits, found by halving; 0 if none does."""
+    low, high = 0, BEST_QUALITY
+    while low < high:
+        middle = (low + high + 1) // 2
+        if fits(middle):
+            low = middle
+        else:
+            high = middle - 1
+    return low
 
 
 def decode(data: bytes, codec: str, shape: tuple[int, ...], what: str) -> Bytes:

@@ -61,7 +61,7 @@ def to_cells(image: Floats, grid: PolarGrid, *, px: float = 1.0) -> Floats:
 
 
 def from_cells(cells: Floats, grid: PolarGrid) -> Floats:
-    """Read cells (rows, columns, channels) at the picture's pixels, by a cubic: (H, W, channels)."""
+    """Read cells (rows, columns, channels) at pixels, by a cubic: (H, W, channels)."""
     width, height = grid.size
     row, column = grid.places(*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
     turned = np.ascontiguousarray(cells.transpose(1, 0, 2))  # only columns go on at the other side
