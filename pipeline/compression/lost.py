@@ -84,17 +84,19 @@ def lost_maps(
     theirs, ours = (_moments(image, len(grids)) for image in (picture, decoded))
     found = []
     for level, (grid, wanted, held) in enumerate(zip(grids, theirs, ours, strict=True)):
-        lost = to_cells(wanted - held, grid, px=float(1 << level))
-        moments = LevelMoments.unpacked(lost)
-        variance = np.maximum(moments.square, 0)
-        slope = moments.cross / (variance.sum(axis=2, keepdims=True) + SMALLEST_VARIANCE)
-        found.append(LostMap(grid, variance, np.clip(slope, -1, 1)))
+        energy = wanted.square.sum(axis=2, keepdims=True)
+        values = np.concatenate([wanted.square - held.square, wanted.cross, energy], axis=2)
+        lost, cross, energy = np.split(to_cells(values, grid, px=float(1 << level)), (3, 5), axis=2)
+        # Chroma goes with luma as in the picture: what a codec leaves out of chroma alone would
+        # come back as colour that the picture never had.
+        slope = np.clip(cross / (energy + SMALLEST_VARIANCE), -1, 1)
+        found.append(LostMap(grid, np.maximum(lost, 0), slope))
     return found
 
 
-def _moments(image: NDArray[np.floating], levels: int) -> list[Floats]:
+def _moments(image: NDArray[np.floating], levels: int) -> list[LevelMoments]:
     lows = chain_of(image.astype(np.float64), levels - 1, wraps=False) if levels else []
-    return [coefficient_moments(low, wraps=False) for low in lows]
+    return [LevelMoments.unpacked(coefficient_moments(low, wraps=False)) for low in lows]
 
 
 def mean_of_maps(maps: Sequence[Sequence[LostMap]]) -> list[LostMap]:
