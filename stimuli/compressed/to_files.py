@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compression import file_format
+from pipeline.compression import file_format, image_codecs
 from pipeline.compression.codec import Settings, compress, decompress
 from pipeline.compression.file_format import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
@@ -74,6 +74,8 @@ def compress_file(
     sharp_px = settings.angles / (2 * np.pi)
     levels = f"{found.levels} levels of" if found.levels else "no"
     tell(f"sharp up to {sharp_px:.0f} px from the gaze; {levels} statistics of what lies beyond")
+    if settings.size_bytes is not None and found.quality == image_codecs.BEST_QUALITY:
+        tell("note: the best quality takes less than was asked for; more --angles would use it")
     if compare is not None:
         picture, geometry = frames[0], looking.geometry
         beside = rivals(picture, gaze_px, len(data), settings)

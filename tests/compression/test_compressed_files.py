@@ -132,6 +132,13 @@ def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
         assert np.abs(shown - wanted).max() <= 1.01 / 255
 
 
+def test_what_a_size_leaves_unused_is_said(tmp_path, png):
+    words = ("compress", png, "--out", tmp_path / "p.metamer", "--angles", "32", "--size-kb", "50")
+    code, said, _ = run(*words)
+    assert code == 0
+    assert "more --angles" in said
+
+
 def test_a_folder_is_a_clip(tmp_path, png):
     frames = tmp_path / "frames"
     frames.mkdir()
