@@ -11,6 +11,7 @@ BENCHMARKS = {
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
     "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
+    "compress": "compressed pictures at equal size: statistics, fovea, time of decoding",
     "thin": "what is one pixel thin, through the warp, on the built-in scenes",
     "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
     "ablation": "metameric without each of its corrections, in numpy, on pairs and scenes",

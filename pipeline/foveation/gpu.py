@@ -105,7 +105,55 @@ class Pooled:
             shader["gaze"] = ray
 
 
-class FoveationPass:
+class Holder:
+    """Shaders, textures and buffers of passes over pictures of one size, freed together."""
+
+    def __init__(self, ctx: moderngl.Context, size: Size, *, wraps: bool = False) -> None:
+        self.ctx = ctx
+        self.size = size
+        self._wraps = wraps
+        self._held: list[moderngl.Texture | moderngl.TextureArray] = []
+        self._others: list[moderngl.ComputeShader | moderngl.Buffer] = []
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory beyond the caller's textures, bytes."""
+        return sum(texture_bytes(texture) for texture in self._held)
+
+    def release(self) -> None:
+        """Free everything this pass made."""
+        for held in (*self._held, *self._others):
+            held.release()
+        self._held, self._others = [], []
+
+    def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
+        """A texture that is sampled linearly, and goes on as the picture does."""
+        texture = create_texture(self.ctx, size, format_name)
+        self._smooth(texture)
+        return texture
+
+    def _array(
+        self, size: Size, layers: int, format_name: str = "rgba32f"
+    ) -> moderngl.TextureArray:
+        array = create_texture_array(self.ctx, size, layers, format_name)
+        self._smooth(array)
+        return array
+
+    def _smooth(self, texture: moderngl.Texture | moderngl.TextureArray) -> None:
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = self._wraps
+        self._held.append(texture)
+
+    def _keep(self, shader: moderngl.ComputeShader) -> moderngl.ComputeShader:
+        self._others.append(shader)
+        return shader
+
+    def _run(self, shader: moderngl.ComputeShader, size: Size) -> None:
+        shader.run(-(-size[0] // TILE), -(-size[1] // TILE))
+        self.ctx.memory_barrier()
+
+
+class FoveationPass(Holder):
     """A condition on the GPU, for pictures of one size.
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
@@ -120,11 +168,8 @@ class FoveationPass:
     carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry) -> None:
-        self.ctx = ctx
+        super().__init__(ctx, (geometry.width_px, geometry.height_px), wraps=geometry.wraps)
         self.geometry = geometry
-        self.size: Size = (geometry.width_px, geometry.height_px)
-        self._held: list[moderngl.Texture | moderngl.TextureArray] = []
-        self._others: list[moderngl.ComputeShader | moderngl.Buffer] = []
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
         self.chains: list[ChainPass] = []  # what analyses pictures
 
@@ -132,11 +177,6 @@ class FoveationPass:
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         raise NotImplementedError
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        return sum(texture_bytes(texture) for texture in self._held)
 
     def __call__(
         self,
@@ -177,40 +217,14 @@ class FoveationPass:
         return np.ascontiguousarray(read_back(target)[..., :3])
 
     def release(self) -> None:
-        """Free everything this pass made."""
-        for held in (*self._held, *self._others, *(self._ends or ())):
-            held.release()
-        self._held, self._others, self._ends = [], [], None
+        for end in self._ends or ():
+            end.release()
+        self._ends = None
+        super().release()
 
     def _check(self, source: moderngl.Texture, target: moderngl.Texture) -> None:
         check_texture(source, "source", self.size, "rgba32f")
         check_texture(target, "target", self.size, "rgba32f")
-
-    def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
-        """A texture that is sampled linearly, and goes on as the picture does."""
-        texture = create_texture(self.ctx, size, format_name)
-        self._smooth(texture)
-        return texture
-
-    def _array(
-        self, size: Size, layers: int, format_name: str = "rgba32f"
-    ) -> moderngl.TextureArray:
-        array = create_texture_array(self.ctx, size, layers, format_name)
-        self._smooth(array)
-        return array
-
-    def _smooth(self, texture: moderngl.Texture | moderngl.TextureArray) -> None:
-        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texture.repeat_x = self.geometry.wraps
-        self._held.append(texture)
-
-    def _keep(self, shader: moderngl.ComputeShader) -> moderngl.ComputeShader:
-        self._others.append(shader)
-        return shader
-
-    def _run(self, shader: moderngl.ComputeShader, size: Size) -> None:
-        shader.run(-(-size[0] // TILE), -(-size[1] // TILE))
-        self.ctx.memory_barrier()
 
 
 class ChainPass:
@@ -476,7 +490,10 @@ class MetamerPass(FoveationPass):
             self._carried = self._compile_finish(carried=True)
         if self._seeds.get(carried) == seed:
             return
-        tile = self._carried_tile(seed) if carried else self._plain_tile(seed)
+        if carried:
+            tile = self._carried_tile(seed)
+        else:
+            tile = screen_noise(self.size, seed, self.levels, wraps=self.geometry.wraps)
         layers, height, width, _ = tile.shape
         if carried not in self._tiles:
             self._tiles[carried] = self._array((width, height), layers, "rgba32ui")
@@ -514,23 +531,27 @@ class MetamerPass(FoveationPass):
         shader["noise_scale"] = self.settings.noise
         return self._keep(shader)
 
-    def _plain_tile(self, seed: int) -> NDArray[np.int8]:
-        """A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16)."""
-        width, height = self.size
-        if self.geometry.wraps:
-            tile = panorama_noise(seed, self.levels, 1, height)[:, :, 0]
-            tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
-        else:
-            tile = noise_tile(seed, self.levels, 1, tile_edge(height, width))[:, :, 0]
-        rows, columns, bands = tile.shape
-        cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
-        return _layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
-
     def _carried_tile(self, seed: int) -> NDArray[np.int8]:
         """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
         tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
         levels, edge = tiles.shape[:2]
         return _layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))
+
+
+def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
+    """Noise that lies on the screen, as finish.comp.glsl reads it.
+
+    A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
+    """
+    width, height = size
+    if wraps:
+        tile = panorama_noise(seed, levels, 1, height)[:, :, 0]
+        tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
+    else:
+        tile = noise_tile(seed, levels, 1, tile_edge(height, width))[:, :, 0]
+    rows, columns, bands = tile.shape
+    cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
+    return _layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
 
 
 def _layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:

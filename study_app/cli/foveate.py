@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,13 +20,12 @@ from study_app.cli.one_picture import (
     list_option,
     method_option,
     print_methods,
+    renderer,
 )
 from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
-    import moderngl
-
     from stimuli.foveated.look_through import Choice
     from stimuli.foveated.to_files import Outputs
 
@@ -234,7 +231,7 @@ def foveate(
         else:
             _check(outputs, flow)
         console = PlainConsole(soft_wrap=True)
-        with _renderer(console, numpy_only) as ctx, Teller(console) as teller:
+        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             common: dict[str, Any] = {
                 "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
                 "seed": seed, "reading": Reading(background, clip, stops, encoded), "ctx": ctx,
@@ -277,29 +274,6 @@ def _check(outputs: Outputs, flow: Path | None) -> None:
         from stimuli.score.write import check_out
 
         check_out(outputs.score)
-
-
-@contextmanager
-def _renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
-    """A context where there is OpenGL; without it numpy works, and it is said."""
-    from pipeline.errors import GLUnavailableError
-    from pipeline.gl.context import create_context, release_context
-
-    if numpy_only:
-        yield None
-        return
-    try:
-        ctx = create_context()
-    except GLUnavailableError:
-        console.print(
-            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
-        )
-        yield None
-        return
-    try:
-        yield ctx
-    finally:
-        release_context(ctx)
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:

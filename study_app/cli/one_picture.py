@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,6 +15,9 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.terminal import PlainConsole
+
+if TYPE_CHECKING:
+    import moderngl
 
 LOOK = "To look at"
 """Panel of what is made to be looked at."""
@@ -176,3 +180,26 @@ def check_folder(folder: Path) -> None:
         raise StudyError(f"{folder}: must be a folder, and {there} is a file")
     if not os.access(there, os.W_OK | os.X_OK):
         raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
+
+
+@contextmanager
+def renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
+    """A context where there is OpenGL; without it numpy works, and it is said."""
+    from pipeline.errors import GLUnavailableError
+    from pipeline.gl.context import create_context, release_context
+
+    if numpy_only:
+        yield None
+        return
+    try:
+        ctx = create_context()
+    except GLUnavailableError:
+        console.print(
+            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
+        )
+        yield None
+        return
+    try:
+        yield ctx
+    finally:
+        release_context(ctx)

@@ -1,0 +1,236 @@
+"""Compress pictures for a gaze, and make them again.
+
+Beyond Blur, section 5.1: what a server sends are colours in cells that grow with the eccentricity,
+and statistics of what such cells lose; what a client shows is any picture that has them.
+
+Twin of `decompress`: gpu.py. Change both or neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compression import file_format, image_codecs
+from pipeline.compression.atlas import atlas_shape, pack, to_bytes, unpack
+from pipeline.compression.file_format import Compressed, Statistics
+from pipeline.compression.grid import PolarGrid
+from pipeline.compression.lost import (
+    MOST_LEVELS,
+    LostMap,
+    lost_maps,
+    map_grids,
+    mean_of_maps,
+    noise_of,
+)
+from pipeline.compression.resample import from_cells, to_cells
+from pipeline.errors import InputError
+from pipeline.foveation.condition import check_picture
+from pipeline.foveation.noise_plane import check_seed
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+DEFAULT_CODEC = "jpeg"
+DEFAULT_ANGLES = 384
+DEFAULT_QUALITY = 75
+MAP_QUALITY = 50
+"""Of the atlas: maps are smooth, and half of an error in them is not seen."""
+FIRST_SHARE = 0.15
+"""Of a size that is asked for: what maps are taken to need before they are made."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to compress.
+
+    Parameters
+    ----------
+    codec : str
+        One of `image_codecs.CODECS`.
+    angles : int
+        Cells on a circle around the gaze. Cells are pixels up to ``angles / 2 pi`` pixels from it.
+    quality : int
+        Of the codec, for colour.
+    size_bytes : int, optional
+        The largest file instead: the best quality that fits is looked for.
+    statistics : bool
+        Without them the picture is foveated, and blurred in the periphery.
+    hold : int
+        Frames of a clip that share statistics.
+    """
+
+    codec: str = DEFAULT_CODEC
+    angles: int = DEFAULT_ANGLES
+    quality: int = DEFAULT_QUALITY
+    size_bytes: int | None = None
+    statistics: bool = True
+    hold: int = 12
+
+    def __post_init__(self) -> None:
+        image_codecs.check_codec(self.codec)
+        if not 1 <= self.quality <= image_codecs.BEST_QUALITY:
+            raise InputError(
+                f"quality must lie in 1..{image_codecs.BEST_QUALITY} (got {self.quality})"
+            )
+        if not 1 <= self.hold <= 65535:
+            raise InputError(f"hold must lie in 1..65535 frames (got {self.hold})")
+        if self.size_bytes is not None and self.size_bytes < 1:
+            raise InputError(f"the size must be positive (got {self.size_bytes} bytes)")
+
+
+def compress(
+    pictures: Sequence[NDArray[np.floating]],
+    gaze_px: tuple[float, float],
+    settings: Settings | None = None,
+) -> Compressed:
+    """Compress a picture, or the frames of a clip.
+
+    Parameters
+    ----------
+    pictures : sequence of ndarray of shape (H, W, 3)
+        Encoded R'G'B' in [0, 1], all of one size.
+    gaze_px : (x, y)
+        Where the eye looks, also off the picture.
+
+    Raises
+    ------
+    InputError
+        If pictures are of several sizes, a number is out of range, or the size cannot be reached.
+    """
+    settings = settings or Settings()
+    if not pictures:
+        raise InputError("there must be at least one picture to compress (got none)")
+    frames = [check_picture(picture) for picture in pictures]
+    height, width = frames[0].shape[:2]
+    if any(frame.shape != frames[0].shape for frame in frames):
+        raise InputError("the frames of a clip must all be of one size")
+    file_format.check_request((width, height), gaze_px, settings.angles)
+    grid = PolarGrid((width, height), (float(gaze_px[0]), float(gaze_px[1])), settings.angles)
+    work = _Work(grid, frames, settings)
+    if settings.size_bytes is None:
+        return work.at_quality(settings.quality)
+    return work.at_size(settings.size_bytes)
+
+
+class _Work:
+    """Frames in cells, coded as often as a size needs."""
+
+    def __init__(
+        self, grid: PolarGrid, frames: Sequence[NDArray[np.float32]], settings: Settings
+    ) -> None:
+        self._grid, self._frames, self._settings = grid, frames, settings
+        self._cells = [to_bytes(to_cells(frame.astype(np.float64), grid)) for frame in frames]
+        self._maps = map_grids(grid, MOST_LEVELS if settings.statistics else 0)
+
+    def at_quality(self, quality: int) -> Compressed:
+        """Code bases at a quality, and maps of what these lack."""
+        codec, hold = self._settings.codec, self._settings.hold
+        bases = self._bases(quality)
+        groups = range(0, len(bases), hold) if self._maps else ()
+        statistics = tuple(
+            self._statistics(bases[at : at + hold], self._frames[at : at + hold]) for at in groups
+        )
+        return Compressed(self._grid, codec, quality, len(self._maps), bases, statistics, hold)
+
+    def at_size(self, size_bytes: int) -> Compressed:
+        """Look for the best quality of the bases with which the whole fits."""
+        room = size_bytes * (1 - FIRST_SHARE) if self._maps else size_bytes
+        quality = self._best_within(room)
+        while True:
+            found = self.at_quality(max(quality, 1))
+            over = len(file_format.to_bytes(found)) - size_bytes
+            if over <= 0 or quality <= 1:
+                break
+            # What maps take hardly depends on the quality of the bases.
+            bases = sum(len(base) for base in found.bases)
+            quality = min(quality - 1, self._best_within(bases - over))
+        if over > 0:
+            raise InputError(
+                f"{size_bytes} bytes are too few: the least that {self._settings.codec} and"
+                f" {self._settings.angles} angles reach are {size_bytes + over};"
+                " ask for fewer angles, or for a larger file"
+            )
+        return self._raised(found, quality, size_bytes)
+
+    def _raised(self, found: Compressed, quality: int, size_bytes: int) -> Compressed:
+        """Use what room is left: maps may have taken less than was thought."""
+        left = size_bytes - len(file_format.to_bytes(found))
+        better = self._best_within(sum(len(base) for base in found.bases) + left)
+        if better > quality:
+            again = self.at_quality(better)
+            if len(file_format.to_bytes(again)) <= size_bytes:
+                return again
+        return found
+
+    def _best_within(self, room: float) -> int:
+        """The best quality of bases in so many bytes; 0: none."""
+        return image_codecs.best_quality(
+            lambda quality: sum(len(base) for base in self._bases(quality)) <= room
+        )
+
+    def _bases(self, quality: int) -> tuple[bytes, ...]:
+        return tuple(
+            image_codecs.encode(cells, self._settings.codec, quality) for cells in self._cells
+        )
+
+    def _statistics(
+        self, bases: Sequence[bytes], frames: Sequence[NDArray[np.float32]]
+    ) -> Statistics:
+        maps = [
+            lost_maps(frame, decoded_base(base, self._grid, self._settings.codec), self._maps)
+            for base, frame in zip(bases, frames, strict=True)
+        ]
+        atlas, scales = pack(mean_of_maps(maps))
+        return Statistics(image_codecs.encode(atlas, self._settings.codec, MAP_QUALITY), scales)
+
+
+def decoded_cells(base: bytes, grid: PolarGrid, codec: str) -> Bytes:
+    """Colour in cells: uint8, (rows, columns, 3)."""
+    return image_codecs.decode(base, codec, (*grid.shape, 3), "the picture in it")
+
+
+def decoded_base(base: bytes, grid: PolarGrid, codec: str) -> Floats:
+    """The picture that a coded base holds, (H, W, 3) in [0, 1]."""
+    return np.clip(from_cells(decoded_cells(base, grid, codec) / 255, grid), 0, 1)
+
+
+def decoded_maps(compressed: Compressed, frame: int = 0) -> list[LostMap]:
+    """What was lost in a frame; none without statistics."""
+    grids = compressed.map_grids()
+    if not grids:
+        return []
+    held = compressed.statistics[frame // compressed.hold]
+    atlas = image_codecs.decode(held.atlas, compressed.codec, atlas_shape(grids), "the maps in it")
+    return unpack(atlas, held.scales, grids)
+
+
+def decompress(compressed: Compressed, *, seed: int = 0, frame: int = 0) -> NDArray[np.float32]:
+    """Make a picture that has the statistics in the file.
+
+    Parameters
+    ----------
+    seed : int
+        Of the noise: from 0 to 2**63 - 1. Frames of a clip share one, so their noise stands still.
+    frame : int
+        Of a clip.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+
+    Raises
+    ------
+    InputError
+        If the pictures in it are damaged.
+    """
+    check_seed(seed)
+    picture = decoded_base(compressed.bases[frame], compressed.grid, compressed.codec)
+    maps = decoded_maps(compressed, frame)
+    if maps:
+        picture = picture + noise_of(maps, seed)
+    return np.clip(picture, 0, 1).astype(np.float32)

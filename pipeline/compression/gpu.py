@@ -1,0 +1,187 @@
+"""Compressed pictures made again on the GPU, in three passes. Twin: decompress() in codec.py.
+
+Colour is unfolded from its cells; noise is weighed for blocks of 4x4 pixels; both are added by the
+last pass of foveated metamers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compression import image_codecs
+from pipeline.compression.atlas import atlas_shape
+from pipeline.compression.codec import decoded_cells
+from pipeline.compression.file_format import Compressed
+from pipeline.errors import InputError
+from pipeline.foveation.displacement import CUBIC
+from pipeline.foveation.geometry import Flat
+from pipeline.foveation.gpu import (
+    TILE,
+    Holder,
+    Pooled,
+    finish_constants,
+    halved,
+    screen_noise,
+)
+from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
+from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.reference import AIM
+from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.texture import check_texture, create_texture, read_back, upload
+from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.mixing import fitted_mixing
+
+
+class DecompressPass(Holder):
+    """Makes pictures of one file, or of files with the same grid and levels.
+
+    Compiles and allocates on construction. `load` uploads a frame; a call binds and dispatches.
+    """
+
+    def __init__(self, ctx: moderngl.Context, like: Compressed) -> None:
+        super().__init__(ctx, like.grid.size)
+        self._grid, self._maps = like.grid, like.map_grids()
+        self.levels = len(self._maps)
+        rows, columns = self._grid.shape
+        density = self._grid.density
+        first, span = self._grid.arc
+        self._polar = {
+            "WHOLE_TURN": self._grid.whole_turn,
+            "FIRST_RAD": first,
+            "LEFT_OUT_RAD": (2 * math.pi - span) / 2,
+            "TILE": TILE,
+        }
+        self._cells = self._texture((rows, columns), "rgba8")
+        self._unfold = self._compile(
+            "compression/unfold.comp.glsl",
+            CUBIC=CUBIC,
+            START_PX=density.start_px,
+            TURN_PX=density.turn_px,
+            KNEE_PX=density.knee_px,
+        )
+        self._base: moderngl.Texture | None = None
+        if self.levels:
+            self._base = self._texture(self.size)
+            self._prepare_noise()
+
+    @property
+    def dispatches(self) -> int:
+        """How many dispatches one call makes."""
+        return 3 if self.levels else 1
+
+    def load(self, compressed: Compressed, frame: int = 0) -> None:
+        """Decode a frame's pictures and upload them.
+
+        Raises
+        ------
+        InputError
+            If they are damaged, or the file has another grid or other levels.
+        """
+        if compressed.grid != self._grid or compressed.levels != self.levels:
+            raise InputError("a pass makes pictures of one grid and number of levels only")
+        cells = decoded_cells(compressed.bases[frame], self._grid, compressed.codec)
+        turned = np.pad(cells.transpose(1, 0, 2), ((0, 0), (0, 0), (0, 1)))
+        upload(self._cells, np.ascontiguousarray(turned))
+        if self.levels:
+            held = compressed.statistics[frame // compressed.hold]
+            shape = atlas_shape(self._maps)
+            upload(
+                self._atlas, image_codecs.decode(held.atlas, compressed.codec, shape, "the maps")
+            )
+            set_array(self._weigh, "scales", held.scales)
+
+    def __call__(self, target: moderngl.Texture, *, seed: int = 0) -> None:
+        """Make the frame that was loaded, into `target`: rgba32f of the picture's size."""
+        check_texture(target, "target", self.size, "rgba32f")
+        self._cells.use(0)
+        (target if self._base is None else self._base).bind_to_image(0, read=False, write=True)
+        self._run(self._unfold, self.size)
+        if self._base is None:
+            return
+        self._set_seed(seed)
+        self._atlas.use(0)
+        self._weights.bind_to_image(0, read=False, write=True)
+        self._overlap.bind_to_uniform_block(0)
+        self._run(self._weigh, halved((self._weights.width, self._weights.height)))
+        self._base.use(0)
+        self._weights.use(2)
+        self._noise.use(3)
+        target.bind_to_image(0, read=False, write=True)
+        self._run(self._finish, halved(self.size))
+
+    def apply(
+        self, compressed: Compressed, *, seed: int = 0, frame: int = 0
+    ) -> NDArray[np.float32]:
+        """Load, work, read back: for callers without textures."""
+        self.load(compressed, frame)
+        target = create_texture(self.ctx, self.size, "rgba32f")
+        try:
+            self(target, seed=seed)
+            return np.ascontiguousarray(read_back(target)[..., :3])
+        finally:
+            target.release()
+
+    def _compile(self, path: str, **constants: int | float | bool) -> moderngl.ComputeShader:
+        shader = self._keep(compile_compute(self.ctx, path, **self._polar, **constants))
+        shader["gaze_px"] = self._grid.gaze_px
+        return shader
+
+    def _prepare_noise(self) -> None:
+        rows, columns = atlas_shape(self._maps)
+        self._atlas = self._texture((columns, rows), "r8")
+        width, height = self.size
+        blocks = -(-width // 4), -(-height // 4)
+        self._weights = self._array(blocks, self.levels + -(-self.levels // 4), "rgba16f")
+        self._weigh = self._compile(
+            "compression/weights.comp.glsl",
+            LEVELS=self.levels,
+            MAP_ROWS=self._maps[0].shape[0],
+            MAP_KNEE=self._maps[0].density.knee_px,
+            LEAST_GAIN=LEAST_GAIN,
+            MOST_GAIN=MOST_GAIN,
+            AIM=AIM,
+            UNSEEN_VARIANCE=UNSEEN_VARIANCE,
+            UNEVEN=UNEVEN,
+        )
+        ends = np.cumsum([0, *(grid.shape[1] for grid in self._maps)])
+        places = [
+            (first, grid.shape[1], grid.density.start_px)
+            for first, grid in zip(ends[:-1], self._maps, strict=True)
+        ]
+        set_array(self._weigh, "places", np.array(places, np.float32))
+        self._overlap = self.ctx.buffer(overlap_by_levels(fitted_mixing(self.levels).overlap))
+        self._others.append(self._overlap)
+        edge = tile_edge(height, width) // 2
+        pooled = Pooled(Flat().of(width, height), Pooling(fovea_deg=0))
+        self._finish = self._keep(
+            pooled.compile(
+                self.ctx,
+                "foveation/finish.comp.glsl",
+                **finish_constants(
+                    NOISE=True,
+                    BASE=False,
+                    LEVELS=self.levels,
+                    NOISE_ROWS=edge,
+                    NOISE_COLUMNS=edge,
+                    NOISE_SCALE=MOST_STEPS * GRAIN,
+                ),
+            )
+        )
+        self._finish["noise_scale"] = 1.0
+        pooled.look(self._grid.gaze_px)
+        self._seed = -1
+
+    def _set_seed(self, seed: int) -> None:
+        if check_seed(seed) == self._seed:
+            return
+        noise = screen_noise(self.size, seed, self.levels, wraps=False)
+        layers, height, width, _ = noise.shape
+        if self._seed < 0:
+            self._noise = self._array((width, height), layers, "rgba32ui")
+            self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._noise.write(noise.tobytes())
+        self._seed = seed

@@ -1,0 +1,138 @@
+"""Polar cells around a gaze, as small as a density says.
+
+Walton et al. 2021 ("Beyond Blur"), sections 5.1.1 and 5.1.2: along the radius the density of
+samples falls with the eccentricity. Its integral (the paper's CDF) says in which column a radius
+lies, and the integral's inverse where a column's cells lie. The paper names the density ``r^-2``.
+That is per area, and has no finite integral; along the radius it is ``1 / r``, here with at most
+one column per pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+TURN = 2 * math.pi
+_ROUNDING = 1e-9  # so that a whole number of cells, computed, gets no cell more
+
+
+@dataclass(frozen=True)
+class Density:
+    """Columns per pixel of radius: 0 up to `start_px`, then 1, and ``knee_px / r`` from a knee on.
+
+    Parameters
+    ----------
+    start_px : float
+        Nothing is kept nearer to the gaze; at least 0.
+    knee_px : float
+        Beyond it cells grow with the radius; above 0.
+    """
+
+    start_px: float
+    knee_px: float
+
+    @property
+    def turn_px(self) -> float:
+        """From here on cells grow."""
+        return max(self.start_px, self.knee_px)
+
+    def columns(self, radius_px: Floats) -> Floats:
+        """Integrate the density from `start_px` on; negative before it."""
+        near = np.minimum(radius_px, self.turn_px) - self.start_px
+        far = np.log(np.maximum(radius_px, self.turn_px) / self.turn_px)
+        return np.asarray(near + self.knee_px * far)
+
+    def radius_px(self, columns: Floats) -> Floats:
+        """Invert `columns`."""
+        flat = self.turn_px - self.start_px
+        far = np.exp(np.maximum(columns - flat, 0) / self.knee_px)
+        return np.asarray(self.start_px + np.minimum(columns, flat) + self.turn_px * (far - 1))
+
+
+@dataclass(frozen=True)
+class PolarGrid:
+    """Cells around a gaze: rows are angles, columns are radii. Beyond the knee they are square.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Of the picture, pixels.
+    gaze_px : (x, y)
+        Anywhere, also off the picture.
+    rows_per_turn : int
+        Angles on a whole circle. The knee lies where a circle has as many pixels.
+    from_px : float
+        Nothing is kept nearer to the gaze.
+    """
+
+    size: tuple[int, int]
+    gaze_px: tuple[float, float]
+    rows_per_turn: int
+    from_px: float = 0.0
+
+    @cached_property
+    def density(self) -> Density:
+        """Along the radius; it starts where the picture does."""
+        (width, height), (x, y) = self.size, self.gaze_px
+        nearest = math.hypot(max(-x, 0, x - width), max(-y, 0, y - height))
+        return Density(max(self.from_px, nearest), self.rows_per_turn / TURN)
+
+    @cached_property
+    def farthest_px(self) -> float:
+        """Distance of the gaze from the farthest corner."""
+        (width, height), (x, y) = self.size, self.gaze_px
+        return math.hypot(max(x, width - x), max(y, height - y))
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns; no columns where all of the picture is nearer than `from_px`."""
+        rows = math.ceil(self.rows_per_turn * self.arc[1] / TURN - _ROUNDING)
+        columns = float(self.density.columns(np.array(self.farthest_px)))
+        return max(1, rows), max(0, math.ceil(columns - _ROUNDING))
+
+    @property
+    def whole_turn(self) -> bool:
+        """Whether the last row goes on at the first one."""
+        return self.arc[1] == TURN
+
+    def cell_px(self) -> tuple[Floats, Floats]:
+        """Extent of each column's cells along the radius and along the circle, pixels."""
+        edges = self.density.radius_px(np.arange(self.shape[1] + 1, dtype=np.float64))
+        middle = self.density.radius_px(np.arange(self.shape[1], dtype=np.float64) + 0.5)
+        return np.diff(edges), middle * (TURN / self.rows_per_turn)
+
+    def positions(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
+        """Where places in the grid lie on the picture: x and y, pixels."""
+        angle = self.arc[0] + rows * (TURN / self.rows_per_turn)
+        radius = self.density.radius_px(columns)
+        x, y = self.gaze_px
+        return x + radius * np.cos(angle), y + radius * np.sin(angle)
+
+    def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Where positions on the picture lie in the grid: rows and columns; undo `positions`."""
+        across, down = x - self.gaze_px[0], y - self.gaze_px[1]
+        # Measured from the middle of what the arc leaves out: no angle jumps within the arc.
+        left_out = (TURN - self.arc[1]) / 2
+        angle = (np.arctan2(down, across) - self.arc[0] + left_out) % TURN - left_out
+        return angle * (self.rows_per_turn / TURN), self.density.columns(np.hypot(across, down))
+
+    @cached_property
+    def arc(self) -> tuple[float, float]:
+        """First angle and span of what holds the picture; a whole turn if the gaze is on it."""
+        (width, height), (x, y) = self.size, self.gaze_px
+        if 0 < x < width and 0 < y < height:
+            return 0.0, TURN
+        middle = math.atan2(height / 2 - y, width / 2 - x)
+        corners = [(cx - x, cy - y) for cx in (0, width) for cy in (0, height)]
+        turns = [
+            (math.atan2(down, across) - middle + math.pi) % TURN - math.pi
+            for across, down in corners
+            if (across, down) != (0, 0)
+        ]
+        return middle + min(turns), max(turns) - min(turns)

@@ -1,0 +1,140 @@
+"""One picture in files of one size: a plain codec, foveated, and foveated with statistics.
+
+The rows of Beyond Blur's Fig. 11, and what can be measured of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compression import file_format, image_codecs
+from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.errors import InputError
+from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
+from pipeline.quality import psnr_db
+from stimuli import pictures
+from stimuli.score.statistics import statistics_distance
+
+FOVEA_DEG = 2.0
+"""Within it the fovea's error is measured."""
+LEAST_PX = 32  # the statistics distance needs as many
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A picture that came out of a file.
+
+    Attributes
+    ----------
+    kind : str
+        ``plain``, ``foveated`` or ``metameric``.
+    quality : int
+        Of the codec: the best that fits.
+    shown : ndarray of float32, shape (H, W, 3)
+    """
+
+    kind: str
+    codec: str
+    quality: int
+    size_bytes: int
+    shown: NDArray[np.float32]
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind} {self.codec.upper()}"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What can be said of a rival.
+
+    Attributes
+    ----------
+    distance : float
+        Of pooled statistics from the picture's, at the gaze.
+    fovea_psnr_db : float
+        Within `FOVEA_DEG`; infinite if nothing changed, NaN if none of it is on the picture.
+    """
+
+    distance: float
+    fovea_psnr_db: float
+
+
+def rivals(
+    picture: NDArray[np.float32],
+    gaze_px: tuple[float, float],
+    size_bytes: int,
+    settings: Settings,
+    *,
+    kinds: Iterable[str] = ("plain", "foveated", "metameric"),
+    seed: int = 0,
+) -> list[Rival]:
+    """Make a picture's files of at most `size_bytes`, by one codec.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be so small.
+    """
+    asked = replace(settings, size_bytes=size_bytes)
+    found = []
+    for kind in kinds:
+        if kind == "plain":
+            found.append(plain(picture, size_bytes, settings.codec))
+            continue
+        made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
+        size = len(file_format.to_bytes(made))
+        shown = decompress(made, seed=seed)
+        found.append(Rival(kind, settings.codec, made.quality, size, shown))
+    return found
+
+
+def plain(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
+    """Code the picture as it is, as well as so many bytes allow."""
+    stored = pictures.of_colour(picture)
+
+    def coded(quality: int) -> bytes:
+        return image_codecs.encode(stored, codec, quality)
+
+    quality = image_codecs.best_quality(lambda q: len(coded(q)) <= size_bytes)
+    if quality == 0:
+        raise InputError(
+            f"{size_bytes} bytes are too few for plain {codec}, which needs {len(coded(1))}"
+        )
+    data = coded(quality)
+    shown = image_codecs.decode(data, codec, stored.shape, "the picture") / np.float32(255)
+    return Rival("plain", codec, quality, len(data), shown.astype(np.float32))
+
+
+def measured(
+    rival: Rival, picture: NDArray[np.float32], geometry: Geometry, gaze_px: tuple[float, float]
+) -> Measured:
+    """Compare what is shown with the picture."""
+    away_deg = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
+    near = away_deg <= FOVEA_DEG
+    psnr = psnr_db(rival.shown, picture, near) if near.any() else float("nan")
+    return Measured(statistics_distance(rival.shown, picture, gaze_px=gaze_px), psnr)
+
+
+def sheet_of(
+    picture: NDArray[np.float32],
+    found: Sequence[Rival],
+    measure: Callable[[Rival], Measured],
+    columns: int | None = None,
+) -> pictures.Picture:
+    """Lay the picture and its rivals out on one labelled sheet."""
+    tiles = [("picture", pictures.of_colour(picture))]
+    for rival in found:
+        numbers = measure(rival)
+        tiles.append(
+            (
+                f"{rival.name}, {rival.size_bytes / 1000:.1f} kB: statistics distance"
+                f" {numbers.distance:.3f}, fovea {numbers.fovea_psnr_db:.1f} dB",
+                pictures.of_colour(rival.shown),
+            )
+        )
+    return pictures.sheet(tiles, columns)

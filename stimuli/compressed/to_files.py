@@ -1,0 +1,168 @@
+"""Pictures and clips to compressed files and back: `metamerlab compress` and `decompress`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compression import file_format, image_codecs
+from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.compression.file_format import Compressed, read_compressed
+from pipeline.compression.gpu import DecompressPass
+from pipeline.errors import InputError
+from pipeline.foveation.noise_plane import check_seed
+from stimuli import pictures
+from stimuli.compressed.rivals import measured, rivals, sheet_of
+from stimuli.exr import save_colour
+from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.clip_to_files import FRAME_ENDINGS
+from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.whole_file import write_whole
+
+ENDING = ".metamer"
+Say = Callable[[str], None]
+
+
+def compress_file(
+    source: Path,
+    out: Path,
+    *,
+    gaze: str | None = None,
+    display: str | None = None,
+    fov_deg: float | None = None,
+    settings: Settings | None = None,
+    compare: Path | None = None,
+    reading: Reading | None = None,
+    say: Say | None = None,
+) -> Compressed:
+    """Compress a picture, or a folder of frames, for a gaze.
+
+    Parameters
+    ----------
+    source : Path
+        Any picture that `read_any` reads, or a folder of such, in the order of their names.
+    out : Path
+        The file to write, `ENDING`; replaced if it is there.
+    gaze, display, fov_deg
+        As in `foveate_file`. They matter where the gaze is given in degrees, and to `compare`.
+    compare : Path, optional
+        A sheet (.png) of the first picture beside plain and foveated files of the same size.
+
+    Raises
+    ------
+    InputError, StudyError, OSError
+        Before anything is written.
+    """
+    tell, settings = say or (lambda _: None), settings or Settings()
+    if compare is not None and source.is_dir():
+        raise InputError("--compare takes one picture, not a folder; give it a frame")
+    frames = _frames(source, reading or Reading(), tell)
+    height, width = frames[0].shape[:2]
+    looking = look_at((height, width), display=display, fov_deg=fov_deg)
+    gaze_px = read_gaze(gaze, looking.geometry)
+    tell(f"{len(frames)} x {width} x {height} px" if len(frames) > 1 else f"{width} x {height} px")
+    tell(looking.words)
+    tell(gaze_words(gaze_px, looking.geometry))
+    found = compress(frames, gaze_px, settings)
+    data = file_format.to_bytes(found)
+    whole = 3 * width * height * len(frames)
+    sharp_px = settings.angles / (2 * np.pi)
+    levels = f"{found.levels} levels of" if found.levels else "no"
+    tell(f"sharp up to {sharp_px:.0f} px from the gaze; {levels} statistics of what lies beyond")
+    if settings.size_bytes is not None and found.quality == image_codecs.BEST_QUALITY:
+        tell("note: the best quality takes less than was asked for; more --angles would use it")
+    if compare is not None:
+        picture, geometry = frames[0], looking.geometry
+        beside = rivals(picture, gaze_px, len(data), settings)
+        sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+        pictures.save_picture(compare, sheet)
+        tell(f"wrote {compare}")
+    write_whole(out, data)
+    tell(
+        f"wrote {out}: {len(data) / 1000:.1f} kB, 1:{whole / len(data):.0f}"
+        f" ({settings.codec} quality {found.quality})"
+    )
+    return found
+
+
+def decompress_file(
+    source: Path,
+    out: Path,
+    *,
+    seed: int = 0,
+    statistics: bool = True,
+    ctx: moderngl.Context | None = None,
+    say: Say | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Path]:
+    """Make the picture of a compressed file, or the frames of a clip.
+
+    Parameters
+    ----------
+    out : Path
+        A picture, .png or .exr; for a clip a folder, which is made.
+    statistics : bool
+        Without them: what is left is the blurred colour alone.
+
+    Raises
+    ------
+    InputError, OSError
+        If the file is damaged; of a clip, frames before the damaged one have been written.
+    """
+    tell = say or (lambda _: None)
+    check_seed(seed)
+    held = read_compressed(source)
+    if not statistics:
+        held = replace(held, levels=0, statistics=())
+    count = len(held.bases)
+    names = [out] if count == 1 else [out / f"{index:06}.png" for index in range(count)]
+    if count > 1 and out.suffix.lower() in (".png", ".exr"):
+        raise InputError(f"{source}: holds a clip of {count} frames: OUT must be a folder")
+    if count == 1 and out.suffix.lower() not in (".png", ".exr"):
+        raise InputError(f"{out}: must end in .png or .exr")
+    shower = DecompressPass(ctx, held) if ctx is not None else None
+    try:
+        for index, name in enumerate(names):
+            if shower is not None:
+                shown = shower.apply(held, seed=seed, frame=index)
+            else:
+                shown = decompress(held, seed=seed, frame=index)
+            name.parent.mkdir(parents=True, exist_ok=True)
+            save_colour(name, shown)
+            if progress is not None and count > 1:
+                progress("frames", index + 1, count)
+    finally:
+        if shower is not None:
+            shower.release()
+    width, height = held.grid.size
+    kind = f"{held.levels} levels of statistics" if held.levels else "no statistics"
+    tell(f"wrote {out}: {count} x {width} x {height} px, {kind}, seed {seed}")
+    return names
+
+
+def _frames(source: Path, reading: Reading, tell: Say) -> list[NDArray[np.float32]]:
+    paths = [source]
+    if source.is_dir():
+        paths = sorted(p for p in source.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
+        if not paths:
+            raise InputError(
+                f"{source}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
+            )
+    frames: list[NDArray[np.float32]] = []
+    for path in paths:
+        opened = read_any(path, reading)
+        if frames and opened.colour.shape != frames[0].shape:
+            height, width = opened.colour.shape[:2]
+            raise InputError(
+                f"{path}: must be as large as the first frame (is {width} x {height} px)"
+            )
+        if not frames:
+            for note in opened.notes:
+                tell(f"note: {note}")
+        frames.append(opened.colour)
+    return frames

@@ -1,0 +1,161 @@
+"""`metamerlab compress` and `decompress`: pictures as colour and statistics for one gaze."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from study_app.cli.errors import user_errors
+from study_app.cli.one_picture import FILE_ENDINGS, LOOK, check_file, check_folder, renderer
+from study_app.cli.progress import Teller
+from study_app.cli.terminal import PlainConsole
+
+
+def compress(
+    picture: Annotated[
+        Path, typer.Argument(help="A picture, or a folder of frames.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Option(help="The file to write, .metamer; replaced if there.")
+    ] = Path("picture.metamer"),
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
+            r" right of and below the middle (5deg,-3deg). \[default: the middle]",
+            show_default=False,
+        ),
+    ] = None,
+    size_kb: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            help="The largest file, in 1000 bytes: the best quality that fits is looked for.",
+            show_default=False,
+        ),
+    ] = None,
+    quality: Annotated[
+        int | None,
+        typer.Option(min=1, max=95, help=r"Of colour. \[default: 75]", show_default=False),
+    ] = None,
+    codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg",
+    angles: Annotated[
+        int,
+        typer.Option(
+            help="Cells around the gaze. Fewer make a smaller file; the picture is sharp up to"
+            " angles / 6.3 pixels from the gaze."
+        ),
+    ] = 384,
+    statistics: Annotated[
+        bool,
+        typer.Option(
+            "--statistics/--no-statistics",
+            help="Keep statistics of the periphery, or only its blurred colour.",
+        ),
+    ] = True,
+    hold: Annotated[
+        int, typer.Option(min=1, max=65535, help="Frames of a clip that share statistics.")
+    ] = 12,
+    display: Annotated[
+        str | None,
+        typer.Option(
+            help="The screen it is seen on: for a gaze in degrees, and for --compare.",
+            show_default=False,
+        ),
+    ] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help=r"Visual angle of the picture's width, instead of a display. \[default: 40]",
+            show_default=False,
+        ),
+    ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            help="One labelled sheet (.png): the picture beside plain, foveated and metameric"
+            " files of this size.",
+            rich_help_panel=LOOK,
+        ),
+    ] = None,
+) -> None:
+    """Compress a picture for a gaze: colour in cells that grow with the eccentricity, and
+    statistics of what such cells lose.
+
+    Around the gaze the picture is kept; in the periphery its statistics are. A plain codec is
+    better in both at equal size, except near the gaze: see docs/compression.md.
+
+    Examples:
+
+        metamerlab compress photo.jpg --size-kb 41 --gaze 512,384 --out photo.metamer
+
+        metamerlab compress photo.jpg --codec avif --compare sheet.png
+
+        metamerlab compress frames/ --hold 24 --out clip.metamer
+    """
+    from pipeline.compression.codec import DEFAULT_QUALITY, Settings
+    from pipeline.errors import InputError
+    from stimuli.compressed.to_files import ENDING, compress_file
+
+    with user_errors():
+        if size_kb is not None and quality is not None:
+            raise InputError("give --size-kb or --quality, not both: a size sets the quality")
+        check_file(out, (ENDING,))
+        if compare is not None:
+            check_file(compare, (".png",))
+        settings = Settings(
+            codec,
+            angles,
+            DEFAULT_QUALITY if quality is None else quality,
+            None if size_kb is None else round(1000 * size_kb),
+            statistics,
+            hold,
+        )
+        console = PlainConsole(soft_wrap=True)
+        with Teller(console) as teller:
+            compress_file(
+                picture, out, gaze=gaze, display=display, fov_deg=fov, settings=settings,
+                compare=compare, say=teller.say,
+            )  # fmt: skip
+
+
+def decompress(
+    file: Annotated[Path, typer.Argument(help="A .metamer file.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="The picture to write, .png or .exr; for a clip a folder of frames."),
+    ] = Path("picture.png"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise; same seed, same picture.")] = 0,
+    statistics: Annotated[
+        bool,
+        typer.Option("--statistics/--no-statistics", help="Leave out to see the colour alone."),
+    ] = True,
+    numpy_only: Annotated[
+        bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
+    ] = False,
+) -> None:
+    """Make a picture that has the colour and the statistics of a compressed file.
+
+    Examples:
+
+        metamerlab decompress photo.metamer --out photo.png
+
+        metamerlab decompress clip.metamer --out frames/
+    """
+    from stimuli.compressed.to_files import decompress_file
+
+    with user_errors():
+        if out.suffix.lower() in FILE_ENDINGS:
+            check_file(out, FILE_ENDINGS)
+        else:
+            check_folder(out)
+        console = PlainConsole(soft_wrap=True)
+        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+            decompress_file(
+                file, out, seed=seed, statistics=statistics, ctx=ctx, say=teller.say,
+                progress=teller.progress,
+            )  # fmt: skip

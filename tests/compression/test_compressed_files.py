@@ -1,0 +1,183 @@
+"""`.metamer` files and their commands: damage, hostile headers, round trips, the sheet."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+from typer.testing import CliRunner
+
+from pipeline.compression import file_format
+from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.errors import InputError
+from study_app.cli import app
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return (data.astronaut()[60:156, 120:216] / np.float32(255)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def whole(picture):
+    return file_format.to_bytes(compress([picture], (48.0, 48.0), Settings(angles=64)))
+
+
+@pytest.fixture
+def png(tmp_path, picture):
+    path = tmp_path / "picture.png"
+    Image.fromarray(np.rint(255 * picture).astype(np.uint8)).save(path)
+    return path
+
+
+def sealed(body):
+    """Give a body the checksum that it needs to be read."""
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def test_every_changed_byte_is_found(whole, rng):
+    for at in rng.integers(0, len(whole), 200):
+        damaged = bytearray(whole)
+        damaged[at] ^= int(rng.integers(1, 256))
+        with pytest.raises(InputError):
+            file_format.from_bytes(bytes(damaged))
+    for cut in (0, 3, 20, len(whole) // 2, len(whole) - 1):
+        with pytest.raises(InputError):
+            file_format.from_bytes(whole[:cut])
+
+
+def test_hostile_files_get_a_message_or_a_picture(whole, rng, proof_count):
+    """Changes under a checksum that holds: whoever made the file meant them."""
+    read = longest = 0
+    for _ in range(proof_count(3000)):
+        body = bytearray(whole[:-4])
+        for _ in range(int(rng.integers(1, 4))):
+            # Mostly the header and the lengths.
+            at = int(rng.integers(4, 130 if rng.random() < 0.8 else len(body)))
+            body[at] = int(rng.integers(0, 256))
+        try:
+            held = file_format.from_bytes(sealed(bytes(body)))
+            if max(held.grid.size) <= 512:
+                decompress(held)
+                read += 1
+        except InputError as error:
+            longest = max(longest, len(str(error)))
+    assert read > 0
+    assert 0 < longest < 400
+
+
+@pytest.mark.parametrize(
+    ("at", "form", "value", "message"),
+    [
+        (4, "B", 9, "version 1"),
+        (8, "I", 0, "edges of 1 to"),
+        (8, "I", 2**32 - 1, "edges of 1 to"),
+        (16, "d", float("nan"), "gaze must lie"),
+        (32, "H", 3, "angles must lie"),
+        (34, "B", 7, "codec must be one of"),
+        (36, "B", 5, "cannot have 5 levels"),
+        (38, "I", 0, "must hold 1..100000 frames"),
+        (38, "I", 12, "ends before"),
+        (42, "H", 0, "at least 1 frame"),
+    ],
+)
+def test_numbers_out_of_bounds_are_named(whole, at, form, value, message):
+    body = bytearray(whole[:-4])
+    struct.pack_into(f"<{form}", body, at, value)
+    with pytest.raises(InputError, match=message):
+        file_format.from_bytes(sealed(bytes(body)))
+
+
+def test_bytes_behind_the_end_are_refused(whole):
+    with pytest.raises(InputError, match="3 bytes more"):
+        file_format.from_bytes(sealed(whole[:-4] + b"abc"))
+
+
+def test_a_picture_of_another_size_inside_is_refused(whole, picture):
+    other = compress([picture[:50, :50]], (25.0, 25.0), Settings(angles=64))
+    mine = file_format.from_bytes(whole)
+    mixed = file_format.Compressed(
+        mine.grid, mine.codec, mine.quality, mine.levels, other.bases, mine.statistics
+    )
+    with pytest.raises(InputError, match=r"must have .* px"):
+        decompress(file_format.from_bytes(file_format.to_bytes(mixed)))
+
+
+def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
+    file, back = tmp_path / "p.metamer", tmp_path / "back.png"
+    code, said, error = run(
+        "compress", png, "--out", file, "--gaze", "30,40", "--angles", "64", "--size-kb", "2.5",
+        "--compare", tmp_path / "sheet.png",
+    )  # fmt: skip
+    assert code == 0, error
+    assert file.stat().st_size <= 2500
+    assert "1:" in said
+    assert "field of view: 40.0" in said
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.width > 600
+    for options in ((), ("--numpy",)):
+        code, said, error = run("decompress", file, "--out", back, "--seed", "4", *options)
+        assert code == 0, error
+        with Image.open(back) as image:
+            shown = np.asarray(image).astype(float) / 255
+        wanted = decompress(file_format.read_compressed(file), seed=4)
+        assert shown.shape == picture.shape
+        assert np.abs(shown - wanted).max() <= 1.01 / 255
+
+
+def test_what_a_size_leaves_unused_is_said(tmp_path, png):
+    words = ("compress", png, "--out", tmp_path / "p.metamer", "--angles", "32", "--size-kb", "50")
+    code, said, _ = run(*words)
+    assert code == 0
+    assert "more --angles" in said
+
+
+def test_a_folder_is_a_clip(tmp_path, png):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for index in range(3):
+        (frames / f"{index:06}.png").write_bytes(png.read_bytes())
+    file = tmp_path / "clip.metamer"
+    code, said, error = run("compress", frames, "--out", file, "--angles", "64", "--hold", "2")
+    assert code == 0, error
+    assert "3 x 96 x 96 px" in said
+    code, _, error = run("decompress", file, "--out", tmp_path / "back", "--numpy")
+    assert code == 0, error
+    names = sorted(path.name for path in (tmp_path / "back").iterdir())
+    assert names == ["000000.png", "000001.png", "000002.png"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["compress", "PNG", "--size-kb", "2", "--quality", "3"], "not both"),
+        (["compress", "PNG", "--size-kb", "0.2"], "too few"),
+        (["compress", "PNG", "--codec", "gif"], "codec must be one of"),
+        (["compress", "PNG", "--out", "x.jpg"], "must end in .metamer"),
+        (["compress", "PNG", "--gaze", "9999999,0"], "gaze must lie within"),
+        (["compress", "missing.png"], "no such file"),
+        (["compress", ".", "--compare", "s.png"], "not a folder"),
+        (["decompress", "PNG"], "begins with MMLC"),
+        (["decompress", "missing.metamer"], "no such file"),
+        (["decompress", "CLIP", "--out", "one.png"], "OUT must be a folder"),
+        (["decompress", "ONE", "--out", "folder"], "must end in .png or .exr"),
+    ],
+)
+def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, message):
+    monkeypatch.chdir(tmp_path)
+    for name, count in (("one.metamer", 1), ("clip.metamer", 2)):
+        made = compress([picture] * count, (48.0, 48.0), Settings(angles=32))
+        (tmp_path / name).write_bytes(file_format.to_bytes(made))
+    before = sorted(tmp_path.iterdir())
+    named = {"PNG": png, "CLIP": "clip.metamer", "ONE": "one.metamer"}
+    code, _, said = run(*(named.get(word, word) for word in words))
+    assert code == 2, said
+    assert message in said
+    assert sorted(tmp_path.iterdir()) == before
