@@ -79,7 +79,9 @@ def quiet_console() -> Console:
 def options(tmp_path_factory) -> Options:
     pytest.importorskip("skimage")
     folder = tmp_path_factory.mktemp("demo")
-    return Options(folder / "out", write_small_study(folder), observers=3, figures=False)
+    return Options(
+        folder / "out", write_small_study(folder), observers=3, figures=False, studies=False
+    )
 
 
 @pytest.fixture(scope="module")
