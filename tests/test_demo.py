@@ -18,14 +18,17 @@ from typer.testing import CliRunner
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol, load_study, shipped
 from protocols.manifest import read_manifest
+from stimuli.foveated.builtin_pictures import notices
 from study_app.cli import app
+from study_app.cli.demo import studies
 from study_app.cli.demo.observers import Options
 from study_app.cli.demo.pictures import Photographs, most_holes
 from study_app.cli.demo.run import run_demo
 from study_app.cli.demo.screen import PROGRAMS
 from study_app.cli.demo.sitting import Flip, clip_place
+from study_app.cli.demo.studies import STUDIES, chosen_trial, trial_strip
 from study_app.cli.demo.watcher import Place, Watcher
 from study_app.sittings import find_sittings
 from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
@@ -433,3 +436,38 @@ def test_the_demonstration_itself_ends_in_a_whole_page(tmp_path):
     assert len(find_sittings(tmp_path / "out/sessions")) == 12
     assert "none differs" in page
     assert page.count("data:image/svg+xml") == 2
+
+
+def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monkeypatch):
+    """With a wall of notices for every scene, which needs no light to be baked."""
+    monkeypatch.setattr(
+        "stimuli.recipes.foveated_work.builtin_picture",
+        lambda _name, geometry, *_, **__: notices(geometry.height_px, geometry.width_px),
+    )
+    phases = {
+        "beyond-blur-task": 3, "beyond-blur-preference": 5, "beyond-blur-detection": 3,
+        "critical-scaling-halves": 5,
+    }  # fmt: skip
+    assert set(phases) == set(STUDIES)
+    for name, count in phases.items():
+        study, display = load_study(Path(name), None)
+        strip = trial_strip(study, display, chosen_trial(study, display))
+        assert count * 480 < strip.shape[1] < (count + 0.5) * 480, name
+        shown = strip[20:250]
+        grey = (shown == 128).all(axis=2).mean()
+        assert 0.3 < grey < 0.75, name
+
+
+def test_a_study_in_the_demonstration_is_simulated_and_reported(tmp_path, monkeypatch):
+    monkeypatch.setattr(studies, "trial_strip", lambda *_: np.zeros((8, 8, 3), np.uint8))
+    report = []
+    monkeypatch.setattr(
+        studies, "report_sessions", lambda made, study, *_, **__: report.append((made, study.study.name))
+    )  # fmt: skip
+    folder = tmp_path / "beyond-blur-preference"
+    studies.show_study("beyond-blur-preference", folder, observers=1)
+
+    assert report == [(folder / "sessions", "beyond-blur-preference")]
+    (sitting,) = find_sittings(folder / "sessions", "beyond-blur-preference")
+    assert sitting.main_done == 252
+    assert (folder / studies.STRIP_NAME).is_file()
