@@ -461,9 +461,11 @@ def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monk
 def test_a_study_in_the_demonstration_is_simulated_and_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(studies, "trial_strip", lambda *_: np.zeros((8, 8, 3), np.uint8))
     report = []
-    monkeypatch.setattr(
-        studies, "report_sessions", lambda made, study, *_, **__: report.append((made, study.study.name))
-    )  # fmt: skip
+
+    def reported(sessions, study, *_, **__):
+        report.append((sessions, study.study.name))
+
+    monkeypatch.setattr(studies, "report_sessions", reported)
     folder = tmp_path / "beyond-blur-preference"
     studies.show_study("beyond-blur-preference", folder, observers=1)
 
