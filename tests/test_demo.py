@@ -94,6 +94,11 @@ def made(options, shared_gl_context) -> Options:  # noqa: ARG001
     if reason and os.environ.get("REQUIRE_GL") == "1":
         pytest.fail(f"REQUIRE_GL=1, and there is {reason}")
     options = replace(options, window=not reason)
+    # What another run drew of a study: this one leaves the studies out, and keeps it on the page.
+    strip = options.out / "studies" / "beyond-blur-detection" / studies.STRIP_NAME
+    strip.parent.mkdir(parents=True)
+    Image.fromarray(np.full((60, 400, 3), 90, np.uint8)).save(strip)
+    (options.out / "demo.json").write_text("{}", encoding="utf-8")
     run_demo(options, quiet_console())
     return options
 
@@ -113,6 +118,12 @@ def test_the_page_says_on_every_screen_that_the_observers_are_simulated(page):
     assert re.search(r'class="stamp">[^<]*ALL OBSERVERS ARE SIMULATED', page)
     assert "Simulated data: this says what the program was told to prefer" in page
     assert not re.search(r"<td class=\"l\">real</td>", page)
+
+
+def test_the_page_shows_the_studies_on_foveated_pictures(page):
+    assert "Studies on foveated pictures" in page
+    assert 'href="studies/beyond-blur-detection/report/report.html"' in page
+    assert "Beyond Blur: preference" not in page  # of which nothing was drawn
 
 
 def test_the_page_needs_no_other_file_and_no_network(page):
