@@ -98,6 +98,8 @@ def made(options, shared_gl_context) -> Options:  # noqa: ARG001
     strip = options.out / "studies" / "beyond-blur-detection" / studies.STRIP_NAME
     strip.parent.mkdir(parents=True)
     Image.fromarray(np.full((60, 400, 3), 90, np.uint8)).save(strip)
+    (strip.parent / "report").mkdir()
+    (strip.parent / "report" / "report.html").touch()
     (options.out / "demo.json").write_text("{}", encoding="utf-8")
     run_demo(options, quiet_console())
     return options
