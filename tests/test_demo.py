@@ -18,14 +18,17 @@ from typer.testing import CliRunner
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol, load_study, shipped
 from protocols.manifest import read_manifest
+from stimuli.foveated.builtin_pictures import notices
 from study_app.cli import app
+from study_app.cli.demo import studies
 from study_app.cli.demo.observers import Options
 from study_app.cli.demo.pictures import Photographs, most_holes
 from study_app.cli.demo.run import run_demo
 from study_app.cli.demo.screen import PROGRAMS
 from study_app.cli.demo.sitting import Flip, clip_place
+from study_app.cli.demo.studies import STUDIES, chosen_trial, trial_strip
 from study_app.cli.demo.watcher import Place, Watcher
 from study_app.sittings import find_sittings
 from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
@@ -79,7 +82,9 @@ def quiet_console() -> Console:
 def options(tmp_path_factory) -> Options:
     pytest.importorskip("skimage")
     folder = tmp_path_factory.mktemp("demo")
-    return Options(folder / "out", write_small_study(folder), observers=3, figures=False)
+    return Options(
+        folder / "out", write_small_study(folder), observers=3, figures=False, studies=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +94,13 @@ def made(options, shared_gl_context) -> Options:  # noqa: ARG001
     if reason and os.environ.get("REQUIRE_GL") == "1":
         pytest.fail(f"REQUIRE_GL=1, and there is {reason}")
     options = replace(options, window=not reason)
+    # What another run drew of a study: this one leaves the studies out, and keeps it on the page.
+    strip = options.out / "studies" / "beyond-blur-detection" / studies.STRIP_NAME
+    strip.parent.mkdir(parents=True)
+    Image.fromarray(np.full((60, 400, 3), 90, np.uint8)).save(strip)
+    (strip.parent / "report").mkdir()
+    (strip.parent / "report" / "report.html").touch()
+    (options.out / "demo.json").write_text("{}", encoding="utf-8")
     run_demo(options, quiet_console())
     return options
 
@@ -108,6 +120,12 @@ def test_the_page_says_on_every_screen_that_the_observers_are_simulated(page):
     assert re.search(r'class="stamp">[^<]*ALL OBSERVERS ARE SIMULATED', page)
     assert "Simulated data: this says what the program was told to prefer" in page
     assert not re.search(r"<td class=\"l\">real</td>", page)
+
+
+def test_the_page_shows_the_studies_on_foveated_pictures(page):
+    assert "Studies on foveated pictures" in page
+    assert 'href="studies/beyond-blur-detection/report/report.html"' in page
+    assert "Beyond Blur: preference" not in page  # of which nothing was drawn
 
 
 def test_the_page_needs_no_other_file_and_no_network(page):
@@ -431,3 +449,40 @@ def test_the_demonstration_itself_ends_in_a_whole_page(tmp_path):
     assert len(find_sittings(tmp_path / "out/sessions")) == 12
     assert "none differs" in page
     assert page.count("data:image/svg+xml") == 2
+
+
+def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monkeypatch):
+    """With a wall of notices for every scene, which needs no light to be baked."""
+    monkeypatch.setattr(
+        "stimuli.recipes.foveated_work.builtin_picture",
+        lambda _name, geometry, *_, **__: notices(geometry.height_px, geometry.width_px),
+    )
+    phases = {
+        "beyond-blur-task": 3, "beyond-blur-preference": 5, "beyond-blur-detection": 3,
+        "critical-scaling-halves": 5,
+    }  # fmt: skip
+    assert set(phases) == set(STUDIES)
+    for name, count in phases.items():
+        study, display = load_study(Path(name), None)
+        strip = trial_strip(study, display, chosen_trial(study, display))
+        assert count * 480 < strip.shape[1] < (count + 0.5) * 480, name
+        shown = strip[20:250]
+        grey = (shown == 128).all(axis=2).mean()
+        assert 0.3 < grey < 0.75, name
+
+
+def test_a_study_in_the_demonstration_is_simulated_and_reported(tmp_path, monkeypatch):
+    monkeypatch.setattr(studies, "trial_strip", lambda *_: np.zeros((8, 8, 3), np.uint8))
+    report = []
+
+    def reported(sessions, study, *_, **__):
+        report.append((sessions, study.study.name))
+
+    monkeypatch.setattr(studies, "report_sessions", reported)
+    folder = tmp_path / "beyond-blur-preference"
+    studies.show_study("beyond-blur-preference", folder, observers=1)
+
+    assert report == [(folder / "sessions", "beyond-blur-preference")]
+    (sitting,) = find_sittings(folder / "sessions", "beyond-blur-preference")
+    assert sitting.main_done == 252
+    assert (folder / studies.STRIP_NAME).is_file()

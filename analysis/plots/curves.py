@@ -23,6 +23,9 @@ from analysis.plots.style import (
 )
 
 Floats = NDArray[np.float64]
+
+FEW_LEVELS = 8
+"""Up to so many levels, each has its tick."""
 Curve = Callable[[Floats], Floats]
 
 
@@ -70,8 +73,11 @@ def psychometric_plot(
                 fine = space(everything.min(), everything.max(), 200)
                 axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
                 guesses.add(float(getattr(fit, "guess", np.nan)))
+        shown = np.unique(everything)
         if logarithmic:
             level_axis(axes, everything)
+        elif shown.size <= FEW_LEVELS:
+            axes.set_xticks(shown, [f"{value:g}" for value in shown])
         for guess in sorted(guesses if chance is None else {chance}):
             if np.isfinite(guess):
                 axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))

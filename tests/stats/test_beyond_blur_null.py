@@ -79,3 +79,31 @@ def test_preference_keeps_its_level(rng, proof_count):
     p, primary, _ = _batch(settings, Assumptions(0.5), studies, picks, rng)
     assert p.shape == (studies, 1, 6)
     check_level(np.column_stack([p[:, 0], primary[:, 0]]), studies)
+
+
+# --- power -------------------------------------------------------------------------------
+
+
+def power_of(name: str, rng: np.random.Generator, **assumed: float):
+    study, _ = load_study(Path(name), None)
+    analysis = analysis_of(study.analysis.kind)
+    values = {one.name: one.value for one in analysis.assumptions(study)} | assumed
+    return analysis.power(study, values, rng=rng, studies=100)
+
+
+def test_power_of_each_condition_follows_its_own_difference(rng):
+    found = power_of(
+        "beyond-blur-task", rng, **{"difference": 0.0, "difference.blur-140": -1.5, "d_prime": 2.0}
+    )
+    assert found.columns[:6] == (
+        "participants", "Blur 0.35", "Blur 0.70", "Blur 1.05", "Blur 1.40", "Ours",
+    )  # fmt: skip
+    planned = next(row for row in found.rows if "planned" in row[0])
+    assert float(planned[4]) > 0.9
+    assert max(float(planned[k]) for k in (1, 2, 3, 5)) < 0.2
+
+
+def test_power_of_detection_leaves_the_reference_out_which_holds_no_signal(rng):
+    found = power_of("beyond-blur-detection", rng, difference=3.0, d_prime=0.5)
+    assert found.result.comparisons == 2  # blur and F&S against ours
+    assert float(next(row for row in found.rows if "planned" in row[0])[1]) > 0.9

@@ -258,3 +258,33 @@ def test_unknown_pictures_are_refused_with_the_nearest(tmp_path):
     checked = CliRunner().invoke(app, ["protocol", "check", str(path)])
     assert checked.exit_code == 2
     assert "did you mean 'garden'?" in checked.stderr
+
+
+# --- what a lab changes ------------------------------------------------------------------
+
+
+def test_a_labs_own_picture_takes_one_line(tmp_path):
+    text = shipped("studies")["beyond-blur-detection"].read_text(encoding="utf-8")
+    line = '{ name = "garden", file = "builtin:garden" }'
+    assert text.count(line) == 1
+    (tmp_path / "harbour.png").touch()
+    path = tmp_path / "study.toml"
+    path.write_text(text.replace(line, '{ name = "harbour", file = "harbour.png" }'))
+
+    recipe = protocol_of(read_toml(path), path).stimuli
+    assert isinstance(recipe, FoveatedImages)
+    assert recipe.pictures[0].file == "harbour.png"
+    assert not recipe.problems(tmp_path)
+    assert {one.picture.name for one in recipe.stimuli()} >= {"harbour", "shed"}
+
+
+def test_a_methods_columns_are_columns_of_its_stimuli_and_of_no_others(task_recipe):
+    shown = task_recipe.methods[-1].model_copy(update={"columns": {"scaling": 0.25, "kind": "n"}})
+    recipe = task_recipe.model_copy(update={"methods": (task_recipe.methods[0], shown)})
+
+    assert {"scaling", "kind"} <= set(recipe.columns())
+    assert recipe.values("scaling") == (0.25,)
+    for stimulus in recipe.pool():
+        told = {name: stimulus.condition.get(name) for name in ("scaling", "kind")}
+        ours = stimulus.condition["method"] == shown.name
+        assert told == ({"scaling": 0.25, "kind": "n"} if ours else dict.fromkeys(told))

@@ -49,6 +49,11 @@ class Settings:
     planned_trials: int | None
     protocol_sha256: str | None
 
+    @property
+    def sized(self) -> bool:
+        """Whether the study has sizes of disocclusion."""
+        return self.sizes not in (("all",), ("",))
+
     def label(self, name: str) -> str:
         """Return what reports print for a method, size or scene."""
         return self.labels.get(name, name)

@@ -40,7 +40,7 @@ TEST_NAMES = {
 def comparison(method: str, against: str, size: str, settings: Settings) -> str:
     """Return a comparison's name: ``A / B, small disocclusion``."""
     pair = f"{settings.label(method)} / {settings.label(against)}"
-    if settings.sizes == ("all",):
+    if not settings.sized:
         return pair
     return f"{pair}, {'all sizes' if size == 'all' else settings.label(size)}"
 
@@ -56,9 +56,11 @@ def verdict(cell: Preference, settings: Settings) -> str:
     }[cell.verdict]
 
 
-def size_text(cell: Preference, settings: Settings) -> str:
-    """Return the size of a comparison in words."""
-    return "all sizes together" if cell.size == "all" else settings.label(cell.size)
+def size_text(size: str, settings: Settings, whole: str = "all sizes together") -> str:
+    """Return the size of a comparison in brackets; nothing where the study has no sizes."""
+    if not settings.sized:
+        return ""
+    return f" ({whole if size == 'all' else settings.label(size)})"
 
 
 def apa_preference(cell: Preference, settings: Settings, *, adjusted: bool) -> str:
@@ -76,7 +78,7 @@ def apa_preference(cell: Preference, settings: Settings, *, adjusted: bool) -> s
         test = f"{cell.test}, {p_text(p)}{correction}"
     text = (
         f"{settings.label(cell.method)} was chosen over {settings.label(cell.against)}"
-        f" ({size_text(cell, settings)}) in {cell.chosen} of {cell.trials} trials,"
+        f"{size_text(cell.size, settings)} in {cell.chosen} of {cell.trials} trials,"
         f" {share(cell.share)}, {level}, {test}, Cohen's h = {cell.cohens_h:.2f},"
         f" OR = {big(cell.odds_ratio)} [{big(cell.odds_lower)}, {big(cell.odds_upper)}],"
         f" BF10 = {big(cell.bayes_factor)}."
@@ -94,9 +96,9 @@ def apa_model(method: str, against: str, fit: ModelFit, settings: Settings, size
     """Return a mixed model's preference as an APA sentence."""
     row = fit["Intercept"]
     spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
-    where = "all sizes" if size == "all" else settings.label(size)
+    where = size_text(size, settings, "all sizes")
     return (
-        f"{settings.label(method)} over {settings.label(against)} ({where}): b ="
+        f"{settings.label(method)} over {settings.label(against)}{where}: b ="
         f" {row.estimate:.2f}, SE = {row.standard_error:.2f}, z = {row.statistic:.2f},"
         f" {p_text(row.p)}" + (f"; {spread}" if spread else "") + f" ({fit.method})."
     )
@@ -111,13 +113,13 @@ def methods_paragraph(
         f" comparing {len(settings.methods)} methods"
         f" ({', '.join(settings.label(name) for name in settings.methods)})"
     )
-    if settings.sizes != ("all",):
+    if settings.sized:
         text += f" at {len(settings.sizes)} sizes of disocclusion"
     text += ". "
     if settings.protocol_sha256:
         text += left_out_sentence(flow)
     text += (
-        f"For every pairing{' and size' if settings.sizes != ('all',) else ''} the share of choices"
+        f"For every pairing{' and size' if settings.sized else ''} the share of choices"
         f" was compared with .5 by {TESTS[settings.test]}, two-sided, alpha ="
         f" {leading(f'{settings.alpha:g}')}"
     )

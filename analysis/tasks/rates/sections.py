@@ -177,7 +177,8 @@ def _sensitivity(results: RateResults, settings: RateSettings) -> tuple[Block, .
         if results.answered is not None:
             blocks.append(
                 _rate_table(
-                    f'How often "{settings.answers[0]}" was answered, against one half',
+                    f'How often "{settings.label(settings.answers[0])}" was answered, against one'
+                    " half",
                     (results.answered,),
                     settings,
                 )
@@ -203,7 +204,7 @@ def _yes_no(found: YesNoResults, results: RateResults, settings: RateSettings) -
         )
         for one in found.conditions
     ]
-    answer = found.conditions[0].bias_answer
+    answer = settings.label(found.conditions[0].bias_answer)
     blocks: list[Block] = [
         Table.of(
             f'Hits and false alarms ("{answer}" where it was right, and where it was not)',

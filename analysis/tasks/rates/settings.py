@@ -135,6 +135,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
     values = list(dict.fromkeys(declared))
     if analysis.baseline is not None:
         values.sort(key=lambda value: value != name_of(analysis.baseline))
+    answers = study.text.languages[study.text.default_language].answers
     rule = task.adaptation
     level = analysis.level
     falling = analysis.falling
@@ -154,7 +155,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         adaptive=rule is not None,
         answers=task.answers(),
         alternatives=len(task.answers()),
-        labels={**study.stimuli.labels(), **task.labels()},
+        labels={**answers, **study.stimuli.labels(), **task.labels()},
         test=analysis.test,
         correction=analysis.correction,
         alpha=analysis.alpha,

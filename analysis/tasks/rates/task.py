@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -233,7 +234,12 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         found = [apa_rate(one, name=label(one.condition)) for one in results.rates]
         sensitivity = results.sensitivity
         if isinstance(sensitivity, YesNoResults):
-            found += [apa_yes_no(one, name=label(one.condition)) for one in sensitivity.conditions]
+            found += [
+                apa_yes_no(
+                    replace(one, bias_answer=label(one.bias_answer)), name=label(one.condition)
+                )
+                for one in sensitivity.conditions
+            ]
         else:
             found += [
                 apa_discrimination(one, sensitivity.rule, name=label(one.condition))

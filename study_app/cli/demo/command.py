@@ -37,6 +37,10 @@ def demo(
     no_window: Annotated[
         bool, typer.Option("--no-window", help="Simulate every observer without a window.")
     ] = False,
+    no_studies: Annotated[
+        bool,
+        typer.Option("--no-studies", help="Leave out the studies on foveated pictures."),
+    ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Throw an earlier demonstration there away first.")
     ] = False,
@@ -48,7 +52,8 @@ def demo(
 
     A pair of photographs and two made scenes are warped and their holes filled; simulated
     observers compare the fills through the real session, one of them before a real window; the
-    answers are analysed. One page shows it all: OUT/index.html. Run again, it keeps what is
+    answers are analysed. Of each study on foveated pictures a trial is drawn, and simulated
+    observers are reported. One page shows it all: OUT/index.html. Run again, it keeps what is
     done; interrupted, it goes on.
 
     Examples:
@@ -79,7 +84,12 @@ def demo(
         console = PlainConsole(soft_wrap=True)
         console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
-            out, observers=observers, window=not no_window, display=display, seed=seed
+            out,
+            observers=observers,
+            window=not no_window,
+            display=display,
+            seed=seed,
+            studies=not no_studies,
         )
         layout = run_demo(options, console)
         console.print(f"Look at {layout.page} (open it in a browser)", style="bold")

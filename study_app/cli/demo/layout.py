@@ -11,7 +11,7 @@ from protocols.errors import StudyError
 from stimuli.whole_file import write_whole
 
 RECORD_NAME = "demo.json"
-_OURS = ("index.html", "pictures", "clips", "sessions", "report", "trial", "screen.toml")
+_OURS = ("index.html", "pictures", "clips", "sessions", "report", "trial", "studies", "screen.toml")
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,11 @@ class Layout:
     def trial(self) -> Path:
         """Pictures of one trial as it stood on the screen."""
         return self.out / "trial"
+
+    @property
+    def studies(self) -> Path:
+        """A folder for each study on foveated pictures."""
+        return self.out / "studies"
 
     @property
     def screen(self) -> Path:

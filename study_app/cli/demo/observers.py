@@ -52,6 +52,8 @@ class Options:
     """The user's own screen; None: a screen without a monitor."""
     seed: int = 0
     figures: bool = True
+    studies: bool = True
+    """Whether the studies on foveated pictures are shown too."""
 
 
 @dataclass(frozen=True)

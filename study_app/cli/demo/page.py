@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from protocols.display import Display
+from protocols.load import load_protocol
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.warped_clips import ClipName
 from protocols.schema import StudyProtocol
@@ -23,13 +24,14 @@ from stimuli.pictures import of_holes
 from stimuli.png import decode
 from stimuli.preview import preview_path
 from stimuli.whole_file import write_whole
-from study_app.cli.demo import filmstrip, pictures
+from study_app.cli.demo import filmstrip, pictures, studies
 from study_app.cli.demo.layout import Layout, Record
 from study_app.operator_view import standing
 from study_app.sittings import find_sittings
 
 JPEG_QUALITY = 90
 SHOT_PX = 300
+STRIP_PX = 1600
 DETAIL_SCALE = 2
 LATE_SHARE = 0.02
 """Of all refreshes: a machine that misses more is too slow or too busy for a real sitting."""
@@ -84,6 +86,7 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         sittings=rows,
         late=[row for row in rows if row["missed"] > LATE_SHARE * row["shown"]],
         figures=_figures(layout),
+        studies=_studies(layout),
         frames=facts.protocol.warped.clips.frames,
         out=os.path.relpath(layout.out),
         places=_places(layout),
@@ -120,11 +123,12 @@ def _steps(record: Record, facts: Facts) -> list[dict[str, Any]]:
             "the same session code on a clock that need not wait",
         ),
         ("report", "Analysed", "statistics, figures, tables and one page"),
+        ("studies", "Showed other studies", "on foveated pictures: a trial and a report of each"),
     ]
     rows = [
         {"title": title, "text": text, "seconds": record.seconds(name)}
         for name, title, text in told
-        if name != "window" or facts.window
+        if (name != "window" or facts.window) and (name != "studies" or record.seconds(name))
     ]
     longest = max(float(str(row["seconds"])) for row in rows) or 1.0
     return [{**row, "share": 100 * float(str(row["seconds"])) / longest} for row in rows]
@@ -267,6 +271,25 @@ def _figures(layout: Layout) -> list[dict[str, str]]:
     return found
 
 
+def _studies(layout: Layout) -> list[dict[str, str]]:
+    """Return what was drawn of each study on foveated pictures, if any was."""
+    found = []
+    for name in studies.STUDIES:
+        strip = layout.studies / name / studies.STRIP_NAME
+        if strip.is_file():
+            study = load_protocol(Path(name)).study
+            found.append(
+                {
+                    "name": name,
+                    "title": study.title,
+                    "what": study.description,
+                    "strip": _jpeg(_at_width(_read(strip), STRIP_PX)),
+                    "report": f"studies/{name}/report/report.html",
+                }
+            )
+    return found
+
+
 def _places(layout: Layout) -> list[tuple[str, str]]:
     told = (
         ("report/report.html", "the report: every test, figure and caution"),
@@ -276,6 +299,7 @@ def _places(layout: Layout) -> list[tuple[str, str]]:
         ("clips/manifest.json", "hash, seed and parameters of every frame"),
         ("sessions/", "the journals of all observers: the only truth, all else is derived"),
         ("trial/", "the pictures of the filmstrip, as they stood on the screen"),
+        ("studies/", "the studies on foveated pictures: journals, reports and a trial of each"),
         ("pictures/before-and-after.png", "the photograph and its fills on one sheet"),
         ("screen.toml", "the screen that the window was shown on, as a display file"),
     )

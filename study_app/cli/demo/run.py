@@ -22,7 +22,7 @@ from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.executors import cores, local_processes
 from stimuli.orders import Orders
-from study_app.cli.demo import pictures
+from study_app.cli.demo import pictures, studies
 from study_app.cli.demo.layout import Layout, Record
 from study_app.cli.demo.observers import Observers, Options
 from study_app.cli.demo.page import Facts, write_page
@@ -60,7 +60,7 @@ class _Demo:
 
     def run(self) -> Layout:
         options, layout = self.options, self.layout
-        with Steps(self.console, 7 if options.window else 6) as steps:
+        with Steps(self.console, 6 + options.window + options.studies) as steps:
             with steps.step("fill the holes of a photograph") as step:
                 photographs = self._photographs(step)
             with steps.step("build the study's clips") as step:
@@ -77,6 +77,9 @@ class _Demo:
             observers.strip_from_log()
             with steps.step("analyse") as step:
                 headline = self._report(step)
+            if options.studies:
+                with steps.step("studies on foveated pictures") as step:
+                    self._studies(step)
             with steps.step("write the page") as step:
                 facts = Facts(
                     protocol=self.protocol,
@@ -172,6 +175,15 @@ class _Demo:
         self.record.done("report", key, took_s, {"headline": made.headline})
         step.result = "report written"
         return made.headline
+
+    def _studies(self, step: Step) -> None:
+        key = code_revision()
+        if not self.record.matches("studies", key):
+            shutil.rmtree(self.layout.studies, ignore_errors=True)
+        began_s = time.monotonic()
+        studies.show_studies(self.layout.studies, step)
+        if not self.record.matches("studies", key):
+            self.record.done("studies", key, time.monotonic() - began_s)
 
     def _study_folder(self) -> Path:
         return self.options.study.absolute().parent

@@ -1,0 +1,128 @@
+"""Of each study on foveated pictures a trial as a filmstrip, and simulated observers' report."""
+
+from __future__ import annotations
+
+import shutil
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.report import report_sessions
+from protocols.display import Display
+from protocols.feasibility import virtual_manifest
+from protocols.load import load_study
+from protocols.phases import Bar, Clip, Image, Phase
+from protocols.plan import PlannedTrial, make_plan
+from protocols.recipes.foveated_images import REFERENCE, FoveatedImages
+from protocols.schema import StudyProtocol
+from protocols.tasks.base import trial_phases
+from protocols.units import Scalar
+from stimuli.executors import cores
+from stimuli.pictures import save_picture, sheet
+from stimuli.recipes.foveated_work import Bench, Order
+from study_app.cli.demo.steps import Step
+from study_app.gaze.simulated import STEADY
+from study_app.simulate import Simulation, simulate_study
+
+STUDIES: dict[str, dict[str, Scalar]] = {
+    "beyond-blur-task": {"scene": "tunnel", "method": "ours", "eccentricity_deg": 10.0},
+    "beyond-blur-preference": {"scene": "notices", "first": "ours", "second": "blur"},
+    "beyond-blur-detection": {"scene": "notices", "method": "ours", "cut": "inconsistent"},
+    "critical-scaling-halves": {"scene": "notices", "metamer": "noise", "scaling": 0.5},
+}
+"""The studies, and of which condition a trial is drawn."""
+STRIP_NAME = "trial.png"
+OBSERVERS = 3
+SHOT_PX = 480
+GREY_DOT, WHITE = 40, 255
+
+Picture = NDArray[np.uint8]
+
+
+def show_studies(folder: Path, step: Step) -> None:
+    """Fill a folder per study: `trial.png`, `sessions/`, `report/`; what is there is kept.
+
+    Studies share the processors.
+    """
+    missing = [name for name in STUDIES if not (folder / name / STRIP_NAME).is_file()]
+    if not missing:
+        step.result = "kept"
+        return
+    step(0, len(missing))
+    with ProcessPoolExecutor(min(cores(), len(missing))) as pool:
+        futures = [pool.submit(show_study, name, folder / name) for name in missing]
+        for done, future in enumerate(as_completed(futures), 1):
+            future.result()
+            step(done, len(missing))
+    step.result = f"{len(STUDIES)} studies, {OBSERVERS} observers each"
+
+
+def show_study(name: str, folder: Path, observers: int = OBSERVERS) -> None:
+    """Simulate a shipped study and report it; last, draw one trial of it."""
+    study, display = load_study(Path(name), None)
+    sessions, report = folder / "sessions", folder / "report"
+    if folder.exists():
+        shutil.rmtree(folder)  # what an interrupted demonstration left
+    folder.mkdir(parents=True)
+    simulation = Simulation(study, display, gaze=STEADY, gaze_rate_hz=60.0)
+    simulate_study(simulation, sessions, observers)
+    report_sessions(sessions, study, report, figure_files=False)
+    save_picture(folder / STRIP_NAME, trial_strip(study, display, chosen_trial(study, display)))
+
+
+def chosen_trial(study: StudyProtocol, display: Display) -> PlannedTrial:
+    """Return the first trial of the condition that is shown."""
+    wanted = STUDIES[study.study.name]
+    plan = make_plan(study, virtual_manifest(study, display), "S001", 0)
+    for trial in plan.trials:
+        if all(trial.condition.get(column) == value for column, value in wanted.items()):
+            return trial
+    raise AssertionError(f"{study.study.name}: no trial of {wanted}")
+
+
+def trial_strip(study: StudyProtocol, display: Display, trial: PlannedTrial) -> Picture:
+    """Return every phase of a trial, labelled: stimuli made in small at the display's angles."""
+    recipe = study.stimuli
+    assert isinstance(recipe, FoveatedImages)
+    shrunk = recipe.width_px / SHOT_PX
+    small = {"width_px": SHOT_PX, "height_px": round(recipe.height_px / shrunk / 2) * 2}
+    distance_px = display.distance_mm / display.pitch_x_mm / shrunk
+    bench = Bench(Order(recipe.model_copy(update=small), distance_px, Path()))
+    entries = {one.name: one for one in recipe.stimuli()}
+    try:
+        # The reference last: what came before is not foveated twice.
+        order = sorted(set(trial.stimuli), key=lambda name: entries[name].shown.name == REFERENCE)
+        made = {name: np.rint(255 * bench.colour(entries[name])).astype(np.uint8) for name in order}
+    finally:
+        bench.release()
+    stimuli = [made[name] for name in trial.stimuli]
+    dot_px = distance_px * np.tan(np.radians(study.trial.dot_deg / 2))
+    shots = []
+    for phase in trial_phases(study, display, practice=False):
+        frames = phase.gate_frames if phase.gate_frames and not phase.frames else phase.frames
+        long = "" if frames is None else f", {1000 * frames / display.refresh_hz:.0f} ms"
+        answers = f": {' / '.join(study.task.answers())}" if phase.ends_on else ""
+        shots.append((f"{phase.name}{long}{answers}", _drawn(phase, stimuli, distance_px, dot_px)))
+    return sheet(shots, columns=len(shots))
+
+
+def _drawn(phase: Phase, stimuli: list[Picture], distance_px: float, dot_px: float) -> Picture:
+    """Return what a phase shows."""
+    height, width, _ = stimuli[0].shape
+    screen = np.full((height, width, 3), 128, np.uint8)
+    for entry in phase.show:
+        if isinstance(entry, Image | Clip):
+            half = getattr(entry, "half", None)
+            part = slice(width // 2) if half == "left" else slice(width // 2 if half else 0, None)
+            screen[:, part] = stimuli[entry.stimulus][:, part]
+        elif isinstance(entry, Bar):
+            reach = round(distance_px * np.tan(np.radians(entry.width_deg / 2)))
+            screen[:, width // 2 - reach : width // 2 + reach] = 128
+    if not phase.ends_on:
+        middle = width // 2, height // 2
+        cv2.circle(screen, middle, round(dot_px) + 1, (WHITE,) * 3, -1, cv2.LINE_AA)
+        cv2.circle(screen, middle, max(1, round(dot_px / 2)), (GREY_DOT,) * 3, -1, cv2.LINE_AA)
+    return screen
