@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -19,6 +18,7 @@ from analysis.report.folder import whole_folder
 from protocols.adaptive.psychometric import SHAPES
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+from study_app.cli.assumed import pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
@@ -89,8 +89,10 @@ def psychometric(
             level=confidence,
         )
         with one_line() as progress:
-            found = psychometric_of_csv(table, options, _pairs(columns or ()), progress=progress)
-        _hand_over(found, out, replace=replace)
+            found = psychometric_of_csv(
+                table, options, pairs("--map", columns or ()), progress=progress
+            )
+        hand_over(found, out, replace=replace)
 
 
 def detection(
@@ -116,13 +118,13 @@ def detection(
     with user_errors():
         found = detection_of_csv(
             table,
-            _pairs(columns or ()),
+            pairs("--map", columns or ()),
             signal=signal,
             by=by,
             baseline=baseline,
             level=confidence,
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
 
 
 def reaction(
@@ -144,9 +146,9 @@ def reaction(
     """
     with user_errors():
         found = reaction_of_csv(
-            table, _pairs(columns or ()), by=by, baseline=baseline, level=confidence
+            table, pairs("--map", columns or ()), by=by, baseline=baseline, level=confidence
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
 
 
 def ratings(
@@ -181,14 +183,14 @@ def ratings(
     with user_errors():
         found = ratings_of_csv(
             table,
-            _pairs(columns or ()),
+            pairs("--map", columns or ()),
             by=by,
             scale=_scale(scale),
             baseline=baseline,
             link=_one_of("--link", link, LINKS),
             level=confidence,
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
 
 
 def register(app: typer.Typer) -> None:
@@ -233,17 +235,7 @@ def _scale(text: str | None) -> tuple[str, ...]:
     return names
 
 
-def _pairs(entries: Iterable[str]) -> dict[str, str]:
-    found = {}
-    for entry in entries:
-        name, sign, value = (part.strip() for part in entry.partition("="))
-        if not sign or not name or not value:
-            raise StudyError(f"--map must read OURS=THEIRS (got {entry!r})")
-        found[name] = value
-    return found
-
-
-def _hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
+def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
     """Print what was found, and write it where a folder is named."""
     if out is not None:
         with whole_folder(out, RESULTS, replace=replace) as work:

@@ -147,6 +147,8 @@ def judge_d_prime(
         signal, noise = own & design.signal, own & ~design.signal
         if k not in design.noise_only:
             noise = noise if noise.any() else shared
+            if not (signal.any() and noise.any()):
+                continue  # no d' of its own, as a reference that never holds the signal
             chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
             tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]
 
