@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 import typer
 from rich.table import Table
 
+from analysis.from_csv.bayes import bayes_of_csv
 from analysis.from_csv.detection import detection_of_csv
 from analysis.from_csv.found import RESULTS, Found, write_found
 from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
@@ -193,12 +194,52 @@ def ratings(
         hand_over(found, out, replace=replace)
 
 
+def bayes(
+    table: TrialsArgument,
+    method: Annotated[str | None, typer.Option(help="Left out: every one.")] = None,
+    against: Annotated[str | None, typer.Option(help="Left out: every other.")] = None,
+    margin: Annotated[
+        float,
+        typer.Option(
+            min=0.001,
+            max=0.499,
+            help="Half the region of practical equivalence (ROPE), from one half.",
+        ),
+    ] = 0.1,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Give preferences as posteriors: credible limits, ROPE, and what the prior does.
+
+    Needs participant, first, second, and chosen or chose_first; scene where scenes are several. A
+    hierarchical logit model is sampled under three priors. Needs the extra `bayes`.
+
+    Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
+    """
+    with user_errors():
+        mapping = pairs("--map", columns or ())
+        with one_line() as progress:
+            found = bayes_of_csv(
+                table,
+                mapping,
+                method=method,
+                against=against,
+                margin=margin,
+                level=confidence,
+                progress=progress,
+            )
+        hand_over(found, out, replace=replace)
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
     app.command()(reaction)
     app.command()(ratings)
+    app.command()(bayes)
 
 
 def _guess(text: str) -> float | None:
