@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from analysis.from_csv.bayes import bayes_of_csv
@@ -283,9 +284,10 @@ def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
             write_found(found, work)
     console = PlainConsole()
     console.print(found.title)
-    table = Table()
+    # Narrow terminals break lines within cells: no digit is ever left out.
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for place, name in enumerate(found.shown.columns):
-        table.add_column(str(name), justify="left" if place == 0 else "right", no_wrap=True)
+        table.add_column(str(name), justify="left" if place == 0 else "right", overflow="fold")
     for row in found.shown.itertuples(index=False):
         table.add_row(*map(str, row))
     console.print(table)
