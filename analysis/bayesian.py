@@ -159,10 +159,7 @@ def bayesian_preference(
     chosen, shown, people, scenes = counts(rows, method)
     if len(people) < 2:
         raise ValueError("decisions must be of two participants at least")
-    found = {
-        name: _sampled(chosen, shown, prior, seed + place)
-        for place, (name, prior) in enumerate(priors.items())
-    }
+    found = dict(zip(priors, _sampled(chosen, shown, list(priors.values()), seed), strict=True))
     checks = tuple(
         PriorCheck(name, _posterior(one.share, level), *_verdict(one.share, margin, level))
         for name, one in found.items()
@@ -202,13 +199,17 @@ class _Draws:
     divergences: int
 
 
-def _sampled(chosen: Floats, shown: Floats, prior: Prior, seed: int) -> _Draws:
-    """Run the chains, and return the draws of all of them together."""
+def _sampled(
+    chosen: Floats, shown: Floats, priors: Sequence[Prior], seed: int
+) -> tuple[_Draws, ...]:
+    """Run the chains under each prior, and return the draws of all chains together.
+
+    Priors are arguments of the model, so that it is compiled once.
+    """
     try:
         import jax
         import numpyro
         from numpyro import distributions as laws
-        from numpyro.diagnostics import summary
         from numpyro.infer import MCMC, NUTS
     except ImportError:
         raise StudyError(f"a Bayesian fit needs NumPyro, which is not here; {_CURE}") from None
@@ -216,13 +217,13 @@ def _sampled(chosen: Floats, shown: Floats, prior: Prior, seed: int) -> _Draws:
     votes, total = chosen[person, scene], shown[person, scene]
     crossed = shown.shape[1] > 1
 
-    def model() -> None:
-        eta = numpyro.sample("typical", laws.Normal(0.0, prior.typical_sd))
+    def model(typical_sd: Any, spread_sd: Any) -> None:
+        eta = numpyro.sample("typical", laws.Normal(0.0, typical_sd))
         for name, index, count in (
             ("participant", person, shown.shape[0]),
             *((("scene", scene, shown.shape[1]),) if crossed else ()),
         ):
-            sd = numpyro.sample(f"{name}_sd", laws.HalfNormal(prior.spread_sd))
+            sd = numpyro.sample(f"{name}_sd", laws.HalfNormal(spread_sd))
             with numpyro.plate(f"{name}s", count):
                 effect = numpyro.sample(name, laws.Normal(0.0, 1.0))
             eta = eta + sd * effect[index]
@@ -235,14 +236,26 @@ def _sampled(chosen: Floats, shown: Floats, prior: Prior, seed: int) -> _Draws:
         num_chains=CHAINS,
         chain_method="vectorized",
         progress_bar=False,
+        jit_model_args=True,
     )
-    chains.run(jax.random.PRNGKey(seed), extra_fields=("diverging",))
+    found = []
+    for place, prior in enumerate(priors):
+        widths = (np.float32(prior.typical_sd), np.float32(prior.spread_sd))
+        chains.run(jax.random.PRNGKey(seed + place), *widths, extra_fields=("diverging",))
+        found.append(_draws(chains))
+    return tuple(found)
+
+
+def _draws(chains: Any) -> _Draws:
+    from numpyro.diagnostics import summary
+
     by_chain = {
         name: np.asarray(values, dtype=np.float64)
         for name, values in chains.get_samples(group_by_chain=True).items()
+        if values.ndim == 2
     }
-    told = summary({name: by_chain[name] for name in by_chain if by_chain[name].ndim == 2})
-    draws = {name: values.reshape(-1) for name, values in by_chain.items() if values.ndim == 2}
+    told = summary(by_chain)
+    draws = {name: values.reshape(-1) for name, values in by_chain.items()}
     scene_sd = draws.get("scene_sd", np.zeros_like(draws["typical"]))
     spread = np.hypot(draws["participant_sd"], scene_sd)
     nodes, weights = np.polynomial.hermite_e.hermegauss(31)

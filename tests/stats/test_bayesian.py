@@ -94,7 +94,7 @@ def test_the_command_tells_and_writes(tmp_path, monkeypatch):
     [
         (0.75, 0.03, "preferred"),
         (0.25, 0.03, "other preferred"),
-        (0.52, 0.03, "practically equal"),
+        (0.52, 0.02, "practically equal"),
         (0.62, 0.05, "undecided"),
     ],
 )
