@@ -12,6 +12,9 @@ Floats = NDArray[np.float64]
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
 
+LARGEST = 300.0
+"""Largest such share: beyond it the levels take all there is, and the equations are singular."""
+
 
 @dataclass(frozen=True)
 class LinearMixed:
@@ -68,7 +71,7 @@ def fit_linear_mixed(
             lambda theta: products.profile(theta)[0],
             np.full(len(sizes), start),
             method="L-BFGS-B",
-            bounds=[(0.0, None)] * len(sizes),
+            bounds=[(0.0, LARGEST)] * len(sizes),
             options={"ftol": 1e-14, "gtol": 1e-7},
         )
         for start in STARTS

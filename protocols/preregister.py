@@ -222,6 +222,11 @@ def _gaze(gaze: Gaze) -> str:
     )
 
 
+def _looks(protocol: StudyProtocol) -> list[str]:
+    planned = protocol.analysis.sequential
+    return [] if planned is None else planned.plain_sentences(protocol.analysis.alpha)
+
+
 def _analysis(protocol: StudyProtocol) -> Section:
     analysis = protocol.analysis
     rules = analysis.exclusions
@@ -229,7 +234,7 @@ def _analysis(protocol: StudyProtocol) -> Section:
     return Section(
         "Analysis",
         (
-            analysis.plain_sentences(protocol),
+            [*analysis.plain_sentences(protocol), *_looks(protocol)],
             "Exclusions, fixed before the data:",
             [
                 f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, StringConstraints, model_validator
 
 from protocols.errors import Problem
+from protocols.sequential import Sequential
 from protocols.units import (
     Count,
     Degrees,
@@ -279,6 +280,8 @@ class Analysis(Model):
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """Level of the tests."""
     exclusions: Exclusions = Exclusions()
+    sequential: Sequential | None = None
+    """Planned looks before all participants have come; left out: one test, at the end."""
 
     def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""

@@ -16,6 +16,7 @@ from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
+from analysis.report.looks import look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
@@ -107,7 +108,7 @@ def _write(
         tables = work / "tables"
         tables.mkdir()
         _write_csv(source, results, tables)
-        both = beside(source)
+        both, stand = beside(source), look_of(source, results)
         numbers: dict[str, Json] = {
             "format": 1,
             "simulated": source.simulated,
@@ -115,11 +116,14 @@ def _write(
             "results": as_json(results),
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "without_exclusions": as_json(both),
+            "sequential": as_json(stand),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],
             "warnings": list(warnings),
             "provenance": provenance,
         }
-        html = report_page(source, results, drawn, warnings, provenance, beside_blocks(both))
+        html = report_page(
+            source, results, drawn, warnings, provenance, beside_blocks(both), looks_blocks(stand)
+        )
         (work / HTML_NAME).write_text(html, encoding="utf-8", newline="\n")
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         # Last: the folder is known as a report by this file.

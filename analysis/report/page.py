@@ -24,10 +24,11 @@ def report_page(
     warnings: tuple[str, ...],
     provenance: dict[str, Json],
     quality: Sequence[Block] = (),
+    first: Sequence[Block] = (),
 ) -> str:
     """Return the page; `figures` hold a name, a caption, and SVG under `narrow` and `wide`.
 
-    `quality` are blocks that end the section on data quality.
+    `quality` are blocks that end the section on data quality, `first` stand before all others.
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
@@ -45,7 +46,7 @@ def report_page(
         s=settings,
         w=wording,
         counted=analysis.counted(settings),
-        lead=analysis.lead(results, settings),
+        lead=[*first, *analysis.lead(results, settings)],
         sections=analysis.sections(results, settings),
         figures={str(figure["name"]): figure for figure in figures},
         simulated=source.simulated,

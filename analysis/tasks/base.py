@@ -12,10 +12,12 @@ from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from analysis.exclusions import FlowStep
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
+from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.units import Model
 
@@ -187,6 +189,38 @@ class TaskAnalysis(ABC, Generic[S, R]):
             If nothing can be said of these decisions.
         """
         return ()
+
+    def planned_p(self, _results: R) -> float | None:
+        """Return p of the planned test, which looks at unfinished data test; None: there is none.
+
+        Of several planned comparisons it is the least, adjusted.
+        """
+        return None
+
+    def simulated_p(
+        self,
+        study: StudyProtocol,
+        _assumed: Mapping[str, float],
+        _participants: Sequence[int],
+        *,
+        null: bool,  # noqa: ARG002
+        rng: np.random.Generator,  # noqa: ARG002
+        studies: int,  # noqa: ARG002
+        progress: Counted | None = None,  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Return p of the planned test (studies, numbers of participants) of simulated studies.
+
+        With `null` there is nothing to find. The first n people of a study are a study of n.
+
+        Raises
+        ------
+        StudyError
+            If this analysis, or this study, cannot be simulated so.
+        """
+        raise StudyError(
+            f"analysis.kind: looks at {study.analysis.kind!r} cannot be simulated; bounds hold for"
+            " any p"
+        )
 
     @abstractmethod
     def warnings(self, results: R) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -18,13 +17,13 @@ from analysis.report import ReportPaths, report_decisions, report_sessions
 from analysis.report.folder import whole_folder
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of, analysis_of_task
-from analysis.tasks.base import SEED, Assumption, PowerReport
+from analysis.tasks.base import SEED, PowerReport
 from analysis.tasks.note import options_from, write_note
 from analysis.tidy import read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.load import load_protocol
-from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
+from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register
 from study_app.cli.options import (
@@ -36,6 +35,7 @@ from study_app.cli.options import (
     SessionsProtocolOption,
 )
 from study_app.cli.progress import one_line
+from study_app.cli.sequential_command import register as register_sequential
 from study_app.cli.table_commands import register as register_tables
 from study_app.cli.terminal import PlainConsole, say
 
@@ -208,7 +208,7 @@ def power(
         given = pairs("--set", assume or ())
         shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
         given |= {name: str(value) for name, value in shorts.items() if value is not None}
-        assumed = _assumed(analysis.assumptions(study), given)
+        assumed = assumed_values(analysis.assumptions(study), given)
         with one_line() as progress:
             found = analysis.power(
                 study,
@@ -298,43 +298,7 @@ def import_(
 
 register(app)
 register_tables(app)
-
-
-def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:
-    """Return entries of the form NAME=VALUE as a dictionary."""
-    sides = "OURS=THEIRS" if option == "--map" else "NAME=VALUE"
-    found = {}
-    for entry in entries:
-        name, sign, value = (part.strip() for part in entry.partition("="))
-        if not sign or not name or not value:
-            raise StudyError(f"{option} must read {sides} (got {entry!r})")
-        found[name] = value
-    return found
-
-
-def _assumed(known: Sequence[Assumption], given: Mapping[str, str]) -> dict[str, float]:
-    """Return a value for every assumption: the one given, or its own."""
-    assumptions = {one.name: one for one in known}
-    values = {one.name: one.value for one in known}
-    for name, text in given.items():
-        if name not in assumptions:
-            listed = "; ".join(f"{one.name}: {one.meaning}" for one in known)
-            raise StudyError(
-                f"--set: must name what this task's simulation takes for true ({listed})"
-                f" (got {name!r}){did_you_mean(name, list(assumptions))}"
-            )
-        one = assumptions[name]
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not one.lowest <= value <= one.highest:
-            raise StudyError(
-                f"--set {name}: must be a number from {one.lowest:g} to {one.highest:g}"
-                f" (got {text!r})"
-            )
-        values[name] = value
-    return values
+register_sequential(app)
 
 
 def _print_report(made: ReportPaths) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analysis.from_csv.bayes import bayes_of_csv
 from analysis.from_csv.detection import detection_of_csv
 from analysis.from_csv.found import RESULTS, Found, write_found
 from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
@@ -19,6 +20,7 @@ from analysis.report.folder import whole_folder
 from protocols.adaptive.psychometric import SHAPES
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+from study_app.cli.assumed import pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
@@ -89,8 +91,10 @@ def psychometric(
             level=confidence,
         )
         with one_line() as progress:
-            found = psychometric_of_csv(table, options, _pairs(columns or ()), progress=progress)
-        _hand_over(found, out, replace=replace)
+            found = psychometric_of_csv(
+                table, options, pairs("--map", columns or ()), progress=progress
+            )
+        hand_over(found, out, replace=replace)
 
 
 def detection(
@@ -116,13 +120,13 @@ def detection(
     with user_errors():
         found = detection_of_csv(
             table,
-            _pairs(columns or ()),
+            pairs("--map", columns or ()),
             signal=signal,
             by=by,
             baseline=baseline,
             level=confidence,
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
 
 
 def reaction(
@@ -144,9 +148,9 @@ def reaction(
     """
     with user_errors():
         found = reaction_of_csv(
-            table, _pairs(columns or ()), by=by, baseline=baseline, level=confidence
+            table, pairs("--map", columns or ()), by=by, baseline=baseline, level=confidence
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
 
 
 def ratings(
@@ -181,14 +185,53 @@ def ratings(
     with user_errors():
         found = ratings_of_csv(
             table,
-            _pairs(columns or ()),
+            pairs("--map", columns or ()),
             by=by,
             scale=_scale(scale),
             baseline=baseline,
             link=_one_of("--link", link, LINKS),
             level=confidence,
         )
-        _hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace)
+
+
+def bayes(
+    table: TrialsArgument,
+    method: Annotated[str | None, typer.Option(help="Left out: every one.")] = None,
+    against: Annotated[str | None, typer.Option(help="Left out: every other.")] = None,
+    margin: Annotated[
+        float,
+        typer.Option(
+            min=0.001,
+            max=0.499,
+            help="Half the region of practical equivalence (ROPE), from one half.",
+        ),
+    ] = 0.1,
+    columns: MapOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Give preferences as posteriors: credible limits, ROPE, and what the prior does.
+
+    Needs participant, first, second, and chosen or chose_first; scene where scenes are several. A
+    hierarchical logit model is sampled under three priors. Needs the extra `bayes`.
+
+    Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
+    """
+    with user_errors():
+        mapping = pairs("--map", columns or ())
+        with one_line() as progress:
+            found = bayes_of_csv(
+                table,
+                mapping,
+                method=method,
+                against=against,
+                margin=margin,
+                level=confidence,
+                progress=progress,
+            )
+        hand_over(found, out, replace=replace)
 
 
 def register(app: typer.Typer) -> None:
@@ -197,6 +240,7 @@ def register(app: typer.Typer) -> None:
     app.command()(detection)
     app.command()(reaction)
     app.command()(ratings)
+    app.command()(bayes)
 
 
 def _guess(text: str) -> float | None:
@@ -233,26 +277,17 @@ def _scale(text: str | None) -> tuple[str, ...]:
     return names
 
 
-def _pairs(entries: Iterable[str]) -> dict[str, str]:
-    found = {}
-    for entry in entries:
-        name, sign, value = (part.strip() for part in entry.partition("="))
-        if not sign or not name or not value:
-            raise StudyError(f"--map must read OURS=THEIRS (got {entry!r})")
-        found[name] = value
-    return found
-
-
-def _hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
+def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
     """Print what was found, and write it where a folder is named."""
     if out is not None:
         with whole_folder(out, RESULTS, replace=replace) as work:
             write_found(found, work)
     console = PlainConsole()
     console.print(found.title)
-    table = Table()
+    # Narrow terminals break lines within cells: no digit is ever left out.
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for place, name in enumerate(found.shown.columns):
-        table.add_column(str(name), justify="left" if place == 0 else "right", no_wrap=True)
+        table.add_column(str(name), justify="left" if place == 0 else "right", overflow="fold")
     for row in found.shown.itertuples(index=False):
         table.add_row(*map(str, row))
     console.print(table)

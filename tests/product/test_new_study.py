@@ -82,7 +82,7 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
     tables = {
         "task": {"catch", "sampling"},
         "design": {"practice"},
-        "analysis": {"primary", "exclusions"},
+        "analysis": {"primary", "exclusions", "sequential"},
         "text.languages.en": {"questions"},
     }
 

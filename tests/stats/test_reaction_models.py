@@ -128,6 +128,20 @@ def test_the_mixed_model_is_lme4s(times):
     assert nested.scene_sd == 0.0
 
 
+@pytest.mark.parametrize("noise", [1e-2, 1e-5, 0.0])
+def test_people_who_differ_far_more_than_their_answers_break_nothing(noise):
+    rng = np.random.default_rng(3)
+    rows = pd.DataFrame(
+        [(p, c) for p in range(6) for c in "ab" for _ in range(5)], columns=["participant", "cond"]
+    )
+    rows["rt_s"] = np.exp(rng.normal(0, 1, 6)[rows["participant"]] + 0.1 * (rows["cond"] == "b")
+                          + noise * rng.standard_normal(len(rows)))  # fmt: skip
+    (ratio,) = time_model(rows, ("cond",), reference="a").ratios
+
+    assert ratio.ratio == pytest.approx(np.exp(0.1), abs=2 * noise + 1e-3)
+    assert ratio.lower <= ratio.ratio <= ratio.upper
+
+
 def test_ratios_are_of_typical_times_and_turn_with_the_baseline(times):
     model = time_model(times, ("cond",), reference="a")
     typical = {one.condition: one.median_s for one in model.times}

@@ -1,11 +1,13 @@
 """The analysis of preferences between pairs, kind `preference`."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.exclusions import FlowStep
@@ -31,6 +33,7 @@ from analysis.tasks.preference.power import (
     Assumptions,
     PowerCurve,
     power_curve,
+    primary_p_values,
 )
 from analysis.tasks.preference.sections import lead, sections
 from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
@@ -120,6 +123,32 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
                 cell.trials,
             )
             for cell in table.cells
+        )
+
+    def planned_p(self, results: StudyResults) -> float | None:
+        """Return p of the primary comparison."""
+        return None if results.primary is None else results.primary.p
+
+    def simulated_p(
+        self,
+        study: StudyProtocol,
+        assumed: Mapping[str, float],
+        participants: Sequence[int],
+        *,
+        null: bool,
+        rng: np.random.Generator,
+        studies: int,
+        progress: Counted | None = None,
+    ) -> NDArray[np.float64]:
+        """Simulate choices, and test the primary comparison."""
+        true = _assumptions(assumed)
+        return primary_p_values(
+            from_protocol(study),
+            replace(true, rate=0.5) if null else true,
+            participants,
+            studies=studies,
+            rng=rng,
+            progress=progress,
         )
 
     def warnings(self, results: StudyResults) -> tuple[str, ...]:
@@ -224,17 +253,21 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         """Simulate choices with random effects of participants and scenes."""
         curve = power_curve(
             from_protocol(study),
-            Assumptions(
-                assumed["rate"],
-                assumed["participant_sd"],
-                assumed["scene_sd"],
-                assumed["size_correlation"],
-            ),
+            _assumptions(assumed),
             rng=rng,
             studies=studies or POWER_STUDIES,
             progress=progress,
         )
         return _power_report(curve)
+
+
+def _assumptions(assumed: Mapping[str, float]) -> Assumptions:
+    return Assumptions(
+        assumed["rate"],
+        assumed["participant_sd"],
+        assumed["scene_sd"],
+        assumed["size_correlation"],
+    )
 
 
 def _power_report(curve: PowerCurve) -> PowerReport:

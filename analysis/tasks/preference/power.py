@@ -171,6 +171,29 @@ def power_curve(
     )
 
 
+def primary_p_values(
+    settings: Settings,
+    assumptions: Assumptions,
+    participants: Sequence[int],
+    *,
+    studies: int,
+    rng: np.random.Generator,
+    progress: Callable[[int, int], None] | None = None,
+) -> Floats:
+    """Return p of the primary comparison (studies, numbers of participants).
+
+    The first n people of a simulated study are a study of n.
+    """
+    picks = np.array(participants, dtype=np.intp) - 1
+    found = []
+    for done in range(0, studies, CHUNK):
+        batch = min(CHUNK, studies - done)
+        found.append(_batch(settings, assumptions, batch, picks, rng, primary_only=True)[1])
+        if progress:
+            progress(done + batch, studies)
+    return np.concatenate(found)
+
+
 def _batch(
     settings: Settings,
     assumptions: Assumptions,

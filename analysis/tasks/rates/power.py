@@ -283,6 +283,47 @@ def rate_power(
     return _report(found, curves)
 
 
+def looked_p_values(
+    study: StudyProtocol,
+    settings: RateSettings,
+    assumed: Mapping[str, float],
+    participants: Sequence[int],
+    draw: Draw,
+    judge: Judge,
+    *,
+    null: bool,
+    rng: np.random.Generator,
+    studies: int,
+    progress: Counted | None = None,
+) -> Floats:
+    """Return the least adjusted p of the planned comparisons (studies, numbers of participants).
+
+    Raises
+    ------
+    StudyError
+        If levels adapt and only one condition is shown.
+    """
+    if settings.adaptive:
+        simulate = _adaptive_studies(study, settings, assumed, participants, rng)
+    else:
+        design = cell_design(
+            study.task.cells(study, study.main_scenes()), settings, study.design.repeats
+        )
+        values = {**assumed, **(_nothing(settings) if null else {})}
+
+        def simulate(_null: bool) -> Floats:
+            events = _events(design, values, participants[-1], draw, rng)
+            return judge(events, design, participants, settings)
+
+    found = []
+    for number in range(studies):
+        p = simulate(null)
+        found.append((holm(p) if settings.correction == "holm" else p).min(axis=-1))
+        if progress:
+            progress(number + 1, studies)
+    return np.array(found)
+
+
 def tabulated(share: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     """Return a function of d' that looks its values up; d' below 0 counts as 0."""
     d_prime = np.linspace(0.0, 12.0, 2401)

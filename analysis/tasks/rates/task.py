@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.detection import YesNoResults
 from analysis.exclusions import FlowStep
@@ -24,7 +25,7 @@ from analysis.tasks.base import (
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.rates.estimates import rate_estimates
 from analysis.tasks.rates.figures import rate_figures
-from analysis.tasks.rates.power import Draw, Judge, assumptions, rate_power
+from analysis.tasks.rates.power import Draw, Judge, assumptions, looked_p_values, rate_power
 from analysis.tasks.rates.sections import lead, sections
 from analysis.tasks.rates.settings import (
     RateSettings,
@@ -81,6 +82,38 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by; thresholds where levels adapt."""
         return rate_estimates(decisions, settings)
+
+    def planned_p(self, results: RateResults) -> float | None:
+        """Return the least adjusted p of the planned comparisons; of a single condition its own."""
+        if results.comparisons:
+            return min(one.p_adjusted for one in results.comparisons)
+        return results.rates[0].p if len(results.rates) == 1 else None
+
+    def simulated_p(
+        self,
+        study: StudyProtocol,
+        assumed: Mapping[str, float],
+        participants: Sequence[int],
+        *,
+        null: bool,
+        rng: np.random.Generator,
+        studies: int,
+        progress: Counted | None = None,
+    ) -> NDArray[np.float64]:
+        """Simulate the study's own cells, and make its planned comparisons."""
+        settings = self.settings(study)
+        return looked_p_values(
+            study,
+            settings,
+            assumed,
+            participants,
+            self.draw(settings),
+            self.judge(),
+            null=null,
+            rng=rng,
+            studies=studies,
+            progress=progress,
+        )
 
     # Settings and tables.
 

@@ -1,0 +1,51 @@
+"""Planned looks at the data before all participants have come: the section of a study."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+
+from protocols.units import Model, Positive
+
+SequentialRule: TypeAlias = Literal["obrien-fleming", "pocock", "bayes-factor"]
+
+
+class Sequential(Model):
+    """Looks at the planned test while participants still come, and when to stop."""
+
+    rule: SequentialRule
+    """`obrien-fleming` hardly stops early and costs almost nothing at the end; `pocock` is as
+    willing at every look; both keep alpha over all looks (Lan-DeMets spending). `bayes-factor`
+    stops at evidence for or against a difference, and promises no error."""
+    looks: Annotated[tuple[Positive, ...], Field(min_length=2)]
+    """Participants at each look, rising; the last is `study.participants`."""
+    bayes_factor: Annotated[float, Field(gt=1)] = 10.0
+    """`bayes-factor`: stop where the factor is at least this, or at most 1 over this."""
+
+    @model_validator(mode="after")
+    def _looks_rise(self) -> Sequential:
+        if self.looks[0] < 2 or any(
+            later <= sooner for sooner, later in zip(self.looks, self.looks[1:], strict=False)
+        ):
+            raise ValueError(
+                "looks must rise, from 2 participants on, or a look tests nothing new"
+                f" (got {list(self.looks)})"
+            )
+        return self
+
+    def plain_sentences(self, alpha: float) -> list[str]:
+        """Return the rule in sentences, for a preregistration."""
+        looks = ", ".join(map(str, self.looks))
+        if self.rule == "bayes-factor":
+            return [
+                f"The planned test is looked at with {looks} participants. The study stops where"
+                f" its default Bayes factor is at least {self.bayes_factor:g}, or at most"
+                f" 1/{self.bayes_factor:g}."
+            ]
+        name = {"obrien-fleming": "O'Brien-Fleming", "pocock": "Pocock"}[self.rule]
+        return [
+            f"The planned test is looked at with {looks} participants. Error is spent by the"
+            f" Lan-DeMets function of {name} type, alpha {alpha:g} over all looks; the study stops"
+            " where the test is significant at its look."
+        ]

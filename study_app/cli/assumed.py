@@ -1,0 +1,46 @@
+"""Options of the form NAME=VALUE, and what a simulation takes for true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from analysis.tasks.base import Assumption
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+
+
+def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:
+    """Return entries of the form NAME=VALUE as a dictionary."""
+    sides = "OURS=THEIRS" if option == "--map" else "NAME=VALUE"
+    found = {}
+    for entry in entries:
+        name, sign, value = (part.strip() for part in entry.partition("="))
+        if not sign or not name or not value:
+            raise StudyError(f"{option} must read {sides} (got {entry!r})")
+        found[name] = value
+    return found
+
+
+def assumed_values(known: Sequence[Assumption], given: Mapping[str, str]) -> dict[str, float]:
+    """Return a value for every assumption: the one given, or its own."""
+    assumptions = {one.name: one for one in known}
+    values = {one.name: one.value for one in known}
+    for name, text in given.items():
+        if name not in assumptions:
+            listed = "; ".join(f"{one.name}: {one.meaning}" for one in known)
+            raise StudyError(
+                f"--set: must name what this task's simulation takes for true ({listed})"
+                f" (got {name!r}){did_you_mean(name, list(assumptions))}"
+            )
+        one = assumptions[name]
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not one.lowest <= value <= one.highest:
+            raise StudyError(
+                f"--set {name}: must be a number from {one.lowest:g} to {one.highest:g}"
+                f" (got {text!r})"
+            )
+        values[name] = value
+    return values
