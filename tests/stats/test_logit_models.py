@@ -12,7 +12,7 @@ import pytest
 
 from analysis.clustered import equivalence_p
 from analysis.formula import TILDE_OPERATOR
-from analysis.glmm import _mode
+from analysis.glmm import _Laplace
 from analysis.logit import cluster_covariance, fit_logit, information, separated
 from analysis.models import (
     glm_logit,
@@ -20,6 +20,7 @@ from analysis.models import (
     glmm_probit,
     models_beside,
 )
+from analysis.random_effects import RandomEffects
 from analysis.response import LOGIT, Response
 
 ORACLES = Path(__file__).parent / "oracles"
@@ -339,22 +340,73 @@ def test_firth_shrinks_towards_no_effect():
 
 def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
     """Not that of the step before: where the search starts must not show in a standard error."""
-    size, rows = 6, 60
-    columns = rng.integers(0, size, (1, rows))
-    fixed, trials = rng.normal(0, 0.5, rows), np.full(rows, 3.0)
-    successes = rng.binomial(3, 0.6, rows).astype(float)
+    rows = 60
+    group = rng.integers(0, 6, rows)
+    y = (rng.random(rows) < 0.6).astype(float)
+    design = np.column_stack([np.ones(rows), rng.normal(0, 0.5, rows)])
+    theta = np.array([0.2, 0.7, 0.8])
 
     def search(start):
-        scale, once = np.full(size, 0.8), np.ones((1, rows))
-        return _mode(fixed, scale, columns, once, successes, trials, start, LOGIT, (0.0, 0.0))
+        model = _Laplace(design, y, [group], [np.ones(rows)], LOGIT)
+        model.mode = start
+        return model._solve(theta)
 
-    exact, _ = search(np.zeros(size))
-    weight = trials / (2.0 + 2.0 * np.cosh(fixed + 0.8 * exact[columns[0]]))
-    by_hand = 1.0 + 0.64 * np.bincount(columns[0], weights=weight, minlength=size)
+    exact = search(np.zeros(6)).b
+    weight = 1.0 / (2.0 + 2.0 * np.cosh(design @ theta[:2] + 0.8 * exact[group]))
+    by_hand = 1.0 + 0.64 * np.bincount(group, weights=weight, minlength=6)
 
-    for start in (np.zeros(size), np.ones(size), exact + 9e-10, exact - 9e-10):
-        _, curvature = search(start)
-        np.testing.assert_allclose(np.diag(curvature), by_hand, rtol=1e-13)
+    for start in (np.zeros(6), np.ones(6), exact + 9e-10, exact - 9e-10):
+        np.testing.assert_allclose(search(start).arrow.blocks[:, 0, 0], 1 / by_hand, rtol=1e-13)
+
+
+PAIRED = np.array([[0, 1], [1, 2], [2, 0]])
+"""Methods that three kinds of trials compare."""
+
+
+@pytest.mark.parametrize(
+    "response", [LOGIT, Response("probit", 0.5, None), Response("weibull", 0.25, 0.02)]
+)
+@pytest.mark.parametrize("paired", [False, True])
+def test_the_slope_of_the_laplace_likelihood_is_its_derivative(rng, response, paired):
+    """Crossed factors, and a participant's effects of two methods in each trial."""
+    trials = 300
+    person, scene = rng.integers(0, 9, trials), rng.integers(0, 4, trials)
+    x = rng.normal(size=trials)
+    design = np.column_stack([np.ones(trials), x])
+    once = np.ones(trials)
+    groups, times = [person, scene], [once, once]
+    if paired:
+        two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, trials)]
+        groups, times = [two, scene, person], [np.array([[1.0, -1.0]] * trials), once, x]
+    y = (rng.random(trials) < 0.6).astype(float)
+    model = _Laplace(design, y, groups, times, response)
+    theta = np.concatenate([[0.3, -0.2], [0.7, -0.4, 0.5][: len(groups)], response.start()])
+
+    _, slope = model(theta)
+    steps = 1e-5 * np.eye(theta.size)
+    by_differences = [(model(theta + s)[0] - model(theta - s)[0]) / 2e-5 for s in steps]
+
+    np.testing.assert_allclose(slope, by_differences, atol=1e-6)
+
+
+def test_blocks_and_border_solve_as_the_whole_matrix_does(rng):
+    """Participants with three methods each are blocks, scenes the border."""
+    person, scene = rng.integers(0, 7, 80), rng.integers(0, 4, 80)
+    two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, 80)]
+    effects = RandomEffects([two, scene], [np.array([[1.0, -1.0]] * 80), np.ones(80)])
+    scale, weight = effects.scale(np.array([0.6, 0.9])), rng.random(80)
+    z = np.stack([effects.on_trials(unit) for unit in np.eye(effects.size)], axis=1) * scale
+    whole = np.eye(effects.size) + z.T @ (z * weight[:, None])
+    vector = rng.normal(size=effects.size) * (scale > 0)
+
+    arrow = effects.arrow(weight, scale)
+
+    assert arrow.blocks.shape == (7, 3, 3)
+    assert arrow.border.shape == (4, 4)
+    np.testing.assert_allclose(arrow.solve(vector), np.linalg.solve(whole, vector), atol=1e-12)
+    assert arrow.log_det == pytest.approx(np.linalg.slogdet(whole)[1], abs=1e-12)
+    leverage, _ = effects.leverage(arrow, weight, scale)
+    np.testing.assert_allclose(leverage, np.diag(z @ np.linalg.inv(whole) @ z.T), atol=1e-12)
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e6), (1e-4, 30.0)])
