@@ -19,8 +19,17 @@ START_SD = 0.5
 LARGEST_SD = 8.0
 """Logits; a fit beyond has run away."""
 
+SINGULAR_SD = 1e-3
+"""Logits; no data could tell a deviation below from 0."""
+
+ROUGH_VARIANCE = 0.02
+"""Of a deviation: about that of ten people's."""
+ROUGH_RIDGE = 0.1
+"""On the information about coefficients, so that a first step stays short."""
+
 MOST_STEPS = 100
 LONGEST_STEP = 3.0
+SMALL_STEP = 1e-6
 """Of the search for the mode, in deviations of a random effect."""
 BEND_STEP = 1e-4
 RATE_STEP = 1e-4
@@ -98,7 +107,8 @@ def fit_crossed(
         start = np.concatenate([first, np.full(factors, START_SD), response.start()])
     elif start.size == coefficients:
         start = np.concatenate([start, np.full(factors, START_SD), response.start()])
-    best = optimize.minimize(model, start, jac=True, method="BFGS", options={"gtol": 1e-5})
+    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start)}
+    best = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
     point, hessian = np.asarray(best.x, dtype=np.float64), np.eye(start.size)
     if errors:
         point, hessian = newton_polish(model, point)
@@ -121,6 +131,22 @@ def fit_crossed(
         lapse=lapse,
         random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
     )
+
+
+def reduced_ratio(
+    fit: CrossedFit,
+    design: Floats,
+    y: Floats,
+    groups: Sequence[NDArray[np.int64]],
+    slopes: Sequence[Floats | None] = (),
+    start: Floats | None = None,
+    response: Response = LOGIT,
+) -> float:
+    """Return the likelihood ratio of `fit` and of the same model with fewer coefficients."""
+    less = fit_crossed(
+        design, y, groups, slopes=slopes, start=start, response=response, errors=False
+    )
+    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
 
 
 class _Laplace:
@@ -162,6 +188,17 @@ class _Laplace:
             slope = np.append(slope, rise / (2.0 * RATE_STEP))
         return value, slope
 
+    def rough_covariance(self, theta: Floats) -> Floats:
+        """Return about the covariance of the parameters, for the first step of the search."""
+        eta = self.design @ theta[: self.design.shape[1]]
+        rates = self.response.rates(theta[self._ends[1] :])
+        weight = self.response.slope(eta, self.successes, self.trials, rates)[2]
+        found = np.diag(np.full(theta.size, ROUGH_VARIANCE))
+        information = (self.design.T * weight) @ self.design
+        fixed = np.linalg.inv(information + ROUGH_RIDGE * np.eye(len(information)))
+        found[: len(fixed), : len(fixed)] = 0.5 * (fixed + fixed.T)
+        return found
+
     def _solve(self, theta: Floats) -> "_Mode":
         """Return the mode of the random effects, by Newton steps, and what holds there."""
         beta, sd, free = np.split(theta, self._ends)
@@ -183,7 +220,7 @@ class _Laplace:
             largest = float(np.abs(step).max(initial=0.0))
             # The joint density is log-concave; long steps far from the mode are cut short.
             b = b + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
-            done = largest < 1e-9
+            done = largest < SMALL_STEP  # Newton: what is left is about its square
         self.mode = b
         joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
         value = 0.5 * float(b @ b) - joint + 0.5 * arrow.log_det - self.response.penalty(free)

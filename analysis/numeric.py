@@ -31,7 +31,7 @@ def numeric_hessian(
 
 
 def slope_hessian(
-    function: Callable[[Floats], tuple[float, Floats]], point: Floats, step: float = 1e-3
+    function: Callable[[Floats], tuple[float, Floats]], point: Floats, step: float = 1e-4
 ) -> Floats:
     """Return second derivatives of a function that gives its slope too, by central differences."""
     steps = np.diag(step * np.maximum(1.0, np.abs(point)))
@@ -44,10 +44,14 @@ def newton_polish(
 ) -> tuple[Floats, Floats]:
     """Finish a quasi-Newton minimisation with Newton steps; return the point and the Hessian."""
     hessian = slope_hessian(function, point)
-    for _ in range(2):
-        value, slope = function(point)
-        candidate = point - np.linalg.pinv(hessian, hermitian=True) @ slope
-        if not np.all(np.isfinite(candidate)) or function(candidate)[0] > value:
+    inverse = np.linalg.pinv(hessian, hermitian=True)
+    value, slope = function(point)
+    for _ in range(3):
+        candidate = point - inverse @ slope
+        if not np.all(np.isfinite(candidate)):
             break
-        point = candidate
+        lower, next_slope = function(candidate)
+        if not lower < value:
+            break
+        point, value, slope = candidate, lower, next_slope
     return point, slope_hessian(function, point)

@@ -19,39 +19,39 @@ Codes = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Arrow:
-    """A symmetric matrix of blocks with a border, and its inverse where trials need it.
+    """A symmetric matrix of blocks with a border, inverted.
 
     Attributes
     ----------
     blocks : ndarray (blocks, m, m)
         Inverse of each block.
-    reach : ndarray (blocks, m, border)
+    reach : ndarray (blocks m, border)
         Inverse of each block times its share of the border.
     border : ndarray (border, border)
         Inverse of what the blocks leave of the border (the Schur complement).
-    log_det : float
-        Of the whole matrix.
     """
 
     blocks: Floats
     reach: Floats
     border: Floats
-    log_det: float
+
+    @property
+    def log_det(self) -> float:
+        """Of the matrix; infinite where it is singular."""
+        return -float(sum(np.linalg.slogdet(one)[1].sum() for one in (self.blocks, self.border)))
 
     def solve(self, vector: Floats) -> Floats:
         """Return the inverse times a vector (slots,)."""
-        count, size, _ = self.blocks.shape
-        own = (self.blocks @ vector[: count * size].reshape(count, size, 1))[..., 0]
-        inner = vector[: count * size].reshape(count, size)
-        rest = self.border @ (
-            vector[count * size :] - np.einsum("bms,bm->s", self.reach, inner, optimize=True)
-        )
-        return np.concatenate([(own - self.reach @ rest).ravel(), rest])
+        inner, outer = np.split(vector, self.reach.shape[:1])
+        rest = self.border @ (outer - self.reach.T @ inner)
+        own = (self.blocks @ inner.reshape(*self.blocks.shape[:2], 1)).ravel()
+        return np.concatenate([own - self.reach @ rest, rest])
 
     def inverse(self) -> Floats:
         """Return the inverse's blocks, their part of the border, and the border, laid flat."""
-        outward = self.reach @ self.border
-        whole = self.blocks + outward @ self.reach.swapaxes(-1, -2)
+        outward = (self.reach @ self.border).reshape(*self.blocks.shape[:2], -1)
+        reach = self.reach.reshape(outward.shape)
+        whole = self.blocks + outward @ reach.swapaxes(-1, -2)
         return np.concatenate([whole.ravel(), -outward.ravel(), self.border.ravel()])
 
 
@@ -108,7 +108,7 @@ class RandomEffects:
         ).astype(np.float64)
 
     def arrow(self, weight: Floats, scale: Floats) -> Arrow:
-        """Return I + S Z' W Z S, factored.
+        """Return I + S Z' W Z S, inverted.
 
         Raises
         ------
@@ -124,20 +124,19 @@ class RandomEffects:
         inner, outer = scale[: count * size].reshape(count, size), scale[count * size :]
         corner = count * size * size
         edge = corner + count * size * self._border
-        blocks = flat[:corner].reshape(count, size, size) * inner[:, :, None] * inner[:, None, :]
-        blocks += np.eye(size)
+        blocks = flat[:corner].reshape(count, size, size)
+        blocks = blocks * inner[:, :, None] * inner[:, None, :] + np.eye(size)
         # Each pair of a block's and a border's effect was met twice, once each way round.
-        across = 0.5 * flat[corner:edge].reshape(count, size, self._border)
-        across *= inner[:, :, None] * outer
+        across = 0.5 * flat[corner:edge].reshape(count * size, self._border)
+        across *= inner.reshape(-1, 1) * outer
         border = flat[edge:].reshape(self._border, self._border) * outer[:, None] * outer
-        border += np.eye(self._border)
-        log_det = 2.0 * np.log(np.linalg.cholesky(blocks).diagonal(0, -2, -1)).sum()
-        inverse = np.asarray(np.linalg.inv(blocks), dtype=np.float64)
-        reach = inverse @ across
-        left = border - np.einsum("bms,bmt->st", across, reach, optimize=True)
-        left = 0.5 * (left + left.T)
-        log_det += 2.0 * np.log(np.linalg.cholesky(left).diagonal()).sum()
-        return Arrow(inverse, reach, np.linalg.inv(left), float(log_det))
+        inverse = np.asarray(1.0 / blocks if size == 1 else np.linalg.inv(blocks))
+        reach = (inverse @ across.reshape(count, size, -1)).reshape(across.shape)
+        left = border + np.eye(self._border) - across.T @ reach
+        if np.any(weight < 0):
+            np.linalg.cholesky(blocks)
+            np.linalg.cholesky(left)
+        return Arrow(inverse, reach, np.asarray(np.linalg.inv(left), dtype=np.float64))
 
     def leverage(self, arrow: Arrow, weight: Floats, scale: Floats) -> tuple[Floats, Floats]:
         """Return z' H^-1 z of each trial, and the trace of H^-1 Z' W Z S over each factor.
