@@ -184,7 +184,7 @@ def profile_limits(design: Floats, successes: Floats, trials: Floats, level: flo
         while above(far) > 0.0 and far < FARTHEST:
             far *= 2.0
         # A penalised likelihood falls without end, if slowly where answers are separated.
-        distance = optimize.brentq(above, 0.0, far, xtol=1e-8) if far < FARTHEST else np.inf
+        distance = optimize.brentq(above, 0.0, far, xtol=1e-8) if far < FARTHEST else FARTHEST
         return float(full.beta[column] + sign * distance)
 
     return np.array([[limit(k, -1.0), limit(k, 1.0)] for k in range(design.shape[1])])

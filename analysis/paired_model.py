@@ -89,7 +89,7 @@ def paired_model(decisions: pd.DataFrame, methods: Sequence[str]) -> PairedModel
     """
     place = {name: number for number, name in enumerate(methods)}
     both = np.stack([decisions[side].map(place).to_numpy(dtype=np.int64) for side in _SIDES], 1)
-    y = (decisions["chosen"] == decisions["first"]).to_numpy(dtype=np.float64)
+    y = np.asarray(decisions["chosen"] == decisions["first"], dtype=np.float64)
     count, rows = len(methods), np.arange(len(decisions))
     won = np.zeros((count, count), dtype=np.bool_)
     won[np.where(y == 1, *both.T), np.where(y == 1, *both.T[::-1])] = True

@@ -31,7 +31,7 @@ def counts(
     chosen, shown : ndarray (participants, scenes)
     participants, scenes : tuple of str
     """
-    return cell_counts(decisions, (decisions["chosen"] == method).to_numpy(dtype=np.float64))
+    return cell_counts(decisions, np.asarray(decisions["chosen"] == method, dtype=np.float64))
 
 
 def cell_counts(

@@ -116,16 +116,17 @@ class RandomEffects:
             If it is not positive definite.
         """
         count, size = self._blocks
-        flat = np.bincount(
+        flat: Floats = np.bincount(
             self._index.ravel(),
             weights=(self._twice * weight).ravel(),
             minlength=count * size * (size + self._border) + self._border**2,
-        )
+        ).astype(np.float64)
         inner, outer = scale[: count * size].reshape(count, size), scale[count * size :]
         corner = count * size * size
         edge = corner + count * size * self._border
-        blocks = flat[:corner].reshape(count, size, size)
-        blocks = blocks * inner[:, :, None] * inner[:, None, :] + np.eye(size)
+        blocks = flat[:corner].reshape(count, size, size) * inner[:, :, None] * inner[
+            :, None, :
+        ] + np.eye(size)
         # Each pair of a block's and a border's effect was met twice, once each way round.
         across = 0.5 * flat[corner:edge].reshape(count * size, self._border)
         across *= inner.reshape(-1, 1) * outer

@@ -178,3 +178,41 @@ def test_help_teaches_with_an_example():
         result = run(command, "--help")
         assert result.exit_code == 0
         assert "Example" in result.output
+
+
+def test_power_takes_the_deviations_of_a_pilot_and_draws_scenes_too(sessions, tmp_path):
+    out = tmp_path / "power"
+    result = run(
+        *("power", "demo", "--from", sessions, "--set", "scene_sd=0.25", "--studies", 100),
+        *("--out", out),
+    )
+
+    assert result.exit_code == 0, result.output
+    assert "only 5 participants in the pilot" in " ".join(result.output.split())
+    assumed = json.loads((out / "power.json").read_text())["assumptions"]
+    assert assumed["participant_sd"] != 0.6
+    assert assumed["scene_sd"] == 0.25
+    assert {"power-1-column.svg", "scenes-1-column.svg"} <= {path.name for path in out.iterdir()}
+
+
+def test_a_pilot_of_another_kind_of_task_is_refused(tmp_path):
+    table = tmp_path / "seen.csv"
+    table.write_text("participant,correct\nP1,1\nP2,0\n")
+    imported = run(
+        "import",
+        table,
+        "--task",
+        "identification",
+        "--set",
+        "alternatives=4",
+        "--out",
+        tmp_path / "imported",
+    )
+    assert imported.exit_code == 0, imported.output
+
+    result = run("power", "demo", "--from", tmp_path / "imported" / "decisions.csv")
+
+    assert result.exit_code == 2
+    assert "must hold decisions of the study's kind of task (preference)" in " ".join(
+        result.output.split()
+    )

@@ -212,7 +212,9 @@ def test_a_separated_mixed_model_falls_back_and_says_so(crossed):
     fit = glmm_logit("y ~ 1 + cond", table, groups=("participant", "item"))
 
     assert all(np.isfinite(column(fit, "standard_error")))
-    assert any("separated" in note and "takes trials as independent" in note for note in fit.warnings)
+    assert any(
+        "separated" in note and "takes trials as independent" in note for note in fit.warnings
+    )
     assert all(row.lower < row.estimate < row.upper for row in fit.coefficients)
 
 
