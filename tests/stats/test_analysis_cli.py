@@ -216,3 +216,31 @@ def test_a_pilot_of_another_kind_of_task_is_refused(tmp_path):
     assert "must hold decisions of the study's kind of task (preference)" in " ".join(
         result.output.split()
     )
+
+
+@pytest.mark.parametrize("place", ["condition", "stimuli"])
+def test_a_method_that_the_study_does_not_have_is_damage_and_no_traceback(
+    tmp_path, write_journals, place
+):
+    """Without a plan to hold it to: report, tables and exports leave the line out and say so."""
+    folder = write_journals(tmp_path / "s", people=3)
+    journal = folder / "P02" / "journal.jsonl"
+    lines = journal.read_text().split("\n")
+    number = next(n for n, line in enumerate(lines) if "push-pull" in line and '"main' in line)
+    event = json.loads(lines[number])
+    changed = json.dumps(event[place]).replace("push-pull", "pull-push")
+    lines[number] = json.dumps(event | {place: json.loads(changed)})
+    journal.write_text("\n".join(lines))
+
+    out = tmp_path / "out"
+    result = run("export", folder, "--protocol", "demo", "--format", "pwcmp", "--out", out)
+
+    assert result.exit_code == 0, result.output
+    told = " ".join(result.output.split())
+    assert f"P02: line {number + 1} is damaged" in told
+    assert "(got" in told
+    assert "pull-push" in told
+    assert "pull-push" not in (out / "pwcmp.csv").read_text()
+    tables = run("tidy", folder, "--protocol", "demo", "--out", tmp_path / "tables")
+    assert tables.exit_code == 0, tables.output
+    assert "pull-push" not in (tmp_path / "tables" / "decisions.csv").read_text()
