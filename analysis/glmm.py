@@ -64,6 +64,7 @@ def fit_crossed(
     response: Response = LOGIT,
     slopes: Sequence[Floats | None] = (),
     start: Floats | None = None,
+    rough: Floats | None = None,
     errors: bool = True,
 ) -> CrossedFit:
     """Maximise the Laplace likelihood of a model of trials with crossed random effects.
@@ -82,6 +83,8 @@ def fit_crossed(
         What each factor's effect is multiplied by; None, or left out: 1, a random intercept.
     start : ndarray (coefficients,) or of all parameters, optional
         Where the search begins; left out, at the coefficients of the logit model.
+    rough : ndarray (parameters, parameters), optional
+        About their covariance, for the first step of the search.
     errors : bool
         Without them a fit is quick, and enough for a likelihood ratio.
 
@@ -107,7 +110,7 @@ def fit_crossed(
         start = np.concatenate([first, np.full(factors, START_SD), response.start()])
     elif start.size == coefficients:
         start = np.concatenate([start, np.full(factors, START_SD), response.start()])
-    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start)}
+    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start) if rough is None else rough}
     best = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
     point, hessian = np.asarray(best.x, dtype=np.float64), np.eye(start.size)
     if errors:
@@ -135,16 +138,39 @@ def fit_crossed(
 
 def reduced_ratio(
     fit: CrossedFit,
+    contrast: Floats,
+    dropped: int,
     design: Floats,
     y: Floats,
     groups: Sequence[NDArray[np.int64]],
     slopes: Sequence[Floats | None] = (),
-    start: Floats | None = None,
     response: Response = LOGIT,
 ) -> float:
-    """Return the likelihood ratio of `fit` and of the same model with fewer coefficients."""
+    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
+
+    Parameters
+    ----------
+    contrast : ndarray (coefficients,)
+    dropped : int
+        The coefficient that `design`, the one of the smaller model, no longer has.
+    """
+    theta = np.concatenate([fit.beta, fit.sd, response.start()])
+    along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
+    # The search begins where the larger model's second derivative expects the end.
+    moved = fit.covariance @ along
+    start = theta - moved * (along @ theta) / (along @ moved)
+    rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
+    keep = np.arange(theta.size) != dropped
+    rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
     less = fit_crossed(
-        design, y, groups, slopes=slopes, start=start, response=response, errors=False
+        design,
+        y,
+        groups,
+        slopes=slopes,
+        start=start[keep],
+        rough=0.5 * (rough + rough.T),
+        response=response,
+        errors=False,
     )
     return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
 

@@ -346,8 +346,8 @@ def _ratio_p(
     """Return p of the likelihood ratio against the model without one coefficient."""
     design, y, _ = model
     less, _ = well_scaled(np.delete(design, place, axis=1))
-    start = np.concatenate([np.zeros(less.shape[1]), solution.sd, response.start()])
-    ratio = reduced_ratio(solution, less, y, codes, times, start, response)
+    one = np.eye(design.shape[1])[place]
+    ratio = reduced_ratio(solution, one, place, less, y, codes, times, response)
     return float(stats.chi2.sf(ratio, 1))
 
 

@@ -161,10 +161,10 @@ def _contrasts(
         # The two methods as one: their columns added, and one left out as the zero.
         equal = np.delete(signs, j, axis=1)
         equal[:, i] += signs[:, j]
-        left = [k for k in range(count) if k != j]
-        start = np.concatenate([fit.beta[:1], (quality[left] - quality[left[0]])[1:], fit.sd])
+        contrast = np.eye(count)[i] - np.eye(count)[j]
+        contrast[0] = 0.0  # the order's place; the first method is the zero
         reduced = np.hstack([order, equal[:, 1:]])
-        ratios.append(reduced_ratio(fit, reduced, y, groups, times, start))
+        ratios.append(reduced_ratio(fit, contrast, j, reduced, y, groups, times))
     p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
     return tuple(
         PairedContrast(
