@@ -7,6 +7,7 @@ import pandas as pd
 from scipy import stats
 
 from analysis.clustered import holm, sign_flip_p, two_way
+from analysis.pairings import cell_counts
 
 
 @dataclass(frozen=True)
@@ -52,21 +53,15 @@ def side_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias | None:
 
 
 def _bias(alternative: str, rows: pd.DataFrame, picked: pd.Series, alpha: float) -> Bias:
-    people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
-    scenes, scene = np.unique(rows["scene"].astype(str), return_inverse=True)
-    shown = np.zeros((people.size, scenes.size))
-    chosen = np.zeros_like(shown)
-    np.add.at(shown, (person, scene), 1.0)
-    np.add.at(chosen, (person, scene), picked.to_numpy())
+    chosen, shown, people, _ = cell_counts(rows, picked.to_numpy(dtype=np.float64))
     wins, totals = chosen.sum(axis=1), shown.sum(axis=1)
     shares = wins / totals
-    own = np.array(
-        [stats.binomtest(int(k), int(n)).pvalue for k, n in zip(wins, totals, strict=True)]
-    )
+    # Against one half the exact two-sided test is twice the smaller tail.
+    own = np.minimum(1.0, 2.0 * stats.binom.cdf(np.minimum(wins, totals - wins), totals, 0.5))
     adjusted = holm(own)
     notes = []
     flip = sign_flip_p(shares - 0.5)
-    if people.size < 2:
+    if len(people) < 2:
         share, notes = float(wins.sum() / totals.sum()), ["one participant only"]
         limits = stats.binomtest(int(wins.sum()), int(totals.sum())).proportion_ci(
             1 - alpha, method="exact"

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from analysis.logit import fit_logit
-from analysis.numeric import newton_polish, numeric_hessian
+from analysis.numeric import newton_polish
+from analysis.random_effects import Arrow, RandomEffects
 from analysis.response import LOGIT, Response
 
 Floats = NDArray[np.float64]
@@ -17,6 +18,22 @@ START_SD = 0.5
 
 LARGEST_SD = 8.0
 """Logits; a fit beyond has run away."""
+
+SINGULAR_SD = 1e-3
+"""Logits; no data could tell a deviation below from 0."""
+
+ROUGH_VARIANCE = 0.02
+"""Of a deviation: about that of ten people's."""
+ROUGH_RIDGE = 0.1
+"""On the information about coefficients, so that a first step stays short."""
+
+MOST_STEPS = 100
+LONGEST_STEP = 3.0
+SMALL_STEP = 1e-6
+"""Of the search for the mode, in deviations of a random effect."""
+BEND_STEP = 1e-4
+RATE_STEP = 1e-4
+"""Steps of differences: of a curvature in eta, of the likelihood in the logit of a rate."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +64,8 @@ def fit_crossed(
     response: Response = LOGIT,
     slopes: Sequence[Floats | None] = (),
     start: Floats | None = None,
+    rough: Floats | None = None,
+    errors: bool = True,
 ) -> CrossedFit:
     """Maximise the Laplace likelihood of a model of trials with crossed random effects.
 
@@ -55,14 +74,19 @@ def fit_crossed(
     design : ndarray (trials, coefficients)
     y : ndarray (trials,)
         0 or 1.
-    groups : sequence of ndarray (trials,)
-        Level of each random factor, counted from 0.
+    groups : sequence of ndarray (trials,) or (trials, members)
+        Level of each random factor, counted from 0; several where a trial has several effects
+        of one factor, such as those of the two methods it compares.
     response : Response
         How eta becomes the chance of a 1; a fitted lapse or guess rate is one more parameter.
-    slopes : sequence of ndarray (trials,) or None
+    slopes : sequence of ndarray like `groups`, or None
         What each factor's effect is multiplied by; None, or left out: 1, a random intercept.
-    start : ndarray (coefficients,), optional
-        Coefficients to begin with; left out, those of the logit model.
+    start : ndarray (coefficients,) or of all parameters, optional
+        Where the search begins; left out, at the coefficients of the logit model.
+    rough : ndarray (parameters, parameters), optional
+        About their covariance, for the first step of the search.
+    errors : bool
+        Without them a fit is quick, and enough for a likelihood ratio.
 
     Notes
     -----
@@ -70,53 +94,37 @@ def fit_crossed(
     found by Newton steps; the Laplace likelihood is -h(mode) - log det H / 2, with h the joint
     negative log density and H its second derivative in b. The outer search runs over beta and sd
     (not its logarithm: at sd 0 the likelihood is even in sd, so a boundary fit keeps a proper
-    second derivative). Standard errors invert the second derivative in all parameters.
+    second derivative). Its slope is exact, with the mode moving along (Kristensen et al. 2016,
+    section 2). Standard errors invert the second derivative in all parameters.
     """
     factors = len(groups)
-    given = [slopes[place] if place < len(slopes) else None for place in range(factors)]
-    rows, successes, trials, codes, kept = _grouped(
-        design, y, groups, [values for values in given if values is not None]
-    )
-    left = iter(kept)
-    factor = np.stack([np.ones(trials.size) if values is None else next(left) for values in given])
-    sizes = [int(code.max()) + 1 for code in codes]
-    total = sum(sizes)
-    offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    columns = np.stack([code + start for code, start in zip(codes, offsets, strict=True)])
-    coefficients = design.shape[1]
-    mode = np.zeros(total)
-
-    def laplace(theta: Floats) -> float:
-        nonlocal mode
-        fixed = rows @ theta[:coefficients]
-        sd = np.abs(theta[coefficients : coefficients + factors])
-        free = theta[coefficients + factors :]
-        rates = response.rates(free)
-        scale = np.repeat(sd, sizes)
-        b, curvature = _mode(
-            fixed, scale, columns, factor, successes, trials, mode, response, rates
-        )
-        mode = b
-        eta = fixed + (factor * (scale * b)[columns]).sum(axis=0)
-        joint = response.log_likelihood(eta, successes, trials, rates)
-        _, log_det = np.linalg.slogdet(curvature)
-        return float(-(joint - 0.5 * b @ b) + 0.5 * log_det) - response.penalty(free)
-
-    first = fit_logit(rows, successes, trials).beta if start is None else start
-    begin = np.concatenate([first, np.full(factors, START_SD), response.start()])
-    best = optimize.minimize(laplace, begin, method="BFGS", options={"gtol": 1e-5})
-    polished = newton_polish(laplace, best.x)
-    hessian = numeric_hessian(laplace, polished, step=1e-3)
-    sd = np.abs(polished[coefficients : coefficients + factors])
+    given = [*slopes, *([None] * (len(groups) - len(slopes)))]
+    times = [
+        np.ones(codes.shape) if values is None else values
+        for codes, values in zip(groups, given, strict=True)
+    ]
+    model = _Laplace(design, y, groups, times, response)
+    coefficients, factors = design.shape[1], len(groups)
+    if start is None:
+        first = fit_logit(model.design, model.successes, model.trials).beta
+        start = np.concatenate([first, np.full(factors, START_SD), response.start()])
+    elif start.size == coefficients:
+        start = np.concatenate([start, np.full(factors, START_SD), response.start()])
+    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start) if rough is None else rough}
+    best = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
+    point, hessian = np.asarray(best.x, dtype=np.float64), np.eye(start.size)
+    if errors:
+        point, hessian = newton_polish(model, point)
+    sd = np.abs(point[coefficients : coefficients + factors])
     proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST_SD
     proper = proper and bool(np.linalg.eigvalsh(hessian)[0] > 1e-8)
-    covariance = np.eye(polished.size)
+    covariance = np.eye(point.size)
     if proper:
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
-    likelihood = -laplace(polished)
-    guess, lapse = response.rates(polished[coefficients + factors :])
+    likelihood = -model(point)[0]
+    guess, lapse = response.rates(point[coefficients + factors :])
     return CrossedFit(
-        beta=polished[:coefficients],
+        beta=point[:coefficients],
         beta_se=np.sqrt(np.diag(covariance)[:coefficients].clip(min=0.0)),
         sd=sd,
         log_likelihood=likelihood,
@@ -124,75 +132,152 @@ def fit_crossed(
         covariance=covariance,
         guess=guess,
         lapse=lapse,
-        random=tuple(np.split(np.repeat(sd, sizes) * mode, np.cumsum(sizes)[:-1])),
+        random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
     )
 
 
-def _grouped(
-    design: Floats, y: Floats, groups: Sequence[NDArray[np.int64]], slopes: Sequence[Floats]
-) -> tuple[Floats, Floats, Floats, list[NDArray[np.int64]], list[Floats]]:
-    """Merge trials that share design row, levels and slopes: same likelihood, fewer rows."""
-    key = np.column_stack([design, *(group.astype(np.float64) for group in groups), *slopes])
-    unique, index = np.unique(key, axis=0, return_inverse=True)
-    index = index.ravel()
-    trials = np.bincount(index).astype(np.float64)
-    successes = np.asarray(np.bincount(index, weights=y), dtype=np.float64)
-    width, end = design.shape[1], design.shape[1] + len(groups)
-    return (
-        np.asarray(unique[:, :width], dtype=np.float64),
-        successes,
-        trials,
-        [unique[:, width + place].astype(np.int64) for place in range(len(groups))],
-        [unique[:, end + place] for place in range(len(slopes))],
+def reduced_ratio(
+    fit: CrossedFit,
+    contrast: Floats,
+    dropped: int,
+    design: Floats,
+    y: Floats,
+    groups: Sequence[NDArray[np.int64]],
+    slopes: Sequence[Floats | None] = (),
+    response: Response = LOGIT,
+) -> float:
+    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
+
+    Parameters
+    ----------
+    contrast : ndarray (coefficients,)
+    dropped : int
+        The coefficient that `design`, the one of the smaller model, no longer has.
+    """
+    theta = np.concatenate([fit.beta, fit.sd, response.start()])
+    along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
+    # The search begins where the larger model's second derivative expects the end.
+    moved = fit.covariance @ along
+    start = theta - moved * (along @ theta) / (along @ moved)
+    rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
+    keep = np.arange(theta.size) != dropped
+    rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
+    less = fit_crossed(
+        design,
+        y,
+        groups,
+        slopes=slopes,
+        start=start[keep],
+        rough=0.5 * (rough + rough.T),
+        response=response,
+        errors=False,
     )
+    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
 
 
-def _mode(
-    fixed: Floats,
-    scale: Floats,
-    columns: NDArray[np.int64],
-    factor: Floats,
-    successes: Floats,
-    trials: Floats,
-    start: Floats,
-    response: Response,
-    rates: tuple[float, float],
-) -> tuple[Floats, Floats]:
-    """Return the mode of the random effects and the curvature there, by Newton steps."""
-    size = scale.size
-    b = start
-    curvature = np.eye(size)
-    done = False
-    for _ in range(100):
-        eta = fixed + (factor * (scale * b)[columns]).sum(axis=0)
-        gap, observed, expected = response.slope(eta, successes, trials, rates)
-        curvature = _curvature(observed, scale, columns, factor)
-        if not response.plain and np.any(observed < 0):
-            # Guesses and lapses can bend the likelihood the wrong way far from the mode.
+class _Laplace:
+    """Minus the Laplace likelihood and its slope, as a function of all parameters.
+
+    It remembers the last mode of the random effects, where the next search begins.
+    """
+
+    def __init__(
+        self,
+        design: Floats,
+        y: Floats,
+        groups: Sequence[NDArray[np.int64]],
+        times: Sequence[Floats],
+        response: Response,
+    ) -> None:
+        # Trials that share everything become one row: same likelihood, less work.
+        codes = [code.reshape(len(code), -1) for code in groups]
+        factors = [one.reshape(len(one), -1) for one in times]
+        key = np.column_stack([design, *codes, *factors])
+        _, first, row = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        row = row.ravel()
+        self.design = np.asarray(design[first], dtype=np.float64)
+        self.trials = np.bincount(row).astype(np.float64)
+        self.successes: Floats = np.bincount(row, weights=y).astype(np.float64)
+        self.effects = RandomEffects([c[first] for c in codes], [f[first] for f in factors])
+        self.response = response
+        self.mode = np.zeros(self.effects.size)
+        self._ends = np.cumsum([design.shape[1], len(groups)])
+
+    def __call__(self, theta: Floats) -> tuple[float, Floats]:
+        at = self._solve(theta)
+        slope = self._slope(theta, at)
+        value = at.value
+        for place in range(int(self._ends[1]), theta.size):
+            step = np.zeros(theta.size)
+            step[place] = RATE_STEP
+            rise = self._solve(theta + step).value - self._solve(theta - step).value
+            slope = np.append(slope, rise / (2.0 * RATE_STEP))
+        return value, slope
+
+    def rough_covariance(self, theta: Floats) -> Floats:
+        """Return about the covariance of the parameters, for the first step of the search."""
+        eta = self.design @ theta[: self.design.shape[1]]
+        rates = self.response.rates(theta[self._ends[1] :])
+        weight = self.response.slope(eta, self.successes, self.trials, rates)[2]
+        found = np.diag(np.full(theta.size, ROUGH_VARIANCE))
+        information = (self.design.T * weight) @ self.design
+        fixed = np.linalg.inv(information + ROUGH_RIDGE * np.eye(len(information)))
+        found[: len(fixed), : len(fixed)] = 0.5 * (fixed + fixed.T)
+        return found
+
+    def _solve(self, theta: Floats) -> "_Mode":
+        """Return the mode of the random effects, by Newton steps, and what holds there."""
+        beta, sd, free = np.split(theta, self._ends)
+        fixed, rates = self.design @ beta, self.response.rates(free)
+        scale = self.effects.scale(np.abs(sd))
+        b, done = self.mode, False
+        for _ in range(MOST_STEPS):
+            eta = fixed + self.effects.on_trials(scale * b)
+            gap, weight, expected = self.response.slope(eta, self.successes, self.trials, rates)
             try:
-                np.linalg.cholesky(curvature)
+                arrow = self.effects.arrow(weight, scale)
             except np.linalg.LinAlgError:
-                curvature = _curvature(expected, scale, columns, factor)
-        if done:  # the curvature is the one at the mode itself
-            break
-        slope = -b
-        for rows, times in zip(columns, factor, strict=True):
-            slope = slope + scale * np.bincount(rows, weights=gap * times, minlength=size)
-        step = np.linalg.solve(curvature, slope)
-        # The joint density is log-concave; long steps far from the mode are cut short.
-        step *= min(1.0, 3.0 / max(float(np.abs(step).max()), 1e-300))
-        b = b + step
-        done = float(np.abs(step).max()) < 1e-9
-    return b, curvature
+                # Guesses and lapses can bend the likelihood the wrong way far from the mode.
+                weight = expected
+                arrow = self.effects.arrow(weight, scale)
+            if done:  # the curvature is the one at the mode itself
+                break
+            step = arrow.solve(scale * self.effects.of_effects(gap) - b)
+            largest = float(np.abs(step).max(initial=0.0))
+            # The joint density is log-concave; long steps far from the mode are cut short.
+            b = b + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
+            done = largest < SMALL_STEP  # Newton: what is left is about its square
+        self.mode = b
+        joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
+        value = 0.5 * float(b @ b) - joint + 0.5 * arrow.log_det - self.response.penalty(free)
+        return _Mode(value, b, scale, eta, gap, weight, rates, arrow)
+
+    def _slope(self, theta: Floats, at: "_Mode") -> Floats:
+        """Return the slope in coefficients and deviations; the mode moves along with both."""
+        leverage, trace = self.effects.leverage(at.arrow, at.weight, at.scale)
+        weights = [
+            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[1]
+            for shift in (BEND_STEP, -BEND_STEP)
+        ]
+        force = 0.5 * leverage * (weights[0] - weights[1]) / (2.0 * BEND_STEP)
+        moved = at.arrow.solve(at.scale * self.effects.of_effects(force))
+        pull = force - at.gap - at.weight * self.effects.on_trials(at.scale * moved)
+        by_effect = at.b * self.effects.of_effects(pull)
+        by_effect = by_effect + moved * self.effects.of_effects(at.gap)
+        by_sd = trace + [part.sum() for part in self.effects.by_factor(by_effect)]
+        sign = np.where(np.split(theta, self._ends)[1] < 0, -1.0, 1.0)
+        return np.concatenate([self.design.T @ pull, sign * by_sd])
 
 
-def _curvature(weight: Floats, scale: Floats, columns: NDArray[np.int64], factor: Floats) -> Floats:
-    size = scale.size
-    curvature = np.eye(size)
-    for rows, times in zip(columns, factor, strict=True):
-        for others, other_times in zip(columns, factor, strict=True):
-            flat = np.bincount(
-                rows * size + others, weights=weight * times * other_times, minlength=size * size
-            )
-            curvature += scale[:, None] * flat.reshape(size, size) * scale[None, :]
-    return curvature
+@dataclass(frozen=True)
+class _Mode:
+    """Minus the Laplace likelihood, the effects `b` at their mode, and the trials there."""
+
+    value: float
+    b: Floats
+    scale: Floats
+    eta: Floats
+    gap: Floats
+    weight: Floats
+    rates: tuple[float, float]
+    arrow: Arrow

@@ -1,6 +1,6 @@
 """Reads the journals of one study: what tables, reports and exports are made from."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from protocols.journal import SessionStart
 from protocols.journal_file import DamagedLine, Journal, find_journals, read_journal
 from protocols.schema import StudyProtocol
 from protocols.side_files import SideFiles, check_side_files
+from protocols.tasks.pairs import PairTask
 
 Progress = Callable[[str, int, int], None]
 """Told what is done, how much of it, and of how much; 0 where no end is known."""
@@ -102,12 +103,16 @@ def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
     """Return a sitting compared with its plan and its files."""
     journal = reading.journal
     plan = plan_of(protocol, reading.start)
+    made = frozenset(entry.name for entry in protocol.stimuli.pool())
     wrong: dict[int, str] = {}
     for attempt in journal.attempts:
         try:
-            protocol.task.row(attempt)
+            row = protocol.task.row(attempt)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
+            continue
+        if unknown := _unknown(protocol, row, attempt.stimulus_names, made):
+            wrong[attempt.n] = f"{attempt.trial}: {unknown}"
     if plan is not None:
         wrong |= {
             attempt.n: reason
@@ -124,6 +129,24 @@ def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
         )
     files = check_side_files(reading.journal)
     return replace(reading, journal=journal, planned=plan is not None, files=files)
+
+
+def _unknown(
+    protocol: StudyProtocol, row: Mapping[str, object], shown: Sequence[str], made: frozenset[str]
+) -> str:
+    """Say what of an attempt the study does not have; nothing where all is known.
+
+    The plan tells more, where it comes out as it was recorded.
+    """
+    task = protocol.task
+    if isinstance(task, PairTask):
+        known = tuple(map(str, protocol.stimuli.values(task.compare)))
+        for side in ("first", "second"):
+            if row[side] not in known:
+                return f"{side} must be one of {', '.join(known)} (got {row[side]})"
+    return next(
+        (f"stimuli must be the study's (got {name})" for name in shown if name not in made), ""
+    )
 
 
 def _not_vouched_for(readings: Sequence[Reading]) -> list[str]:

@@ -10,6 +10,8 @@ from scipy.special import expit, log_expit
 Floats = NDArray[np.float64]
 
 MAX_STEPS = 200
+FARTHEST = 1e6
+"""From an estimate, in logits: no limit lies farther that arithmetic could find."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ def fit_logit(
     *,
     firth: bool = False,
     fixed: int | None = None,
+    at: float = 0.0,
 ) -> LogitSolution:
     """Maximise a binomial logit likelihood by damped Newton steps.
 
@@ -54,12 +57,13 @@ def fit_logit(
     firth : bool
         Add Jeffreys' prior as a penalty (Firth 1993): finite under separation.
     fixed : int, optional
-        Hold this coefficient at 0 (its column still enters the penalty), for likelihood ratios.
+        Hold this coefficient at the value `at` (its column still enters the penalty), for
+        likelihood ratios.
     """
     free = np.ones(design.shape[1], dtype=bool)
     if fixed is not None:
         free[fixed] = False
-    beta = np.zeros(design.shape[1])
+    beta = np.where(free, 0.0, at)
 
     def objective(candidate: Floats) -> tuple[float, float]:
         eta = design @ candidate
@@ -158,3 +162,29 @@ def likelihood_ratio_p(design: Floats, successes: Floats, trials: Floats, *, fir
         for column in range(design.shape[1])
     ]
     return np.asarray(stats.chi2.sf(np.maximum(values, 0.0), 1))
+
+
+def profile_limits(design: Floats, successes: Floats, trials: Floats, level: float) -> Floats:
+    """Return limits (coefficients, 2) of Firth's penalised profile likelihood.
+
+    They leave out 0 exactly where `likelihood_ratio_p` with ``firth=True`` is below 1 - level
+    (Heinze and Schemper 2002).
+    """
+    full = fit_logit(design, successes, trials, firth=True)
+    drop = 0.5 * float(stats.chi2.ppf(level, 1))
+    errors = np.sqrt(np.diag(full.covariance))
+
+    def limit(column: int, sign: float) -> float:
+        def above(distance: float) -> float:
+            value = float(full.beta[column]) + sign * distance
+            held = fit_logit(design, successes, trials, firth=True, fixed=column, at=value)
+            return held.penalised - full.penalised + drop
+
+        far = 2.0 * float(errors[column])
+        while above(far) > 0.0 and far < FARTHEST:
+            far *= 2.0
+        # A penalised likelihood falls without end, if slowly where answers are separated.
+        distance = optimize.brentq(above, 0.0, far, xtol=1e-8) if far < FARTHEST else FARTHEST
+        return float(full.beta[column] + sign * distance)
+
+    return np.array([[limit(k, -1.0), limit(k, 1.0)] for k in range(design.shape[1])])

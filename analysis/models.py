@@ -9,8 +9,14 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.formula import design_warnings, group_codes, matrices, well_scaled
-from analysis.glmm import fit_crossed
-from analysis.logit import cluster_covariance, fit_logit, likelihood_ratio_p, separated
+from analysis.glmm import SINGULAR_SD, CrossedFit, fit_crossed, reduced_ratio
+from analysis.logit import (
+    cluster_covariance,
+    fit_logit,
+    likelihood_ratio_p,
+    profile_limits,
+    separated,
+)
 from analysis.response import LOGIT, PROBIT, Response
 
 Floats = NDArray[np.float64]
@@ -19,7 +25,19 @@ FEW_CLUSTERS = 10
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One row of a model's table; `df` is None where z is used."""
+    """One row of a model's table.
+
+    Attributes
+    ----------
+    statistic : float
+        estimate / standard_error.
+    df : float or None
+        Of t; None where the statistic is z.
+    p, lower, upper : float
+        Of t or z; under Firth's penalty of its profile likelihood.
+    ratio_p : float or None
+        Of a mixed model's likelihood ratio without this term, against chi-square.
+    """
 
     term: str
     estimate: float
@@ -29,6 +47,12 @@ class Coefficient:
     p: float
     lower: float
     upper: float
+    ratio_p: float | None = None
+
+    @property
+    def statistic_name(self) -> str:
+        """``z``, or ``t`` with its degrees of freedom."""
+        return "z" if self.df is None else f"t({self.df:g})"
 
     @property
     def odds_ratio(self) -> float:
@@ -161,7 +185,8 @@ def glmm_logit(
     Notes
     -----
     Same likelihood as lme4 and glmmTMB; standard errors from its full second derivative, as
-    glmmTMB's. Wald z: with about ten participants they are somewhat small.
+    glmmTMB's. Wald z: with about ten participants they are somewhat small. The likelihood ratio
+    stands beside (`Coefficient.ratio_p`).
     """
     design, y, terms = matrices(formula, trials, reference)
     scaled, back = well_scaled(design)
@@ -282,9 +307,17 @@ def _mixed(
     errors = solution.beta_se
     if not np.array_equal(back, np.eye(len(terms))):
         errors = np.sqrt(np.diag(variance).clip(min=0.0))
-    for column, deviation in zip(names, solution.sd, strict=True):
-        if deviation < 1e-3:
-            found.append(f"no variance between levels of {column} was found (sd 0)")
+    found += [
+        f"no variance between levels of {column} was found (sd 0): the model is that without it"
+        for column, deviation in zip(names, solution.sd, strict=True)
+        if deviation < SINGULAR_SD
+    ]
+    table = _table(terms, back @ solution.beta, errors, None, level)
+    if solution.converged:
+        table = tuple(
+            replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution))
+            for place, row in enumerate(table)
+        )
     crossed = "crossed random" if len(groups) > 1 else "random"
     effects = f"{crossed} intercepts ({', '.join(groups)})"
     if slopes:
@@ -292,7 +325,7 @@ def _mixed(
     fit = ModelFit(
         formula=formula,
         method=f"{name}, {effects}, Laplace",
-        coefficients=_table(terms, back @ solution.beta, errors, None, level),
+        coefficients=table,
         random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
@@ -300,6 +333,22 @@ def _mixed(
         warnings=tuple(found),
     )
     return fit, solution.converged
+
+
+def _ratio_p(
+    model: tuple[Floats, Floats, Sequence[str]],
+    place: int,
+    codes: Sequence[NDArray[np.int64]],
+    times: Sequence[Floats | None],
+    response: Response,
+    solution: CrossedFit,
+) -> float:
+    """Return p of the likelihood ratio against the model without one coefficient."""
+    design, y, _ = model
+    less, _ = well_scaled(np.delete(design, place, axis=1))
+    one = np.eye(design.shape[1])[place]
+    ratio = reduced_ratio(solution, one, place, less, y, codes, times, response)
+    return float(stats.chi2.sf(ratio, 1))
 
 
 def _firth(
@@ -311,22 +360,32 @@ def _firth(
     found: list[str],
     back: Floats,
 ) -> ModelFit:
-    ones = np.ones_like(y)
-    solution = fit_logit(design, y, ones, firth=True)
-    p_values = likelihood_ratio_p(design, y, ones, firth=True)
+    rows, place = np.unique(design, axis=0, return_inverse=True)
+    trials = np.bincount(place.ravel()).astype(np.float64)
+    counted = rows, np.bincount(place.ravel(), weights=y).astype(np.float64), trials
+    solution = fit_logit(*counted, firth=True)
+    p_values = likelihood_ratio_p(*counted, firth=True)
     found.append(
-        "answers are separated (some condition was always or never chosen): Firth's penalty"
-        " was used, p by penalised likelihood ratio"
+        "answers are separated (some condition was always or never chosen): Firth's penalty was"
+        " used, p and limits by penalised likelihood ratio; it takes trials as independent, and"
+        " trials of one participant are not"
     )
-    found.append("takes trials as independent; trials of one participant are not")
     errors = np.sqrt(np.diag(back @ solution.covariance @ back.T))
     table = _table(terms, back @ solution.beta, errors, None, level)
+    # An intercept that was shifted has the limits of its standard error.
+    shifted = np.any(back != np.diag(np.diag(back)), axis=1)
+    limits = [
+        (row.lower, row.upper) if moved else tuple(ends * factor)
+        for row, moved, ends, factor in zip(
+            table, shifted, profile_limits(*counted, level), np.diag(back), strict=True
+        )
+    ]
     return ModelFit(
         formula=formula,
         method="Firth's penalised likelihood, trials independent",
         coefficients=tuple(
-            Coefficient(**{**vars(row), "p": float(p)})
-            for row, p in zip(table, p_values, strict=True)
+            replace(row, p=float(p), lower=float(low), upper=float(high))
+            for row, p, (low, high) in zip(table, p_values, limits, strict=True)
         ),
         random_sd={},
         trials=int(y.size),

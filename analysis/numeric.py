@@ -30,22 +30,28 @@ def numeric_hessian(
     return hessian
 
 
-def numeric_gradient(
-    function: Callable[[Floats], float], point: Floats, step: float = 1e-5
+def slope_hessian(
+    function: Callable[[Floats], tuple[float, Floats]], point: Floats, step: float = 1e-4
 ) -> Floats:
-    """Return first derivatives by central differences, steps relative to each value."""
+    """Return second derivatives of a function that gives its slope too, by central differences."""
     steps = np.diag(step * np.maximum(1.0, np.abs(point)))
-    return np.array(
-        [(function(point + row) - function(point - row)) / (2.0 * row.sum()) for row in steps]
-    )
+    rows = [(function(point + s)[1] - function(point - s)[1]) / (2.0 * s.sum()) for s in steps]
+    return np.asarray(0.5 * (np.array(rows) + np.array(rows).T))
 
 
-def newton_polish(function: Callable[[Floats], float], point: Floats, step: float = 1e-3) -> Floats:
-    """Finish a quasi-Newton minimisation with two Newton steps on numeric derivatives."""
-    for _ in range(2):
-        inverse = np.linalg.pinv(numeric_hessian(function, point, step), hermitian=True)
-        candidate = point - inverse @ numeric_gradient(function, point)
-        if not np.all(np.isfinite(candidate)) or function(candidate) > function(point):
+def newton_polish(
+    function: Callable[[Floats], tuple[float, Floats]], point: Floats
+) -> tuple[Floats, Floats]:
+    """Finish a quasi-Newton minimisation with Newton steps; return the point and the Hessian."""
+    hessian = slope_hessian(function, point)
+    inverse = np.linalg.pinv(hessian, hermitian=True)
+    value, slope = function(point)
+    for _ in range(3):
+        candidate = point - inverse @ slope
+        if not np.all(np.isfinite(candidate)):
             break
-        point = candidate
-    return point
+        lower, next_slope = function(candidate)
+        if not lower < value:
+            break
+        point, value, slope = candidate, lower, next_slope
+    return point, slope_hessian(function, point)

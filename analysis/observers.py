@@ -15,6 +15,15 @@ from analysis.pairs import (
     probability,
 )
 
+TAIL_DF = 4.0
+"""Of the t law of tastes: heavier tails than the normal law's, at some cost in finding people."""
+SPREADS = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2)
+SPREAD_STUDIES = 60
+"""Studies simulated at each of these spreads, in the scale's unit."""
+FEWEST_STUDIES = 100
+MOST_OBSERVERS = 60_000
+"""Observers simulated in all: many people in a study leave fewer studies."""
+
 
 @dataclass(frozen=True)
 class ObserverCheck:
@@ -64,7 +73,9 @@ def check_observers(
     -----
     A fixed cut-off flags someone in a third of clean studies. Here clean studies with the same
     trials, scale and spread between observers are simulated, and the largest distance in each
-    gives the reference distribution (parametric bootstrap of the maximum).
+    gives the reference distribution (parametric bootstrap of the maximum). Observers of a clean
+    study differ by a t law of few degrees of freedom, because people do; the spread is the one
+    whose simulated studies look as spread as this one (docs/decisions/0056).
     """
     count, conditions = wins.shape[0], wins.shape[1]
     names = tuple(observers)
@@ -75,17 +86,10 @@ def check_observers(
         )
     first, second = pair_index(conditions)
     won, shown = wins[:, first, second], wins[:, first, second] + wins[:, second, first]
-    scores = fit_scores(won.sum(axis=0), (shown - won).sum(axis=0), conditions, model)
-    spread = _spread(won, shown, scores, conditions, model)
-    # Answers averaged over observers who differ understate the distances each of them sees.
-    scores = scores * np.sqrt(1.0 + 2.0 * (spread / _noise(model)) ** 2)
+    spread, scores = _matched_spread(won, shown, conditions, model, rng)
     distance = _apart(_distances(won, shown, conditions, model))
-    shift = (
-        rng.normal(0.0, spread, (studies, count, conditions))
-        if spread > 0
-        else np.zeros((studies, count, conditions))
-    )
-    personal = scores + shift
+    studies = max(FEWEST_STUDIES, min(studies, MOST_OBSERVERS // count))
+    personal = scores + spread * _tastes(rng, (studies, count, conditions))
     share = probability(personal[..., first] - personal[..., second], model)
     clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
     largest = _apart(_distances(clean, shown, conditions, model)).max(axis=-1)
@@ -132,21 +136,58 @@ def _noise(model: Model) -> float:
     return JOD_SIGMA if model == "thurstone" else float(np.pi / np.sqrt(3.0))
 
 
-def _spread(won: Floats, shown: Floats, scores: Floats, conditions: int, model: Model) -> float:
-    """Estimate the standard deviation of scores between observers by moments.
+def _tastes(rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
+    """Draw how observers differ, with variance 1 and the tails of people."""
+    return np.asarray(rng.standard_t(TAIL_DF, shape) / np.sqrt(TAIL_DF / (TAIL_DF - 2.0)))
 
-    An observer's count of a pair varies as n p q + n (n - 1) f² 2 spread², f the slope of the
-    answer probability.
+
+def _matched_spread(
+    won: Floats, shown: Floats, conditions: int, model: Model, rng: np.random.Generator
+) -> tuple[float, Floats]:
+    """Return the spread between observers whose simulated studies look as spread, and the scale.
+
+    The moments of `_excess` see too little where observers differ much, because answers cannot
+    go beyond always: so the same moments are taken of studies simulated at known spreads
+    (indirect inference).
     """
     first, second = pair_index(conditions)
+    total_shown = shown.sum(axis=0)
+    scores = fit_scores(won.sum(axis=0), total_shown - won.sum(axis=0), conditions, model)
+
+    def widened(spread: float) -> Floats:
+        # Answers averaged over observers who differ understate the distances each of them sees.
+        return np.asarray(scores * np.sqrt(1.0 + 2.0 * (spread / _noise(model)) ** 2))
+
+    drawn = _tastes(rng, (SPREAD_STUDIES, won.shape[0], conditions))
+    seen = []
+    for spread in SPREADS:
+        own = widened(spread) + spread * drawn
+        share = probability(own[..., first] - own[..., second], model)
+        clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
+        sums = clean.sum(axis=1)
+        fitted = fit_scores(sums, total_shown - sums, conditions, model, tolerance=1e-5)
+        seen.append(float(np.nanmean(_excess(clean, shown, fitted, model))))
+    goal = float(_excess(won, shown, scores, model))
+    spread = float(np.interp(goal, np.maximum.accumulate(seen), SPREADS))
+    return spread, widened(spread)
+
+
+def _excess(won: Floats, shown: Floats, scores: Floats, model: Model) -> Floats:
+    """Return moments (...) of how much more observers differ than their trials make them.
+
+    An observer's count of a pair varies as n p q + n (n - 1) f² 2 spread², f the slope of the
+    answer probability; this is the square of the spread that would fit, about.
+    """
+    first, second = pair_index(scores.shape[-1])
     difference = scores[..., first] - scores[..., second]
     step = 1e-4
     slope = (probability(difference + step, model) - probability(difference - step, model)) / (
         2.0 * step
     )
-    count = won.shape[0]
-    share = won.sum(axis=0) / np.maximum(shown.sum(axis=0), 1.0)
-    squares = (won - shown * share) ** 2 * count / (count - 1)
-    excess = float((squares - shown * share * (1.0 - share)).sum())
-    weight = float((2.0 * shown * (shown - 1.0) * slope**2).sum())
-    return float(np.sqrt(max(0.0, excess / weight))) if weight > 0 else 0.0
+    count = won.shape[-2]
+    share = won.sum(axis=-2) / np.maximum(shown.sum(axis=0), 1.0)
+    expected = shown * share[..., None, :]
+    squares = (won - expected) ** 2 * count / (count - 1)
+    excess = (squares - expected * (1.0 - share[..., None, :])).sum(axis=(-1, -2))
+    weight = (2.0 * shown * (shown - 1.0) * slope[..., None, :] ** 2).sum(axis=(-1, -2))
+    return np.asarray(np.maximum(0.0, excess) / np.maximum(weight, 1e-9))

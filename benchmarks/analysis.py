@@ -11,6 +11,9 @@ import json
 import os
 import platform
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,6 +31,7 @@ from analysis.bootstrap import bootstrap_scale, bootstrap_scores
 from analysis.clustered import two_sided_p, two_way
 from analysis.learning import trend
 from analysis.observers import check_observers
+from analysis.paired_model import paired_model
 from analysis.pairs import Model, pair_index, probability
 from analysis.power import mean_logit
 from analysis.scaling import scale
@@ -103,13 +107,52 @@ class ScaleCoverage:
 
 @dataclass(frozen=True)
 class ObserverRates:
-    """Share of clean studies in which the observer check flags anyone (nominal .05)."""
+    """Share of clean studies in which the observer check flags anyone (nominal .05).
+
+    Observers differ by a normal law, or by t with `tail_df` degrees of freedom.
+    """
 
     observers: int
     conditions: int
     observer_sd: float
+    tail_df: float | None
     studies: int
     family_wise: float
+
+
+@dataclass(frozen=True)
+class PairedRates:
+    """False positives of the mixed model of all pairings, three equal methods, nominal .05.
+
+    Deviations are of one method's log odds. `ratio_t` judges the root of the likelihood ratio by
+    t, as `paired_model`; `family` is any of its three Holm-adjusted p. `unfitted` have no maximum.
+    """
+
+    participants: int
+    scenes: int
+    repeats: int
+    participant_sd: float
+    scene_sd: float
+    studies: int
+    ratio_t: float
+    ratio_chi2: float
+    wald_z: float
+    family: float
+    unfitted: int
+
+
+@dataclass(frozen=True)
+class AnalysisCost:
+    """CPU seconds and peak memory of reading and analysing one table, in a process of its own.
+
+    Without figures, the page and the tables that a report writes.
+    """
+
+    study: str
+    decisions: int
+    read_cpu_s: float
+    analyse_cpu_s: float
+    peak_mib: float
 
 
 @dataclass(frozen=True)
@@ -260,10 +303,14 @@ def simulate_votes(
     people: int = 11,
     scenes: int = 6,
     repeats: int = 2,
+    tail_df: float | None = None,
 ) -> Floats:
     """Draw votes (observers, scenes, k, k) under Thurstone's Case V."""
     count = quality.size
-    own = quality + rng.normal(0, observer_sd, (people, 1, count))
+    taste = rng.standard_normal((people, 1, count))
+    if tail_df is not None:
+        taste = rng.standard_t(tail_df, taste.shape) / np.sqrt(tail_df / (tail_df - 2.0))
+    own = quality + observer_sd * taste
     own = own + rng.normal(0, scene_sd, (1, scenes, count))
     first, second = pair_index(count)
     answers = rng.binomial(repeats, probability(own[..., first] - own[..., second], "thurstone"))
@@ -320,13 +367,21 @@ def observer_rates(scale_down: int) -> list[ObserverRates]:
     rng = np.random.default_rng(3)
     studies = 1000 // scale_down
     found = []
-    for people, count, spread in ((11, 3, 0.0), (11, 3, 0.5), (11, 6, 0.5), (20, 4, 0.3)):
+    cases = (
+        *((11, 3, spread, None) for spread in (0.0, 0.5, 1.5)),
+        *((11, 6, spread, None) for spread in (0.5, 1.5)),
+        (20, 4, 0.3, None),
+        *((11, count, 0.7, 3.0) for count in (3, 6)),
+    )
+    for people, count, spread, tail_df in cases:
         names = [str(index) for index in range(people)]
         quality = np.linspace(1.0, -1.0, count)
         flagged = [
             bool(
                 check_observers(
-                    simulate_votes(rng, quality, spread, 0.0, people=people).sum(axis=1),
+                    simulate_votes(rng, quality, spread, 0.0, people=people, tail_df=tail_df).sum(
+                        axis=1
+                    ),
                     names,
                     rng=rng,
                     studies=200,
@@ -334,7 +389,9 @@ def observer_rates(scale_down: int) -> list[ObserverRates]:
             )
             for _ in range(studies)
         ]
-        found.append(ObserverRates(people, count, spread, studies, float(np.mean(flagged))))
+        found.append(
+            ObserverRates(people, count, spread, tail_df, studies, float(np.mean(flagged)))
+        )
     return found
 
 
@@ -364,6 +421,130 @@ def learning_rates(scale_down: int) -> list[LearningRates]:
     return found
 
 
+def paired_rates(scale_down: int) -> list[PairedRates]:
+    """Simulate studies of three equal methods and fit the model of all pairings."""
+    rng = np.random.default_rng(6)
+    cases = (
+        *(((11, 6, 2), *sd) for sd in ((0.0, 0.0), (0.35, 0.0), (0.7, 0.0), (0.35, 0.35))),
+        *((shape, 0.45, 0.3) for shape in ((11, 6, 2), (6, 3, 2), (30, 20, 1))),
+    )
+    rows = []
+    for shape, participant_sd, scene_sd in cases:
+        studies = 1000 // scale_down
+        tests: list[list[bool]] = []
+        for _ in range(studies):
+            table = made_up_decisions(rng, *shape, 3, 1, participant_sd, scene_sd)
+            found = paired_model(table, METHODS[:3]).contrasts
+            for one in found[:1]:
+                z = one.estimate / one.standard_error
+                family = min(c.p_adjusted for c in found)
+                tests.append(
+                    [
+                        one.p < 0.05,
+                        stats.chi2.sf(one.ratio, 1) < 0.05,
+                        2.0 * stats.norm.sf(abs(z)) < 0.05,
+                        family < 0.05,
+                    ]
+                )
+        ratio_t, ratio_chi2, wald_z, family = (float(rate) for rate in np.mean(tests, axis=0))
+        rows.append(
+            PairedRates(
+                *shape,
+                participant_sd,
+                scene_sd,
+                studies,
+                ratio_t=ratio_t,
+                ratio_chi2=ratio_chi2,
+                wald_z=wald_z,
+                family=family,
+                unfitted=studies - len(tests),
+            )
+        )
+    return rows
+
+
+METHODS = tuple(f"m{number:02d}" for number in range(12))
+
+
+def made_up_decisions(
+    rng: np.random.Generator,
+    people: int,
+    scenes: int,
+    repeats: int,
+    methods: int,
+    sizes: int,
+    participant_sd: float,
+    scene_sd: float,
+    best: float = 0.0,
+) -> pd.DataFrame:
+    """Draw decisions between methods whose log odds fall from `best` to -best."""
+    first, second = pair_index(methods)
+    ranges = (range(n) for n in (people, scenes, sizes, repeats, first.size))
+    person, scene, size, repeat, pair = (
+        axis.ravel() for axis in np.meshgrid(*ranges, indexing="ij")
+    )
+    swapped = repeat % 2 == 1 if repeats > 1 else rng.random(pair.size) < 0.5
+    shown = np.where(swapped, [second[pair], first[pair]], [first[pair], second[pair]])
+    own = np.linspace(best, -best, methods) + participant_sd * rng.standard_normal(
+        (people, methods)
+    )
+    place = scene_sd * rng.standard_normal((scenes, methods))
+    odds = own[person, shown[0]] + place[scene, shown[0]]
+    odds = odds - own[person, shown[1]] - place[scene, shown[1]]
+    chose = rng.random(pair.size) < expit(odds)
+    names = np.array(METHODS)
+    return pd.DataFrame(
+        {
+            "participant": np.char.add("P", person.astype(str)),
+            "scene": np.char.add("s", scene.astype(str)),
+            "size": np.char.add("z", size.astype(str)),
+            "first": names[shown[0]],
+            "second": names[shown[1]],
+            "chose_first": chose.astype(int),
+            "chosen": names[np.where(chose, *shown)],
+            "rt_s": np.exp(rng.normal(0.0, 0.4, pair.size)).round(3),
+        }
+    )
+
+
+STUDIES = {
+    "100,000 decisions": (100, 10, 10, 5, 1),
+    "12 methods x 3 sizes": (11, 4, 1, 12, 3),
+    "1,500 participants": (1500, 6, 1, 3, 2),
+}
+"""Participants, scenes, repeats, methods, sizes."""
+
+
+def analysis_costs(_scale_down: int) -> list[AnalysisCost]:
+    """Read and analyse tables at the sizes that have an aim."""
+    rows = []
+    for name, shape in STUDIES.items():
+        table = made_up_decisions(np.random.default_rng(7), *shape, 0.6, 0.4, 0.8)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "decisions.csv"
+            table.to_csv(path, index=False)
+            done = subprocess.run(
+                [sys.executable, "-c", _COST, str(path)], check=True, capture_output=True, text=True
+            )
+        rows.append(AnalysisCost(name, len(table), *map(float, done.stdout.split())))
+    return rows
+
+
+_COST = """
+import resource, sys, time
+from pathlib import Path
+from analysis.plain_csv import read_decisions
+from analysis.tasks.preference.settings import from_decisions
+from analysis.tasks.preference.study import analyse
+began = time.process_time()
+table = read_decisions(Path(sys.argv[1]))
+read = time.process_time()
+analyse(table, from_decisions(table, "table"))
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(read - began, time.process_time() - read, peak)
+"""
+
+
 def main(argv: list[str]) -> int:
     """Print tables; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.analysis", description=__doc__)
@@ -382,6 +563,8 @@ def main(argv: list[str]) -> int:
         "scale_coverage": lambda n: list(scale_coverage(n)),
         "observer_rates": lambda n: list(observer_rates(n)),
         "learning_rates": lambda n: list(learning_rates(n)),
+        "paired_rates": lambda n: list(paired_rates(n)),
+        "analysis_costs": lambda n: list(analysis_costs(n)),
     }
     only = "timings" if arguments.speed_only else arguments.only
     if only is not None and only not in parts:
@@ -410,6 +593,4 @@ def _print(name: str, rows: list[dict[str, object]]) -> None:
 
 
 if __name__ == "__main__":
-    import sys
-
     sys.exit(main(sys.argv[1:]))

@@ -137,10 +137,11 @@ def power_plot(
     lines: Mapping[str, Floats],
     *,
     planned: int | None = None,
+    x_label: str = "Participants",
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
-    """Draw power against participants, with the 80 and 90 % lines and the planned number.
+    """Draw power against numbers of participants (or scenes), with the 80 and 90 % lines.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def power_plot(
         axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0])
         if min(participants) < max(participants):
             axes.set_xlim(min(participants), max(participants))
-        axes.set_xlabel("Participants")
+        axes.set_xlabel(x_label)
         axes.set_ylabel("Power")
         figure.legend(loc="outside lower center", ncols=1 if width_in < 5 else 2)
     return figure

@@ -81,6 +81,8 @@ class PowerReport:
         How many participants for which power, in sentences.
     draw : callable
         From a width in inches to the curve.
+    draw_designs : callable, optional
+        The same to power over numbers of scenes and repeats.
     """
 
     result: object
@@ -91,6 +93,7 @@ class PowerReport:
     needed: tuple[str, ...]
     warnings: tuple[str, ...]
     draw: Callable[[float], Figure]
+    draw_designs: Callable[[float], Figure] | None = None
 
 
 @dataclass(frozen=True)
@@ -280,6 +283,19 @@ class TaskAnalysis(ABC, Generic[S, R]):
     @abstractmethod
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return what a simulation of power takes for true, with values that fit the study."""
+
+    def from_pilot(self, _decisions: pd.DataFrame) -> tuple[Mapping[str, float], Sequence[str]]:
+        """Return assumptions by name, as a pilot's decisions have them, and notes on them.
+
+        Raises
+        ------
+        StudyError
+            If they cannot be had from such decisions.
+        """
+        raise StudyError(
+            "--from: deviations are taken from pilots of pairs only (a study of preferences);"
+            " give those of this task by --set"
+        )
 
     @abstractmethod
     def power(

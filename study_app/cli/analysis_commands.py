@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 from rich.table import Table
 
@@ -15,6 +18,7 @@ from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report import ReportPaths, report_decisions, report_sessions
 from analysis.report.folder import whole_folder
+from analysis.report.source import Progress, from_sessions, from_table
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of, analysis_of_task
 from analysis.tasks.base import SEED, PowerReport
@@ -22,6 +26,7 @@ from analysis.tasks.note import options_from, write_note
 from analysis.tidy import read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.load import load_protocol
+from protocols.schema import StudyProtocol
 from protocols.tasks import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
@@ -176,6 +181,14 @@ def power(
             " values that the command prints.",
         ),
     ] = None,
+    pilot: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="A pilot's sittings of this protocol, or a decisions.csv of another: how much"
+            " people and scenes differ is taken from it (pairs only); --set goes before it.",
+        ),
+    ] = None,
     participant_sd: Annotated[
         float | None, typer.Option(help="Short for --set participant_sd=...")
     ] = None,
@@ -200,6 +213,8 @@ def power(
 
         metamerlab analysis power demo --rate 0.65 --out power
 
+        metamerlab analysis power demo --rate 0.65 --from pilot-sessions --out power
+
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
     """
     with user_errors():
@@ -208,8 +223,15 @@ def power(
         given = pairs("--set", assume or ())
         shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
         given |= {name: str(value) for name, value in shorts.items() if value is not None}
-        assumed = assumed_values(analysis.assumptions(study), given)
+        known = analysis.assumptions(study)
         with one_line() as progress:
+            notes: Sequence[str] = ()
+            if pilot is not None:
+                values, notes = analysis.from_pilot(_pilot(pilot, study, progress))
+                known = tuple(
+                    dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
+                )
+            assumed = assumed_values(known, given)
             found = analysis.power(
                 study,
                 assumed,
@@ -221,9 +243,11 @@ def power(
             with whole_folder(out, "power.json", replace=replace) as work:
                 for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
                     save_figure(found.draw(width), work, f"power-{name}")
+                    if found.draw_designs:
+                        save_figure(found.draw_designs(width), work, f"scenes-{name}")
                 text = json.dumps(as_json(found.result), indent=1, sort_keys=True, allow_nan=False)
                 (work / "power.json").write_text(text + "\n", encoding="utf-8")
-    _print_power(found)
+    _print_power(dataclasses.replace(found, warnings=(*notes, *found.warnings)))
     if out is not None:
         say(f"curve: {out / 'power-2-column.png'}")
 
@@ -299,6 +323,18 @@ def import_(
 register(app)
 register_tables(app)
 register_sequential(app)
+
+
+def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> pd.DataFrame:
+    """Return the decisions of a pilot: of sittings, or of a table."""
+    table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
+    found = from_table(path, None) if table else from_sessions(path, study, progress)
+    if found.analysis.kind != study.analysis.kind:
+        raise StudyError(
+            f"{path}: must hold decisions of the study's kind of task ({study.analysis.kind})"
+            f" (found {found.analysis.kind})"
+        )
+    return found.decisions
 
 
 def _print_report(made: ReportPaths) -> None:

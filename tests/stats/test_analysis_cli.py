@@ -178,3 +178,69 @@ def test_help_teaches_with_an_example():
         result = run(command, "--help")
         assert result.exit_code == 0
         assert "Example" in result.output
+
+
+def test_power_takes_the_deviations_of_a_pilot_and_draws_scenes_too(sessions, tmp_path):
+    out = tmp_path / "power"
+    result = run(
+        *("power", "demo", "--from", sessions, "--set", "scene_sd=0.25", "--studies", 100),
+        *("--out", out),
+    )
+
+    assert result.exit_code == 0, result.output
+    assert "only 5 participants in the pilot" in " ".join(result.output.split())
+    assumed = json.loads((out / "power.json").read_text())["assumptions"]
+    assert assumed["participant_sd"] != 0.6
+    assert assumed["scene_sd"] == 0.25
+    assert {"power-1-column.svg", "scenes-1-column.svg"} <= {path.name for path in out.iterdir()}
+
+
+def test_a_pilot_of_another_kind_of_task_is_refused(tmp_path):
+    table = tmp_path / "seen.csv"
+    table.write_text("participant,correct\nP1,1\nP2,0\n")
+    imported = run(
+        "import",
+        table,
+        "--task",
+        "identification",
+        "--set",
+        "alternatives=4",
+        "--out",
+        tmp_path / "imported",
+    )
+    assert imported.exit_code == 0, imported.output
+
+    result = run("power", "demo", "--from", tmp_path / "imported" / "decisions.csv")
+
+    assert result.exit_code == 2
+    assert "must hold decisions of the study's kind of task (preference)" in " ".join(
+        result.output.split()
+    )
+
+
+@pytest.mark.parametrize("place", ["condition", "stimuli"])
+def test_a_method_that_the_study_does_not_have_is_damage_and_no_traceback(
+    tmp_path, write_journals, place
+):
+    """Without a plan to hold it to: report, tables and exports leave the line out and say so."""
+    folder = write_journals(tmp_path / "s", people=3)
+    journal = folder / "P02" / "journal.jsonl"
+    lines = journal.read_text().split("\n")
+    number = next(n for n, line in enumerate(lines) if "push-pull" in line and '"main' in line)
+    event = json.loads(lines[number])
+    changed = json.dumps(event[place]).replace("push-pull", "pull-push")
+    lines[number] = json.dumps(event | {place: json.loads(changed)})
+    journal.write_text("\n".join(lines))
+
+    out = tmp_path / "out"
+    result = run("export", folder, "--protocol", "demo", "--format", "pwcmp", "--out", out)
+
+    assert result.exit_code == 0, result.output
+    told = " ".join(result.output.split())
+    assert f"P02: line {number + 1} is damaged" in told
+    assert "(got" in told
+    assert "pull-push" in told
+    assert "pull-push" not in (out / "pwcmp.csv").read_text()
+    tables = run("tidy", folder, "--protocol", "demo", "--out", tmp_path / "tables")
+    assert tables.exit_code == 0, tables.output
+    assert "pull-push" not in (tmp_path / "tables" / "decisions.csv").read_text()

@@ -9,21 +9,32 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import log_expit
+from scipy.stats import chi2
 
 from analysis.clustered import equivalence_p
 from analysis.formula import TILDE_OPERATOR
-from analysis.glmm import _mode
-from analysis.logit import cluster_covariance, fit_logit, information, separated
+from analysis.glmm import _Laplace
+from analysis.logit import (
+    cluster_covariance,
+    fit_logit,
+    information,
+    likelihood_ratio_p,
+    profile_limits,
+    separated,
+)
 from analysis.models import (
     glm_logit,
     glmm_logit,
     glmm_probit,
     models_beside,
 )
+from analysis.random_effects import RandomEffects
 from analysis.response import LOGIT, Response
 
 ORACLES = Path(__file__).parent / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())
+R_PAIRED = json.loads((ORACLES / "oracle_paired.json").read_text())
 R_TASKS = json.loads((ORACLES / "oracle_tasks.json").read_text())
 
 
@@ -64,6 +75,14 @@ def test_crossed_glmm_equals_glmmtmb(crossed):
     np.testing.assert_allclose(column(fit, "standard_error"), R["glmm_se"], atol=1e-4)
     np.testing.assert_allclose(list(fit.random_sd.values()), R["glmm_sd"], atol=1e-4)
     assert fit.log_likelihood == pytest.approx(R["glmm_loglik"][0], abs=1e-5)
+
+
+def test_the_likelihood_ratio_of_a_mixed_model_equals_glmmtmbs(crossed):
+    fit = glmm_logit("y ~ 1 + cond", crossed, groups=("participant", "item"))
+
+    assert column(fit, "ratio_p") == pytest.approx(R_PAIRED["glmm_ratio_p"], rel=1e-3)
+    assert fit["cond[T.b]"].ratio_p != fit["cond[T.b]"].p
+    assert fit["cond[T.b]"].statistic_name == "z"
 
 
 def coded(crossed: pd.DataFrame) -> pd.DataFrame:
@@ -160,6 +179,27 @@ def test_unanimous_answers_get_firths_estimate_and_never_read_as_no_effect():
     assert any("Firth" in note for note in fit.warnings)
 
 
+def test_limits_of_a_separated_model_are_those_of_its_penalised_profile():
+    """132 of 132: the penalised likelihood is l(b) + log(p q) / 2, tried on a fine grid."""
+    (row,) = glm_logit("y ~ 1", pd.DataFrame({"y": [1] * 132})).coefficients
+    b = np.linspace(0.0, 15.0, 1_500_001)
+    penalised = 132.5 * log_expit(b) + 0.5 * log_expit(-b)
+    within = b[penalised > penalised.max() - 0.5 * chi2.ppf(0.95, 1)]
+
+    assert [row.lower, row.upper] == pytest.approx([within[0], within[-1]], abs=1e-4)
+
+
+@pytest.mark.parametrize("chosen", [5, 7, 8, 9, 10])
+def test_profile_limits_leave_out_zero_exactly_where_the_penalised_ratio_is_significant(chosen):
+    design = np.column_stack([np.ones(4), [0.0, 0.0, 1.0, 1.0]])
+    counted = design, np.array([4.0, 5.0, chosen, 10.0]), np.full(4, 10.0)
+    p = likelihood_ratio_p(*counted, firth=True)[1]
+
+    for level in (1.0 - 1.01 * p, 1.0 - 0.99 * p):
+        low, high = profile_limits(*counted, level)[1]
+        assert (low > 0 or high < 0) == (p < 1.0 - level)
+
+
 def test_separation_by_one_condition_is_seen():
     design = np.array([[1.0, 0], [1, 0], [1, 1], [1, 1]])
 
@@ -172,7 +212,10 @@ def test_a_separated_mixed_model_falls_back_and_says_so(crossed):
     fit = glmm_logit("y ~ 1 + cond", table, groups=("participant", "item"))
 
     assert all(np.isfinite(column(fit, "standard_error")))
-    assert any("separated" in note for note in fit.warnings)
+    assert any(
+        "separated" in note and "takes trials as independent" in note for note in fit.warnings
+    )
+    assert all(row.lower < row.estimate < row.upper for row in fit.coefficients)
 
 
 def test_people_who_always_answer_alike_do_not_run_the_mixed_model_off():
@@ -204,6 +247,7 @@ def test_clustered_standard_errors_use_t_of_the_smaller_number_of_clusters(cross
     fit = glm_logit("y ~ 1 + cond", crossed, cluster=("participant", "item"))
 
     assert fit.coefficients[0].df == 7.0
+    assert fit.coefficients[0].statistic_name == "t(7)"
     assert fit.coefficients[0].standard_error > R["glm_se"][0]
     assert any("only 8 clusters" in note for note in fit.warnings)
 
@@ -339,22 +383,73 @@ def test_firth_shrinks_towards_no_effect():
 
 def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
     """Not that of the step before: where the search starts must not show in a standard error."""
-    size, rows = 6, 60
-    columns = rng.integers(0, size, (1, rows))
-    fixed, trials = rng.normal(0, 0.5, rows), np.full(rows, 3.0)
-    successes = rng.binomial(3, 0.6, rows).astype(float)
+    rows = 60
+    group = rng.integers(0, 6, rows)
+    y = (rng.random(rows) < 0.6).astype(float)
+    design = np.column_stack([np.ones(rows), rng.normal(0, 0.5, rows)])
+    theta = np.array([0.2, 0.7, 0.8])
 
     def search(start):
-        scale, once = np.full(size, 0.8), np.ones((1, rows))
-        return _mode(fixed, scale, columns, once, successes, trials, start, LOGIT, (0.0, 0.0))
+        model = _Laplace(design, y, [group], [np.ones(rows)], LOGIT)
+        model.mode = start
+        return model._solve(theta)
 
-    exact, _ = search(np.zeros(size))
-    weight = trials / (2.0 + 2.0 * np.cosh(fixed + 0.8 * exact[columns[0]]))
-    by_hand = 1.0 + 0.64 * np.bincount(columns[0], weights=weight, minlength=size)
+    exact = search(np.zeros(6)).b
+    weight = 1.0 / (2.0 + 2.0 * np.cosh(design @ theta[:2] + 0.8 * exact[group]))
+    by_hand = 1.0 + 0.64 * np.bincount(group, weights=weight, minlength=6)
 
-    for start in (np.zeros(size), np.ones(size), exact + 9e-10, exact - 9e-10):
-        _, curvature = search(start)
-        np.testing.assert_allclose(np.diag(curvature), by_hand, rtol=1e-13)
+    for start in (np.zeros(6), np.ones(6), exact + 9e-10, exact - 9e-10):
+        np.testing.assert_allclose(search(start).arrow.blocks[:, 0, 0], 1 / by_hand, rtol=1e-11)
+
+
+PAIRED = np.array([[0, 1], [1, 2], [2, 0]])
+"""Methods that three kinds of trials compare."""
+
+
+@pytest.mark.parametrize(
+    "response", [LOGIT, Response("probit", 0.5, None), Response("weibull", 0.25, 0.02)]
+)
+@pytest.mark.parametrize("paired", [False, True])
+def test_the_slope_of_the_laplace_likelihood_is_its_derivative(rng, response, paired):
+    """Crossed factors, and a participant's effects of two methods in each trial."""
+    trials = 300
+    person, scene = rng.integers(0, 9, trials), rng.integers(0, 4, trials)
+    x = rng.normal(size=trials)
+    design = np.column_stack([np.ones(trials), x])
+    once = np.ones(trials)
+    groups, times = [person, scene], [once, once]
+    if paired:
+        two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, trials)]
+        groups, times = [two, scene, person], [np.array([[1.0, -1.0]] * trials), once, x]
+    y = (rng.random(trials) < 0.6).astype(float)
+    model = _Laplace(design, y, groups, times, response)
+    theta = np.concatenate([[0.3, -0.2], [0.7, -0.4, 0.5][: len(groups)], response.start()])
+
+    _, slope = model(theta)
+    steps = 1e-5 * np.eye(theta.size)
+    by_differences = [(model(theta + s)[0] - model(theta - s)[0]) / 2e-5 for s in steps]
+
+    np.testing.assert_allclose(slope, by_differences, atol=1e-6)
+
+
+def test_blocks_and_border_solve_as_the_whole_matrix_does(rng):
+    """Participants with three methods each are blocks, scenes the border."""
+    person, scene = rng.integers(0, 7, 80), rng.integers(0, 4, 80)
+    two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, 80)]
+    effects = RandomEffects([two, scene], [np.array([[1.0, -1.0]] * 80), np.ones(80)])
+    scale, weight = effects.scale(np.array([0.6, 0.9])), rng.random(80)
+    z = np.stack([effects.on_trials(unit) for unit in np.eye(effects.size)], axis=1) * scale
+    whole = np.eye(effects.size) + z.T @ (z * weight[:, None])
+    vector = rng.normal(size=effects.size) * (scale > 0)
+
+    arrow = effects.arrow(weight, scale)
+
+    assert arrow.blocks.shape == (7, 3, 3)
+    assert arrow.border.shape == (4, 4)
+    np.testing.assert_allclose(arrow.solve(vector), np.linalg.solve(whole, vector), atol=1e-12)
+    assert arrow.log_det == pytest.approx(np.linalg.slogdet(whole)[1], abs=1e-12)
+    leverage, _ = effects.leverage(arrow, weight, scale)
+    np.testing.assert_allclose(leverage, np.diag(z @ np.linalg.inv(whole) @ z.T), atol=1e-12)
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e6), (1e-4, 30.0)])

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.special import expit
 
 from analysis.clustered import two_way
 from analysis.power import default_participants, mean_logit
+from analysis.tasks.preference.pilot import pilot_deviations
 from analysis.tasks.preference.power import Assumptions, _prefix, power_curve
 from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
+from protocols.errors import StudyError
 
 SCENES = tuple(f"s{i}" for i in range(6))
 
@@ -188,3 +191,73 @@ def test_curves_reach_past_the_plan():
     assert max(default_participants(4)) == 40
     assert max(default_participants(60)) >= 120
     assert 61 in default_participants(61)
+
+
+def pilot(rng, people, scenes, participant_sd, scene_sd, correlation):
+    """Decisions of a pilot: two methods at two sizes, twice, with effects that correlate so."""
+    person, scene, size, repeat = (
+        axis.ravel()
+        for axis in np.meshgrid(range(people), range(scenes), range(2), range(2), indexing="ij")
+    )
+
+    def effect(count, sd):
+        common, own = rng.standard_normal((count, 1)), rng.standard_normal((count, 2))
+        return sd * (np.sqrt(correlation) * common + np.sqrt(1 - correlation) * own)
+
+    logit = 0.4 + effect(people, participant_sd)[person, size]
+    chose_b = rng.random(person.size) > expit(logit + effect(scenes, scene_sd)[scene, size])
+    return pd.DataFrame(
+        {
+            "participant": [f"p{n}" for n in person],
+            "scene": [f"s{n}" for n in scene],
+            "size": [("small", "large")[n] for n in size],
+            "first": np.where(repeat, "b", "a"),
+            "second": np.where(repeat, "a", "b"),
+            "chosen": np.where(chose_b, "b", "a"),
+        }
+    )
+
+
+def test_deviations_of_a_pilot_are_those_it_was_made_with(rng):
+    found = [pilot_deviations(pilot(rng, 40, 16, 0.9, 0.5, 0.5)) for _ in range(4)]
+
+    assert np.mean([one.participant_sd for one in found]) == pytest.approx(0.9, abs=0.12)
+    assert np.mean([one.scene_sd for one in found]) == pytest.approx(0.5, abs=0.12)
+    assert np.mean([one.size_correlation for one in found]) == pytest.approx(0.5, abs=0.15)
+    assert found[0].warnings == ()
+
+
+def test_a_small_pilot_says_that_its_deviations_are_guesses(rng):
+    table = pilot(rng, 6, 4, 0.9, 0.5, 0.5)
+
+    notes = pilot_deviations(table).warnings
+    assert [note.split(" in ")[0] for note in notes] == ["only 6 participants", "only 4 scenes"]
+    one_size = pilot_deviations(table[table["size"] == "small"])
+    assert one_size.size_correlation is None
+    with pytest.raises(StudyError, match="three participants"):
+        pilot_deviations(pilot(rng, 2, 4, 0.5, 0.5, 0.5))
+    with pytest.raises(StudyError, match="no finite estimate"):
+        pilot_deviations(table.assign(chosen=np.where(table["participant"] < "p3", "a", "b")))
+    with pytest.raises(StudyError, match="everyone answers alike in every comparison"):
+        pilot_deviations(table.assign(chosen="a"))
+
+
+def test_a_comparison_in_which_all_answer_alike_does_not_keep_a_pilot_from_telling(rng):
+    table = pilot(rng, 16, 12, 0.9, 0.5, 1.0)
+    always = table.replace({"first": {"b": "c"}, "second": {"b": "c"}}).assign(chosen="a")
+
+    found = pilot_deviations(pd.concat([table, always], ignore_index=True))
+
+    assert found.participant_sd == pytest.approx(pilot_deviations(table).participant_sd, rel=1e-6)
+
+
+def test_power_over_scenes_and_repeats_rises_and_agrees_with_the_curve(settings, rng):
+    curve = power_curve(
+        settings, Assumptions(0.65), rng=rng, participants=[11], studies=600, designs=True
+    )
+    power = {(one.scenes, one.repeats): one.primary for one in curve.designs}
+
+    (own,) = {(len(entry.scenes), entry.repeats) for entry in settings.comparisons}
+    assert power[own] == pytest.approx(curve.primary[0], abs=0.06)
+    assert power[2, 1] < power[6, 1] - 0.1 < power[24, 1] - 0.2
+    assert power[4, 1] <= power[4, 4] + 0.03

@@ -334,7 +334,7 @@ def test_sound_quality(expected: Answers, stats_data: Reader):
     # Ours are score tests (decision 0160), which a share far from one half moves less.
     assert significant["participant"] == published["participant_t"] - 2
     # The published count is the quasi-t of the 39 listeners who heard all four pieces. With so
-    # few pieces ours leans to the safe side (decision 0051), and gives up one pair of the 12.
+    # few pieces ours leans to the safe side (decision 0051), and gives up five of the 12 (0160).
     heard = decisions.groupby("participant")["scene"].transform("nunique") == 4
     textbook = np.array([quasi_t_p(rows) for rows in by_pair(decisions[heard])])
     assert int((holm(textbook) < 0.05).sum()) == published["participant_x_scene_quasi_t"]

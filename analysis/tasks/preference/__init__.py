@@ -27,6 +27,7 @@ from analysis.tasks.base import (
 )
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.preference.figures import report_figures
+from analysis.tasks.preference.pilot import pilot_deviations
 from analysis.tasks.preference.power import (
     DEFAULT_PARTICIPANT_SD,
     DEFAULT_SCENE_SD,
@@ -241,6 +242,16 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             ),
         )
 
+    def from_pilot(self, decisions: pd.DataFrame) -> tuple[Mapping[str, float], Sequence[str]]:
+        """Return the deviations of a pilot's participants and scenes."""
+        found = pilot_deviations(decisions)
+        values = {
+            "participant_sd": found.participant_sd,
+            "scene_sd": found.scene_sd,
+            "size_correlation": found.size_correlation,
+        }
+        return {name: value for name, value in values.items() if value is not None}, found.warnings
+
     def power(
         self,
         study: StudyProtocol,
@@ -256,6 +267,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             _assumptions(assumed),
             rng=rng,
             studies=studies or POWER_STUDIES,
+            designs=True,
             progress=progress,
         )
         return _power_report(curve)
@@ -324,6 +336,17 @@ def _power_report(curve: PowerCurve) -> PowerReport:
                 "equivalent, if rate is .5": curve.equivalence,
             },
             planned=curve.planned,
+            width_in=width,
+        ),
+        draw_designs=lambda width: power_plot(
+            sorted({one.scenes for one in curve.designs}),
+            {
+                f"{repeats} {'repeat' if repeats == 1 else 'repeats'}": np.array(
+                    [one.primary for one in curve.designs if one.repeats == repeats]
+                )
+                for repeats in sorted({one.repeats for one in curve.designs})
+            },
+            x_label=f"Scenes, with {curve.planned or curve.participants[-1]} participants",
             width_in=width,
         ),
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,11 @@ CHUNK = 500
 
 CANNOT_SHOW = 0.5
 """Below this chance of showing what is true, a study had better not promise it."""
+
+DESIGN_STUDIES = 1000
+SCENES_SHOWN = (2, 4, 6, 8, 12, 16, 24)
+REPEATS_SHOWN = (1, 2, 4)
+"""What is simulated beside the study's own scenes and repeats."""
 
 DEFAULT_PARTICIPANT_SD = 0.6
 DEFAULT_SCENE_SD = 0.4
@@ -41,6 +47,15 @@ class Assumptions:
 
 
 @dataclass(frozen=True)
+class DesignPower:
+    """Power of the primary comparison with other numbers of scenes and repeats."""
+
+    scenes: int
+    repeats: int
+    primary: float
+
+
+@dataclass(frozen=True)
 class PowerCurve:
     """Power by number of participants.
 
@@ -59,6 +74,8 @@ class PowerCurve:
         Chance of a significant primary comparison where the true rate is one half.
     needed : tuple of (which power, goal, participants or None)
     studies : int
+    designs : tuple of DesignPower
+        With the planned participants (else the most simulated), scenes and repeats changed.
     """
 
     participants: tuple[int, ...]
@@ -74,6 +91,7 @@ class PowerCurve:
     margin: float
     family: int
     planned: int | None
+    designs: tuple[DesignPower, ...]
     warnings: tuple[str, ...]
 
     def standard_error(self, power: float) -> float:
@@ -88,12 +106,14 @@ def power_curve(
     rng: np.random.Generator,
     participants: Sequence[int] | None = None,
     studies: int = 2000,
+    designs: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> PowerCurve:
     """Simulate the protocol's design and analysis for growing numbers of participants.
 
     Every simulated study is analysed at all numbers of participants at once: its first n
-    people are a study of n (the curves are smooth, and cost little more than one point).
+    people are a study of n (the curves are smooth, and cost little more than one point). With
+    `designs` other numbers of scenes and repeats are simulated too.
 
     Raises
     ------
@@ -167,6 +187,9 @@ def power_curve(
         margin=settings.margin,
         family=len(settings.comparisons),
         planned=settings.planned_participants,
+        designs=_designs(settings, assumptions, planned or max(sizes), studies, rng)
+        if designs
+        else (),
         warnings=tuple(notes),
     )
 
@@ -192,6 +215,33 @@ def primary_p_values(
         if progress:
             progress(done + batch, studies)
     return np.concatenate(found)
+
+
+def _designs(
+    settings: Settings,
+    assumptions: Assumptions,
+    people: int,
+    studies: int,
+    rng: np.random.Generator,
+) -> tuple[DesignPower, ...]:
+    """Simulate the primary comparison over numbers of scenes and repeats."""
+    primary = [entry for entry in settings.comparisons if _is_primary(entry, settings)]
+    scenes = sorted({*SCENES_SHOWN, *(len(entry.scenes) for entry in primary)})
+    repeats = sorted({*REPEATS_SHOWN, *(entry.repeats for entry in primary)})
+    studies = min(studies, DESIGN_STUDIES)
+    picks = np.array([people - 1])
+    found = []
+    for count, times in product(scenes, repeats):
+        names = tuple(f"scene {number}" for number in range(count))
+        other = tuple(replace(entry, scenes=names, repeats=times) for entry in primary)
+        changed = replace(settings, comparisons=other)
+        hits = 0
+        for done in range(0, studies, CHUNK):
+            batch = min(CHUNK, studies - done)
+            _, p, _ = _batch(changed, assumptions, batch, picks, rng, primary_only=True)
+            hits += int((p < settings.alpha).sum())
+        found.append(DesignPower(count, times, hits / studies))
+    return tuple(found)
 
 
 def _batch(

@@ -1,5 +1,6 @@
 """The sections of a report of preferences."""
 
+import numpy as np
 from markupsafe import Markup
 
 from analysis.models import ModelFit
@@ -28,6 +29,8 @@ from analysis.tasks.preference.wording import (
 )
 
 _BF10 = Markup("BF<sub>10</sub>")
+LARGEST_LOG = 700.0
+"""Of odds that a number can hold."""
 
 
 def lead(results: StudyResults, settings: Settings) -> list[Block]:
@@ -184,9 +187,10 @@ def _models(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
                     "preference" if c.term == "Intercept" else "shown first",
                     number(c.estimate),
                     number(c.standard_error),
-                    number(c.statistic),
+                    f"{c.statistic_name} = {number(c.statistic)}",
                     p_number(c.p),
-                    big(c.odds_ratio),
+                    "none" if c.ratio_p is None else p_number(c.ratio_p),
+                    " ".join((_odds(c.estimate), f"[{_odds(c.lower)}, {_odds(c.upper)}]")),
                     _spread(fit) if first else "",
                 )
             )
@@ -198,9 +202,10 @@ def _models(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
                 ("Term", "l"),
                 ("b", ""),
                 ("SE", ""),
-                ("z", ""),
+                ("Statistic", "n"),
                 ("p", "n"),
-                ("OR", ""),
+                ("LR p", "n"),
+                (f"OR, {100 * (1 - settings.alpha):g} % limits", "n"),
                 ("Random SD", "l"),
             ),
             rows,
@@ -208,10 +213,14 @@ def _models(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         Paragraph(
             "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
             ' scene in the middle; "shown first": how far b rises where that method was shown first'
-            " instead of second. Random SD: how far participants, and scenes, differ on the scale"
-            " of b.",
+            " instead of second. LR p: of the likelihood ratio without the term; where it and p of"
+            " z differ, LR p errs less often. Where a mixed model cannot be had, the row says what"
+            " stands in its place: clustered errors with t, or Firth's penalty, whose p and limits"
+            " are of its profile likelihood and take trials as independent. Random SD: how far"
+            " participants, and scenes, differ on the scale of b.",
             muted=True,
         ),
+        *_all_pairings(results, settings),
         Cautions(
             "When not to trust these models",
             tuple(
@@ -220,20 +229,68 @@ def _models(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
                         (comparison(method, against, size, settings), fit.warnings)
                         for method, against, size, fit in results.models
                     ]
+                    + [(_at(size, settings), model.warnings) for size, model in results.paired]
                 )
             ),
         ),
     )
 
 
+def _all_pairings(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+    if not results.paired:
+        return ()
+    rows = []
+    for size, model in results.paired:
+        spread = ", ".join(f"{name} {number(sd)}" for name, sd in model.random_sd.items())
+        for place, c in enumerate(model.contrasts):
+            rows.append(
+                (
+                    comparison(c.first, c.second, size, settings),
+                    number(c.estimate),
+                    number(c.standard_error),
+                    f"{number(c.ratio)} ({model.df})",
+                    p_number(c.p),
+                    p_number(c.p_adjusted),
+                    spread if place == 0 else "",
+                )
+            )
+    return (
+        Table.of(
+            "One mixed model of all pairings: each participant and scene has own tastes of the"
+            " methods",
+            (
+                ("Comparison", "l c"),
+                ("b", ""),
+                ("SE", ""),
+                ("LR (df)", "n"),
+                ("p", "n"),
+                ("p adj.", "n"),
+                ("Random SD", "l"),
+            ),
+            rows,
+        ),
+        Paragraph(
+            "b as above, now with all answers together: what one pairing tells of two methods"
+            " counts for the others too. LR: likelihood ratio against two methods being equal; its"
+            " root is judged by t with df of participants. p adj.: Holm over the comparisons of a"
+            " size. Random SD: of one method's b between participants, and between scenes.",
+            muted=True,
+        ),
+    )
+
+
+def _odds(logarithm: float) -> str:
+    return big(float(np.exp(np.clip(logarithm, -LARGEST_LOG, LARGEST_LOG))))
+
+
+def _at(size: str, settings: Settings) -> str:
+    return "all sizes" if size == "all" else settings.label(size)
+
+
 def _spread(fit: ModelFit) -> str:
     if fit.random_sd:
         return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items())
     return "none: " + ("Firth" if "Firth" in fit.method else "clustered")
-
-
-def _size(one: SizeScale, settings: Settings) -> str:
-    return "all sizes" if one.size == "all" else settings.label(one.size)
 
 
 def _scales(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
@@ -247,7 +304,7 @@ def _scales(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ]
     notes = [
         (
-            _size(one, settings),
+            _at(one.size, settings),
             one.scale.warnings
             + (one.intervals.warnings if one.intervals else ())
             + one.observers.warnings

@@ -21,7 +21,8 @@ from analysis.consistency import (
 from analysis.learning import Trend, trend
 from analysis.models import ModelFit, glmm_logit
 from analysis.observers import ObserverCheck, check_observers
-from analysis.pairings import ALL_SIZES, counts, pairing_rows
+from analysis.paired_model import PairedModel, paired_model
+from analysis.pairings import ALL_SIZES, as_numbers, counts, numbered, pairing_rows
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.reaction import ReactionTimes, reaction_times
 from analysis.scaling import Contrast, Scale, contrasts, scale
@@ -55,6 +56,7 @@ class StudyResults:
     primary: Preference | None
     table: PreferenceTable
     models: tuple[tuple[str, str, str, ModelFit], ...]
+    paired: tuple[tuple[str, PairedModel], ...]
     scales: tuple[SizeScale, ...]
     order: Bias
     side: Bias | None
@@ -79,6 +81,7 @@ def analyse(
     """
     say = step or (lambda _name: None)
     notes: list[str] = []
+    decisions = as_numbers(decisions)
     say("preferences")
     table = preferences(
         decisions,
@@ -95,6 +98,7 @@ def analyse(
     models = tuple(
         (cell.method, cell.against, cell.size, _mixed(decisions, cell)) for cell in table.cells
     )
+    paired = _all_pairings(decisions, settings, notes)
     scales = []
     for size in settings.sizes:
         say(f"scale, {settings.label(size)}")
@@ -106,6 +110,7 @@ def analyse(
         primary=primary,
         table=table,
         models=models,
+        paired=paired,
         scales=tuple(scales),
         order=order_bias(decisions, alpha=settings.alpha),
         side=side_bias(decisions, alpha=settings.alpha),
@@ -119,14 +124,14 @@ def analyse(
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
     """Count votes (participants, scenes, k, k) for i over j; also return the participants."""
-    people, person = np.unique(decisions["participant"].astype(str), return_inverse=True)
-    scenes, scene = np.unique(decisions["scene"].astype(str), return_inverse=True)
+    person, people = numbered(decisions["participant"])
+    scene, scenes = numbered(decisions["scene"])
     place = {name: index for index, name in enumerate(methods)}
     won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
     lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
-    votes = np.zeros((people.size, scenes.size, len(methods), len(methods)))
+    votes = np.zeros((len(people), len(scenes), len(methods), len(methods)))
     np.add.at(votes, (person, scene, won, lost), 1.0)
-    return votes, [str(name) for name in people]
+    return votes, list(people)
 
 
 def _primary(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> Preference | None:
@@ -155,8 +160,8 @@ def _mixed(decisions: pd.DataFrame, cell: Preference) -> ModelFit:
         {
             "preferred": (rows["chosen"] == cell.method).astype(int),
             "shown_first": np.where(rows["first"] == cell.method, 0.5, -0.5),
-            "participant": rows["participant"].astype(str),
-            "scene": rows["scene"].astype(str),
+            "participant": rows["participant"],
+            "scene": rows["scene"],
         }
     )
     groups = [column for column in ("participant", "scene") if table[column].nunique() > 1]
@@ -166,16 +171,36 @@ def _mixed(decisions: pd.DataFrame, cell: Preference) -> ModelFit:
     )
 
 
+def _all_pairings(
+    decisions: pd.DataFrame, settings: Settings, notes: list[str]
+) -> tuple[tuple[str, PairedModel], ...]:
+    """One model of all pairings at each size; with two methods it would be the pairing's own."""
+    found = []
+    for size in settings.sizes:
+        rows, methods = _at_size(decisions, settings, size)
+        if len(methods) < 3:
+            continue
+        try:
+            found.append((size, paired_model(rows, methods)))
+        except ValueError as problem:
+            notes.append(f"no model of all pairings at {size}: {problem}")
+    return tuple(found)
+
+
+def _at_size(
+    decisions: pd.DataFrame, settings: Settings, size: str
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Return the decisions at one size, and the methods they compare."""
+    together = size == ALL_SIZES and "all" not in set(decisions["size"])
+    rows = decisions if together else decisions[decisions["size"] == size]
+    shown = set(rows["first"]) | set(rows["second"])
+    return rows, tuple(name for name in settings.methods if name in shown)
+
+
 def _size_scale(
     decisions: pd.DataFrame, settings: Settings, size: str, notes: list[str]
 ) -> SizeScale | None:
-    rows = (
-        decisions
-        if size == ALL_SIZES and "all" not in set(decisions["size"])
-        else (decisions[decisions["size"] == size])
-    )
-    shown = set(rows["first"]) | set(rows["second"])
-    methods = tuple(name for name in settings.methods if name in shown)
+    rows, methods = _at_size(decisions, settings, size)
     if len(methods) < 2:
         notes.append(f"no scale at {size}: fewer than two methods were compared")
         return None

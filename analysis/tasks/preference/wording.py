@@ -99,8 +99,11 @@ def apa_model(method: str, against: str, fit: ModelFit, settings: Settings, size
     where = size_text(size, settings, "all sizes")
     return (
         f"{settings.label(method)} over {settings.label(against)}{where}: b ="
-        f" {row.estimate:.2f}, SE = {row.standard_error:.2f}, z = {row.statistic:.2f},"
-        f" {p_text(row.p)}" + (f"; {spread}" if spread else "") + f" ({fit.method})."
+        f" {row.estimate:.2f}, SE = {row.standard_error:.2f},"
+        f" {row.statistic_name} = {row.statistic:.2f}, {p_text(row.p)}"
+        + ("" if row.ratio_p is None else f", likelihood ratio {p_text(row.ratio_p)}")
+        + (f"; {spread}" if spread else "")
+        + f" ({fit.method})."
     )
 
 
@@ -134,7 +137,9 @@ def methods_paragraph(
         f" equivalence tests (two one-sided tests against ±{share(settings.margin)}"
         f"{', Holm-adjusted as well' if settings.correction == 'holm' else ''}) are given"
         " beside. Logit mixed models had crossed random intercepts of participants and scenes"
-        " (Laplace approximation) and the order of presentation as a covariate. Quality in just"
+        " (Laplace approximation) and the order of presentation as a covariate; one model of all"
+        " pairings had random tastes of the methods by participant and by scene, with Holm-adjusted"
+        " likelihood ratios. Quality in just"
         " objectionable differences (JOD; 1 JOD = 75% of choices) was estimated by maximum"
         " likelihood under Thurstone's Case V, with two-way bootstrap intervals over participants"
         f" and scenes. Analyses were run with metamerlab {version}."

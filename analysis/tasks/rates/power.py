@@ -309,7 +309,7 @@ def looked_p_values(
         design = cell_design(
             study.task.cells(study, study.main_scenes()), settings, study.design.repeats
         )
-        values = {**assumed, **(_nothing(settings) if null else {})}
+        values = {**assumed, **(_nothing(settings, assumed) if null else {})}
 
         def simulate(_null: bool) -> Floats:
             events = _events(design, values, participants[-1], draw, rng)

@@ -1,0 +1,64 @@
+"""What a report says of its mixed models: t is called t, ratios stand beside, all pairings meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.tasks.blocks import Table
+from analysis.tasks.preference.sections import sections
+from analysis.tasks.preference.settings import from_decisions
+from analysis.tasks.preference.study import StudyResults, analyse
+
+
+@pytest.fixture(scope="module")
+def analysed(make_decisions) -> tuple[StudyResults, list[Table]]:
+    """Nine people; the reference always wins, and two methods divide people for good."""
+    table = make_decisions(people=9, scenes=3, sizes=("small",))
+    pair = (table["first"] != "reference") & (table["second"] != "reference")
+    fans = table["participant"] < "P05"
+    chosen = np.where(pair, np.where(fans, "metameric", "push-pull"), "reference")
+    divided = table.assign(size="large", chosen=chosen)
+    rows = pd.concat([table, divided], ignore_index=True)
+    rows["rejected"] = np.where(rows["chosen"] == rows["first"], rows["second"], rows["first"])
+    rows["chose_first"] = (rows["chosen"] == rows["first"]).astype(int)
+    settings = from_decisions(rows, "odd")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.tasks.preference.study.BOOTSTRAP_SAMPLES", 60)
+        results = analyse(rows, settings)
+    (models,) = [one for one in sections(results, settings) if one.title == "Models"]
+    return results, [block for block in models.blocks if isinstance(block, Table)]
+
+
+def test_a_statistic_is_named_as_what_it_is(analysed):
+    results, (single, _) = analysed
+    text = " ".join(str(row) for row in single.rows)
+
+    stands_in = [fit for *_, fit in results.models if "clustered" in fit.method]
+    assert stands_in, "people who are divided for good leave no mixed model"
+    assert f"t({stands_in[0].coefficients[0].df:g}) = " in text
+    assert "z = " in text
+
+
+def test_a_row_of_firths_penalty_has_finite_profile_limits_and_says_what_it_takes(analysed):
+    results, _ = analysed
+    separated = [fit for *_, fit in results.models if "Firth" in fit.method]
+
+    assert separated
+    for fit in separated:
+        assert any("takes trials as independent" in note for note in fit.warnings)
+        row = fit["Intercept"]
+        # The profile is lopsided where answers are separated; limits of z are not.
+        assert abs(row.upper - row.estimate) != pytest.approx(abs(row.estimate - row.lower), 0.05)
+
+
+def test_one_model_of_all_pairings_stands_beside_with_holm_or_says_why_not(analysed):
+    results, (_, together) = analysed
+    by_size = dict(results.paired)
+
+    assert len(by_size["small"].contrasts) == len(together.rows) == 3
+    for one in by_size["small"].contrasts:
+        assert one.p <= one.p_adjusted <= 1
+    assert by_size["large"].contrasts == ()
+    assert "no finite maximum" in by_size["large"].warnings[0]
