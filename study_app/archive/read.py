@@ -153,7 +153,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
                 f" raise the limit with {VARIABLE}=unpacked={total}"
             )
         for info in archive.infolist():
-            if wrong := _trap(info):
+            if wrong := _trap(info, size):
                 raise StudyError(f"{path}: {info.filename[:200]!r}: {wrong}; nothing was unpacked")
         if len(infos) != len(archive.infolist()):
             raise StudyError(f"{path}: must name each file once")
@@ -173,7 +173,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
         yield archive, index
 
 
-def _trap(info: zipfile.ZipInfo) -> str | None:
+def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
     """Return why a member is none that we write."""
     if info.orig_filename != info.filename:
         return "a name must be plain"
@@ -183,6 +183,8 @@ def _trap(info: zipfile.ZipInfo) -> str | None:
         return str(error)
     if stat.S_IFMT(info.external_attr >> 16) not in _PLAIN_FILES:
         return "must be a file, and no link"
+    if not 0 <= info.header_offset < size:
+        return "must lie within the archive"
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         return "must be stored or deflated"
     return None
