@@ -1,8 +1,9 @@
 """Keeps what no rule can judge away from all rules: samples of other times, places off the world.
 
-Whatever a tracker sends, the samples that go on have finite stamps that do not fall within an attempt
-and do not lie ahead of the session's clock. What is left out is missing, and missing samples are silence: an
-attempt that they belong to is void, and a source that sends no others ends the run.
+Whatever a tracker sends, the samples that go on have finite stamps that do not fall within an
+attempt and do not lie ahead of the session's clock. What is left out is missing, and missing
+samples are silence: an attempt that they belong to is void, and a source that sends no others ends
+the run.
 """
 
 from __future__ import annotations
