@@ -126,6 +126,7 @@ def _samples(path: Path) -> Any:
 def _archive(path: Path) -> Any:
     with opened(path, identity=None, ask=str) as plain:
         found = check(path, plain)
+        shutil.rmtree(path.parent / "restored", ignore_errors=True)
         restore(path, plain, path.parent / "restored")
     return [entry.bytes for entry in found.index.files]
 
