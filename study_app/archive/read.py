@@ -75,9 +75,7 @@ def check(path: Path, file: BinaryIO) -> Findings:
     with _members(path, file) as (archive, index), tempfile.TemporaryDirectory() as folder:
         problems, unpack = [], Path(folder)
         for entry in index.files:
-            inside = entry.path.startswith(
-                (f"{STUDY}/", f"{SESSIONS}/", f"{CLIPS}/{MANIFEST_NAME}")
-            )
+            inside = entry.path.startswith(_UNPACKED)
             target = _target(unpack, entry.path) if inside else None
             with reading(path, "a whole archive; copy it again"), archive.open(entry.path) as data:
                 found = _copied(data, target)
@@ -105,6 +103,9 @@ def check_folder(folder: Path) -> Findings:
         with place.open("rb") as data:
             if _copied(data, None) != (entry.bytes, entry.sha256):
                 problems.append(f"{entry.path} was changed")
+    listed = {entry.path for entry in index.files} | {INDEX_NAME}
+    found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()}
+    problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
     wrong, notes, sittings = _of_study(folder, index)
     return Findings(index, sittings, (*problems, *wrong), notes)
 
