@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,37 @@ def test_harmed_files_are_refused_in_one_message_or_read(full, tmp_path):
     assert [failure for result in results for failure in result.failures] == [], f"seed {seed}"
     assert all(result.refused for result in results if result.inputs > 15)
     assert any(result.refused < result.inputs for result in results)
+
+
+def replaced(pattern: bytes, with_: bytes):
+    return lambda data: re.sub(pattern, lambda _match: with_, data)
+
+
+FOUND = [
+    ("gaze-of-a-sitting", "a lone return", lambda data: data.replace(b"\n", b"\r", 3)[:60]),
+    ("gaze-asc", "a blink that ends first", replaced(b"EBLINK L 136", b"EBLINK L 999")),
+    ("display-toml", "400 digits", replaced(rb"width_px = \d+", b"width_px = " + b"9" * 400)),
+    ("study-toml", "an endless pattern", replaced(rb"\{2,32\}", b"{" + b"9" * 30 + b"}")),
+    ("pose", "an infinite place", lambda _data: b"0 0 0 0 0 0 1\ninf 0 0 0 0 0 1\n"),
+    ("mesh-gltf", "a name that is no text", replaced(rb'"name": ?"[^"]*"', rb'"name":"\ud800"')),
+    ("network-onnx", "a size that is no text", lambda data: data.replace(b"\x01H", b"\x01\xff")),
+]
+
+
+@pytest.mark.parametrize(("name", "what", "harm"), FOUND, ids=[entry[1] for entry in FOUND])
+def test_what_an_attack_found_once_is_refused_in_one_message(samples, capsys, name, what, harm):
+    del what
+    reader = next(reader for reader in READERS if reader.name == name)
+    path = samples / reader.file
+    data = path.read_bytes()
+    harmed = harm(data)
+    assert harmed != data
+    path.write_bytes(harmed)
+    try:
+        assert campaign.meet(reader, path) == (None, True)
+    finally:
+        path.write_bytes(data)
+    assert len(capsys.readouterr().err) < 5000
 
 
 # --- the tool itself ---------------------------------------------------------------------------
