@@ -18,6 +18,7 @@ from attack.mutations import mutated
 from attack.readers import READERS, Reader, absurd, write_samples
 
 from protocols.errors import StudyError
+from protocols.recipes.files import read_table as read_stimuli
 
 INPUTS = 100_000
 pytestmark = [
@@ -59,6 +60,7 @@ FOUND = [
     ("study-toml", "an endless pattern", replaced(rb"\{2,32\}", b"{" + b"9" * 30 + b"}")),
     ("pose", "an infinite place", lambda _data: b"0 0 0 0 0 0 1\ninf 0 0 0 0 0 1\n"),
     ("mesh-gltf", "a name that is no text", replaced(rb'"name": ?"[^"]*"', rb'"name":"\ud800"')),
+    ("study-toml", "clips of 1e308 s", replaced(rb"duration_s = 1.0", b"duration_s = 1e308")),
     ("network-onnx", "a size that is no text", lambda data: data.replace(b"\x01H", b"\x01\xff")),
 ]
 
@@ -77,6 +79,13 @@ def test_what_an_attack_found_once_is_refused_in_one_message(samples, capsys, na
     finally:
         path.write_bytes(data)
     assert len(capsys.readouterr().err) < 5000
+
+
+def test_a_number_of_400_digits_in_a_table_of_stimuli_is_text(tmp_path):
+    path = tmp_path / "stimuli.csv"
+    path.write_text("stimulus,file,scene,level\na,a.png,one," + "9" * 400 + "\n")
+    (row,) = read_stimuli(path)
+    assert row["condition"] == {"scene": "one", "level": "9" * 400}
 
 
 # --- the tool itself ---------------------------------------------------------------------------
