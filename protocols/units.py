@@ -49,12 +49,14 @@ def pixels(value: int) -> int:
     return value
 
 
-Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"})]
-SecondsOrNone = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
+Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"}), AfterValidator(storable)]
+SecondsOrNone = Annotated[
+    float, Field(ge=0, json_schema_extra={"unit": "s"}), AfterValidator(storable)
+]
 """Zero means that the wait is left out."""
 Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"}), AfterValidator(storable)]
 """A moment on one stated clock; its zero is arbitrary."""
-Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"})]
+Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"}), AfterValidator(storable)]
 Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"})]
 """Degrees of visual angle."""
 SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypedDict
 
@@ -82,7 +83,8 @@ class Recorder:
         except OSError as error:
             raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
         lock_journal(descriptor, path)
-        _sync_folder(folder)
+        with _disk_of(folder, descriptor):
+            _sync_folder(folder)
         return cls(folder, descriptor, [], clock, wall_clock)
 
     @classmethod
@@ -110,7 +112,8 @@ class Recorder:
             os.close(descriptor)
             raise
         recorder = cls(folder, descriptor, list(journal.events), clock, wall_clock)
-        recorder._mend(journal)
+        with _disk_of(folder, descriptor):
+            recorder._mend(journal)
         return recorder
 
     def __enter__(self) -> Recorder:
@@ -230,6 +233,22 @@ def lock_journal(descriptor: int, path: Path) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         raise StudyError(f"{path}: another program has this session open; close it first") from None
+
+
+@contextmanager
+def _disk_of(folder: Path, descriptor: int) -> Iterator[None]:
+    """Close a journal that cannot be opened whole; say that it is the disk that refuses."""
+    try:
+        yield
+    except OSError as error:
+        os.close(descriptor)
+        raise DiskError(
+            f"{folder}: the disk refused a write ({error.strerror}); what was recorded before is"
+            " saved. Make room, and try again"
+        ) from None
+    except StudyError:
+        os.close(descriptor)
+        raise
 
 
 def _sync_folder(folder: Path) -> None:

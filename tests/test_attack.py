@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from attack.mutations import mutated
 from attack.readers import READERS, Reader, absurd, write_samples
 
 from protocols.errors import StudyError
+from protocols.recipes.files import read_table as read_stimuli
 
 INPUTS = 100_000
 pytestmark = [
@@ -45,6 +47,45 @@ def test_harmed_files_are_refused_in_one_message_or_read(full, tmp_path):
     assert [failure for result in results for failure in result.failures] == [], f"seed {seed}"
     assert all(result.refused for result in results if result.inputs > 15)
     assert any(result.refused < result.inputs for result in results)
+
+
+def replaced(pattern: bytes, with_: bytes):
+    return lambda data: re.sub(pattern, lambda _match: with_, data)
+
+
+FOUND = [
+    ("gaze-of-a-sitting", "a lone return", lambda data: data.replace(b"\n", b"\r", 3)[:60]),
+    ("gaze-asc", "a blink that ends first", replaced(b"EBLINK L 136", b"EBLINK L 999")),
+    ("display-toml", "400 digits", replaced(rb"width_px = \d+", b"width_px = " + b"9" * 400)),
+    ("study-toml", "an endless pattern", replaced(rb"\{2,32\}", b"{" + b"9" * 30 + b"}")),
+    ("pose", "an infinite place", lambda _data: b"0 0 0 0 0 0 1\ninf 0 0 0 0 0 1\n"),
+    ("mesh-gltf", "a name that is no text", replaced(rb'"name": ?"[^"]*"', rb'"name":"\ud800"')),
+    ("study-toml", "clips of 1e308 s", replaced(rb"duration_s = 1.0", b"duration_s = 1e308")),
+    ("network-onnx", "a size that is no text", lambda data: data.replace(b"\x01H", b"\x01\xff")),
+]
+
+
+@pytest.mark.parametrize(("name", "what", "harm"), FOUND, ids=[entry[1] for entry in FOUND])
+def test_what_an_attack_found_once_is_refused_in_one_message(samples, capsys, name, what, harm):
+    del what
+    reader = next(reader for reader in READERS if reader.name == name)
+    path = samples / reader.file
+    data = path.read_bytes()
+    harmed = harm(data)
+    assert harmed != data
+    path.write_bytes(harmed)
+    try:
+        assert campaign.meet(reader, path) == (None, True)
+    finally:
+        path.write_bytes(data)
+    assert len(capsys.readouterr().err) < 5000
+
+
+def test_a_number_of_400_digits_in_a_table_of_stimuli_is_text(tmp_path):
+    path = tmp_path / "stimuli.csv"
+    path.write_text("stimulus,file,scene,level\na,a.png,one," + "9" * 400 + "\n")
+    (row,) = read_stimuli(path)
+    assert row["condition"] == {"scene": "one", "level": "9" * 400}
 
 
 # --- the tool itself ---------------------------------------------------------------------------
@@ -129,14 +170,14 @@ def test_the_command_writes_figures_and_a_table_and_reads_kept_files_again(
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- attack: begin -->\nold\n<!-- attack: end -->\nafter\n")
     status = main(
-        ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "4", "--seed", "3",
+        ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "1", "--seed", "3",
          "--reader", "pose", "--json", "figures.json", "--page", str(page)]
     )  # fmt: skip
     figures = json.loads(Path("figures.json").read_text())
 
     assert status == 0
     assert [figures[kind]["done"] for kind in ("inputs", "faults", "captures", "kills")] == [
-        12, 40, 20, 4,
+        12, 40, 20, 1,
     ]  # fmt: skip
     assert {found["seed"] for found in figures.values()} == {3}
     assert "| harmed files" in page.read_text()

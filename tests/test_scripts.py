@@ -288,7 +288,7 @@ def test_settings_that_install_elsewhere_are_left_aside(machine):
     assert all(line.endswith("user= target=") for line in machine.log() if line[:3] == "pip")
 
 
-@pytest.mark.parametrize("name", ["setup", "demo", "test", "check", "bench", "lock"])
+@pytest.mark.parametrize("name", ["setup", "demo", "test", "check", "bench", "lock", "attack"])
 def test_every_command_sets_up_first(repository, name):
     text = (repository / "script" / name).read_text(encoding="utf-8")
 

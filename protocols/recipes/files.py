@@ -248,9 +248,9 @@ def _numbers(values: list[str]) -> list[Scalar] | None:
     """Return the values as numbers, or None where one is none."""
     for read in (int, float):
         try:
-            found: list[Scalar] = [read(value) for value in values]
+            found: list[float] = [read(value) for value in values]
         except ValueError:
             continue
-        if all(abs(float(value)) < float("inf") for value in found):
-            return found
+        if all(abs(value) < 1e300 for value in found):
+            return list(found)
     return None

@@ -75,9 +75,7 @@ def check(path: Path, file: BinaryIO) -> Findings:
     with _members(path, file) as (archive, index), tempfile.TemporaryDirectory() as folder:
         problems, unpack = [], Path(folder)
         for entry in index.files:
-            inside = entry.path.startswith(
-                (f"{STUDY}/", f"{SESSIONS}/", f"{CLIPS}/{MANIFEST_NAME}")
-            )
+            inside = entry.path.startswith(_UNPACKED)
             target = _target(unpack, entry.path) if inside else None
             with reading(path, "a whole archive; copy it again"), archive.open(entry.path) as data:
                 found = _copied(data, target)
@@ -105,6 +103,9 @@ def check_folder(folder: Path) -> Findings:
         with place.open("rb") as data:
             if _copied(data, None) != (entry.bytes, entry.sha256):
                 problems.append(f"{entry.path} was changed")
+    listed = {entry.path for entry in index.files} | {INDEX_NAME}
+    found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()}
+    problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
     wrong, notes, sittings = _of_study(folder, index)
     return Findings(index, sittings, (*problems, *wrong), notes)
 
@@ -153,7 +154,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
                 f" raise the limit with {VARIABLE}=unpacked={total}"
             )
         for info in archive.infolist():
-            if wrong := _trap(info):
+            if wrong := _trap(info, size):
                 raise StudyError(f"{path}: {info.filename[:200]!r}: {wrong}; nothing was unpacked")
         if len(infos) != len(archive.infolist()):
             raise StudyError(f"{path}: must name each file once")
@@ -173,7 +174,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
         yield archive, index
 
 
-def _trap(info: zipfile.ZipInfo) -> str | None:
+def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
     """Return why a member is none that we write."""
     if info.orig_filename != info.filename:
         return "a name must be plain"
@@ -183,6 +184,8 @@ def _trap(info: zipfile.ZipInfo) -> str | None:
         return str(error)
     if stat.S_IFMT(info.external_attr >> 16) not in _PLAIN_FILES:
         return "must be a file, and no link"
+    if not 0 <= info.header_offset < size:
+        return "must lie within the archive"
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         return "must be stored or deflated"
     return None

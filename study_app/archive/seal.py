@@ -96,9 +96,12 @@ def unseal(
             plain.write(pyrage.passphrase.decrypt(sealed.read(), ask()))
         else:
             pyrage.decrypt_io(sealed, plain, _identities(path, identity))
-    except pyrage.DecryptError as error:
+    except (pyrage.DecryptError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the disk's own
+        said = str(error).splitlines()[0]
         raise StudyError(
-            f"{path}: must open with this key or passphrase, and be whole ({error})"
+            f"{path}: must open with this key or passphrase, and be whole ({said})"
         ) from None
     plain.seek(0)
 

@@ -1,8 +1,9 @@
 """Keeps what no rule can judge away from all rules: samples of other times, places off the world.
 
-Whatever a tracker sends, the samples that go on have finite stamps that do not fall and do not lie
-ahead of the session's clock. What is left out is missing, and missing samples are silence: an
-attempt that they belong to is void, and a source that sends no others ends the run.
+Whatever a tracker sends, the samples that go on have finite stamps that do not fall within an
+attempt and do not lie ahead of the session's clock. What is left out is missing, and missing
+samples are silence: an attempt that they belong to is void, and a source that sends no others ends
+the run.
 """
 
 from __future__ import annotations
@@ -60,7 +61,11 @@ class TrustedGaze:
         return kept
 
     def mark(self, text: str) -> None:
-        """Pass a marker on."""
+        """Pass a marker on: an attempt begins.
+
+        A source may measure its clock anew now, so stamps may be a little earlier once.
+        """
+        self._last_s = -math.inf
         self.source.mark(text)
 
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:

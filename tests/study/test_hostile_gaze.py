@@ -75,6 +75,16 @@ def test_stamps_that_fall_lie_ahead_or_are_none_are_left_out_and_counted():
     assert source.left_out == len(bad)
 
 
+def test_a_clock_may_be_measured_anew_between_attempts():
+    sent = iter(([GazeSample(9.5, 9.5, 1, 1)], [GazeSample(9.498, 9.5, 1, 1)]))
+    source = TrustedGaze(Tracker(lambda: next(sent)), lambda: 10.0)
+    source.poll()
+    source.mark("main-0001 attempt 1")
+
+    assert list(source.poll()) == [GazeSample(9.498, 9.5, 1, 1)]
+    assert source.left_out == 0
+
+
 @pytest.mark.parametrize("place", [math.inf, -math.inf, 1e300, -1e7, math.nan])
 def test_gaze_beyond_the_world_is_a_lost_eye(place):
     for x, y in ((place, 5.0), (5.0, place)):

@@ -206,6 +206,7 @@ _OTHERS = {
 
 def table(figures: dict[str, Any]) -> str:
     """Return the figures as the page has them."""
+    readers = figures.get("inputs", {}).get("readers", {})
     rows = [
         "| attack | how many | lost, missed or accepted | seed |",
         "| --- | ---: | ---: | ---: |",
@@ -216,7 +217,7 @@ def table(figures: dict[str, Any]) -> str:
         "builds": "`kill -9` of a build of clips",
         "faults": "late, missed and doubled flips that were planted",
         "captures": "captures of a screen with one thing amiss",
-        "inputs": f"harmed files, for {len(READERS)} readers",
+        "inputs": f"harmed files, for {len(readers)} readers",
     }
     for kind, what in says.items():
         if kind in figures:

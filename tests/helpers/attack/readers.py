@@ -49,6 +49,8 @@ from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth
 from stimuli.scenes.stereo import _load_disparity
 from stimuli.score.viewing import open_viewing, read_gaze
+from study_app.archive.read import check, opened, restore
+from study_app.archive.write import Wanted, write_archive
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
 from study_app.simulate import Simulation, simulate_study
@@ -121,6 +123,14 @@ def _samples(path: Path) -> Any:
     )
 
 
+def _archive(path: Path) -> Any:
+    with opened(path, identity=None, ask=str) as plain:
+        found = check(path, plain)
+        shutil.rmtree(path.parent / "restored", ignore_errors=True)
+        restore(path, plain, path.parent / "restored")
+    return [entry.bytes for entry in found.index.files]
+
+
 def _video(path: Path) -> Any:
     return list(read_frames(path, (16, 12), 3, 30.0))
 
@@ -164,6 +174,7 @@ READERS: tuple[Reader, ...] = (
     Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("journal-format-1", "format1.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
+    Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
     Reader("gaze-csv", "g.csv", mutations.PLAIN, load_recording, _lost),
     Reader("gaze-csv-gz", "g.csv.gz", mutations.PACKED, load_recording, _lost),
@@ -298,6 +309,8 @@ def _write_studies(folder: Path) -> None:
     )
     for beside in ("gaze", "flips"):
         shutil.rmtree(whole.parent / beside, ignore_errors=True)
+    wanted = Wanted(folder / "study.toml", folder / "few", as_it_is=True)
+    write_archive(wanted, folder / "study.zip")
 
 
 _NEVER_NEGATIVE = ("_hz", "width_px", "height_px", "size_px", "_share", "frames", "repeats")
