@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -288,7 +289,8 @@ def import_(
             write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
     say(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")
-    say(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
+    written = shlex.quote(str(out / "decisions.csv"))
+    say(f"next: metamerlab analysis report {written} --out report")
 
 
 register(app)
