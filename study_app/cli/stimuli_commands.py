@@ -181,7 +181,8 @@ def look(
         chosen = [parse_view(line) for line in view or ()]
         ctx = create_context()
         try:
-            with PlainConsole(stderr=True).status("drawing views ..."):
+            with progress_bar() as progress:
+                task = progress.add_task("trying views", total=None)
                 lines = look_around(
                     ctx,
                     scene,
@@ -192,6 +193,7 @@ def look(
                     chosen=chosen,
                     lighting=kind,
                     sun_direction=sun_direction,
+                    report=lambda done, total: progress.update(task, completed=done, total=total),
                 )
         finally:
             release_context(ctx)
