@@ -288,9 +288,8 @@ def import_(
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
-    say(
-        f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
-    )
+    counted = f"{len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
+    say(f"{out / 'decisions.csv'}: {counted}")
     written = shlex.quote(str(out / "decisions.csv"))
     say(f"next: metamerlab analysis report {written} --out report")
 
