@@ -178,7 +178,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks} block(s), breaks"
         f" of at least {design.break_s:g} s. Seed {design.seed}"
         + (f", and a secret with SHA-256 {secret}." if secret else "."),
-        f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts.",
+        f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts;"
+        " attempts that a pause, the quit key or another window cut short do not count.",
         f"More than {timing.dropped_frames_max} missed refreshes make an attempt void.",
         _gaze(protocol.gaze),
         f"Estimated length without instructions: {minutes:.0f} min.",

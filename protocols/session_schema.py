@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
@@ -12,6 +12,7 @@ from protocols.sequential import Sequential
 from protocols.units import (
     Count,
     Degrees,
+    Grown,
     LanguageCode,
     Model,
     Name,
@@ -99,7 +100,8 @@ class Design(Model):
     seed: Seed
     """Of the order of trials."""
     max_attempts: Positive = 3
-    """A trial that fails this often is given up and counted as missing."""
+    """A trial that fails this often is given up and counted as missing. What a pause, the quit key
+    or another window cut short does not count: it comes again as often as need be."""
 
 
 class TrialTiming(Model):
@@ -207,7 +209,7 @@ PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
 """What `{...}` in a text may stand for: keys, and the numbers of blocks done and in all."""
 
 
-class Texts(Model):
+class Texts(Grown):
     """Everything a participant reads, in one language.
 
     `{left}` and `{right}` are replaced by the leftmost and rightmost answer key, `{continue}` and
@@ -247,6 +249,11 @@ class Texts(Model):
     """After a wrong answer in practice."""
     questions: tuple[Question, ...] = ()
     """Asked after the last block."""
+    key_names: Annotated[dict[KeyName, Text], Field(default_factory=dict)]
+    """How pages call keys that bear a word, such as { space = "Leertaste" }; left out: the English
+    word."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("key_names",)
 
 
 class TextSection(Model):

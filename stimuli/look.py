@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -23,6 +23,7 @@ Lighting: TypeAlias = Literal["unlit", "sun"]
 LIGHTINGS: tuple[Lighting, ...] = ("unlit", "sun")
 
 TRIED = 64
+MOST_BEHIND = 0.3  # share of what is seen: more means that the eye is inside a body, or underground
 FIELD_DEG = 50.0
 SMALL_PX = (96, 72)
 TILE_PX = (480, 360)
@@ -42,11 +43,14 @@ def look_around(
     chosen: Sequence[View] = (),
     lighting: Lighting | None = None,
     sun_direction: Vector | None = None,
+    report: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> list[str]:
     """Draw the `count` best of many views, or the `chosen` ones, into `out`; a line for each.
 
     Views that uncover much when the camera moves come first: those with many jumps in depth
-    that show little background. `lighting` and `sun_direction` are those of a mesh scene in a
+    that show little background. Views of surfaces from behind come last: from inside a closed
+    body, from under a terrain, from outside a room. `report` is told views tried and views in all.
+    `lighting` and `sun_direction` are those of a mesh scene in a
     protocol, and get their lines as well.
 
     Raises
@@ -58,7 +62,9 @@ def look_around(
     world = _world(scene, scale, seed, lighting, sun_direction)
     renderer = Renderer(ctx, world)
     try:
-        views = [viewpoint_of(view, world) for view in chosen] or _best(renderer, count)
+        views = [viewpoint_of(view, world) for view in chosen] or _best(
+            renderer, count, report, sided=not _is_built_in(scene)
+        )
         tiles, lines = [], []
         for number, view in enumerate(views):
             frame = renderer.render(view.camera(*TILE_PX))
@@ -87,10 +93,14 @@ def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> lis
     return [*lines, f"sun_direction = {_numbers(sun_direction)}"]
 
 
+def _is_built_in(scene: str) -> bool:
+    return scene in scene_names() and not Path(scene).exists()
+
+
 def _world(
     scene: str, scale: float, seed: int, lighting: Lighting | None, sun_direction: Vector | None
 ) -> World:
-    if scene in scene_names() and not Path(scene).exists():
+    if _is_built_in(scene):
         if lighting or sun_direction:
             raise InputError(
                 f"{scene}: a built-in scene has a light of its own (got --lighting or"
@@ -100,10 +110,32 @@ def _world(
     return load_world(Path(scene), scale=scale, lighting=lighting, sun_direction=sun_direction)
 
 
-def _best(renderer: Renderer, count: int) -> list[Viewpoint]:
+def _best(
+    renderer: Renderer, count: int, report: Callable[[int, int], None], *, sided: bool
+) -> list[Viewpoint]:
+    """The views of most interest; `sided`: those of surfaces from behind come last."""
     views = list(_views(renderer.world))
-    interest = [_interest(renderer, view) for view in views]
-    return [views[i] for i in sorted(range(len(views)), key=lambda i: (-interest[i], i))[:count]]
+    interest = []
+    for index, view in enumerate(views):
+        interest.append(_interest(renderer, view))
+        report(index + 1, len(views))
+    order = sorted(range(len(views)), key=lambda index: (-interest[index], index))
+    good: list[Viewpoint] = []
+    behind: list[Viewpoint] = []
+    for index in order:
+        if len(good) == count:
+            break
+        shown = not sided or _behind(renderer, views[index]) <= MOST_BEHIND
+        (good if shown else behind).append(views[index])
+    return [*good, *behind][:count]
+
+
+def _behind(renderer: Renderer, view: Viewpoint) -> float:
+    """Share of the seen pixels that show a surface from behind, as corners are ordered in files."""
+    camera = view.camera(*SMALL_PX)
+    depth, fronts = (renderer.render(camera, fronts_only=only).depth_m for only in (False, True))
+    seen = np.isfinite(depth)
+    return float((fronts[seen] > depth[seen]).mean()) if seen.any() else 1.0
 
 
 def _views(world: World) -> Iterator[Viewpoint]:

@@ -116,6 +116,49 @@ def from_depth(
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
 
 
+def from_the_side(
+    picture: Path, depth: Path, parallax_share: float, *, depth_scale: float = 1.0
+) -> WarpInput:
+    """Read a picture with depth, and move its camera to the right by what a parallax asks for.
+
+    The focal length is taken to be the picture's width, a field of view of 53 degrees; depths need
+    to be right in ratio only.
+
+    Parameters
+    ----------
+    parallax_share : float
+        How far what is near (the depth that a twentieth of the picture is nearer than) moves to the
+        left, in widths of the picture; negative: to the right.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is missing.
+    InputError
+        If a file is not what it must be, sizes differ, nothing has a depth, or the parallax is 0 or
+        wider than the picture.
+    """
+    if not 0 < abs(parallax_share) < 1:
+        raise InputError(
+            f"the parallax must lie between -1 and 1 widths and not be 0 (got {parallax_share:g})"
+        )
+    depth_m = load_depth(depth, depth_scale)
+    near = depth_m[np.isfinite(depth_m)]
+    if not near.size:
+        raise InputError(f"{depth}: some depth must be finite (none is)")
+    height, width = depth_m.shape
+    target = np.eye(4)
+    target[0, 3] = parallax_share * float(np.percentile(near, 5))
+    return from_depth(
+        picture,
+        depth,
+        intrinsics_px=(width, width, (width - 1) / 2, (height - 1) / 2),
+        pose=np.eye(4),
+        target_pose=target,
+        depth_scale=depth_scale,
+    )
+
+
 def read_pose(text: str) -> NDArray[np.float64]:
     """Read where a camera is: world from camera, metres, x right, y down, z forward.
 

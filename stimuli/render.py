@@ -74,8 +74,13 @@ class Renderer:
             lamps.bake_sky(held)
         self._shadow_map = lamps.draw_shadows(self._batches)
 
-    def render(self, camera: Camera) -> SourceFrame:
+    def render(self, camera: Camera, *, fronts_only: bool = False) -> SourceFrame:
         """Draw what `camera` sees.
+
+        Parameters
+        ----------
+        fronts_only : bool
+            Leave out triangles that are seen from behind, as their order of corners tells.
 
         Returns
         -------
@@ -95,6 +100,9 @@ class Renderer:
         ctx.disable(moderngl.CULL_FACE | moderngl.BLEND | moderngl.DEPTH_TEST)
         self._draw_sky(camera)
         ctx.enable(moderngl.DEPTH_TEST)
+        if fronts_only:
+            ctx.front_face, ctx.cull_face = "cw", "back"  # rows go down: corners turn the other way
+            ctx.enable(moderngl.CULL_FACE)
         framebuffer.depth_mask = True
         ctx.depth_func = "<"
         rotation = np.linalg.inv(camera.world_from_camera[:3, :3])
@@ -119,6 +127,7 @@ class Renderer:
             set_uniform(self._surface, "lit", batch.material.lit and self.world.light is not None)
             set_uniform(self._surface, "translucency", batch.material.translucency)
             batch.surface.render(moderngl.TRIANGLES)
+        ctx.disable(moderngl.CULL_FACE)
         pixels = np.empty((size[1], size[0], 4), np.float32)
         target.read_into(pixels, alignment=1)
         return SourceFrame(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 _NAMED = {
@@ -41,8 +42,13 @@ def key_name(glfw: Any, key: int, scancode: int) -> str:
     return ""
 
 
-def key_label(name: str) -> str:
-    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``."""
+def key_label(name: str, names: Mapping[str, str] | None = None) -> str:
+    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``.
+
+    `names` has the words of the participant's language.
+    """
+    if names and name in names:
+        return names[name]
     kind, joined, rest = name.partition("_")
     if joined and kind in _DEVICES:
         return f"{_DEVICES[kind]} {key_label(rest)}"

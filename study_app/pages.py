@@ -96,7 +96,7 @@ class Pages:
 
     def _hint(self, image: NDArray[np.uint8], key: str) -> None:
         """Write at the lower edge which key goes on."""
-        label = f"[ {key_label(key)} ]"
+        label = f"[ {key_label(key, self._texts.key_names)} ]"
         face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
         width, height = self._size
         hint = text_image([label], face, width, align="centre", grey=self._grey)
@@ -111,7 +111,7 @@ class Pages:
         image = self._centred(fill(self._texts.question, response), at=0.36, ends=0.47)
         room, top = width // len(order), round(height * 0.5)
         texts = [
-            f"{self._texts.answers[answer]}\n{key_label(keys[0])}"
+            f"{self._texts.answers[answer]}\n{key_label(keys[0], self._texts.key_names)}"
             for answer, keys in zip(order, response.keys, strict=True)
         ]
         letter_px = self._letter_px
@@ -201,7 +201,7 @@ def check_texts(protocol: StudyProtocol, texts: Texts, size: tuple[int, int] | N
         texts.practice,
         texts.start,
         texts.question,
-        "\n".join((*texts.answers.values(), *(key_label(k[0]) for k in protocol.response.keys))),
+        "\n".join((*texts.answers.values(), *_key_labels(protocol, texts))),
         *(text for text in (texts.right, texts.wrong) if text),
         texts.break_page + digits,
         texts.paused,
@@ -218,6 +218,12 @@ def check_texts(protocol: StudyProtocol, texts: Texts, size: tuple[int, int] | N
     if size is not None:
         background = round(255 * protocol.display.background)
         Pages(size, texts, background).fixed(protocol.response, protocol.task.answers())
+
+
+def _key_labels(protocol: StudyProtocol, texts: Texts) -> list[str]:
+    """Every name of a key that a page shows."""
+    shown = (*(keys[0] for keys in protocol.response.keys), protocol.response.continue_keys[0])
+    return [key_label(key, texts.key_names) for key in (*shown, "enter")]
 
 
 def _marks(page: Page) -> tuple[str, str]:

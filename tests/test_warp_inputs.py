@@ -160,6 +160,18 @@ def test_poses_are_world_from_camera_and_both_count(scene):
     np.testing.assert_allclose(inputs[0].flow_px, expected, atol=1e-4)
 
 
+@pytest.mark.usefixtures("gl_context")
+def test_a_photo_and_its_depth_are_enough_to_move_sideways(scene):
+    """By hand: an eighth of 64 px is 8 px for the square at 2 m, and 4 px for the wall at 4 m."""
+    code, said, _ = run(
+        scene / "picture.png", scene / "out.png", "-m", "telea", "--depth", scene / "depth.png",
+        "--depth-scale", "0.001", "--parallax", "0.125",
+    )  # fmt: skip
+    assert code == 0
+    assert "moves by 12.5 % of the width" in said
+    warped_rightly(load_colour(scene / "out.png"), load_colour(scene / "picture.png"))
+
+
 def test_unknown_depth_takes_the_farther_neighbour(scene):
     depth = np.full((HEIGHT, WIDTH), 4000, np.uint16)
     depth[:, 30:] = 2000
@@ -251,7 +263,9 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--depth", "depth.png"], "a picture needs --flow FILE, or --depth FILE with --camera"),
+        (["--depth", "depth.png", "--camera", "64,64,3,3"], "a picture needs --flow FILE, or"),
+        (["--depth", "depth.png", "--parallax", "0"], "must lie between -1 and 1 widths"),
+        (["--flow", "motion.flo", "--parallax", "1"], "do not go with it"),
         (["--flow", "motion.flo", "--pose", "0 0 0 0 0 0 1"], "do not go with it"),
         (["--flow", "motion.flo", "--nearer", "slow"], "--nearer must be fast or none"),
         (["--flow", "motion.flo", "--to-left"], "options of stereo pairs"),

@@ -132,7 +132,7 @@ def _write(
         html=out / HTML_NAME,
         json=out / JSON_NAME,
         warnings=warnings,
-        headline=analysis.headline(results, settings),
+        headline="SIMULATED data. " * source.simulated + analysis.headline(results, settings),
     )
 
 

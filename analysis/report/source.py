@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.csv_table import read_table
+from analysis.recording import recording_notes
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis, CommonSettings, TableOptions
 from analysis.tasks.note import note_path, read_note
@@ -75,7 +76,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
         analysis.settings(protocol),
         tidy.simulated,
         provenance,
-        tidy.warnings,
+        (*recording_notes(sessions), *tidy.warnings),
     )
 
 

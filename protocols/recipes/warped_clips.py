@@ -9,15 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    StringConstraints,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, StringConstraints, model_validator
 
 from protocols.errors import Problem
 from protocols.hashing import Json
@@ -27,6 +21,7 @@ from protocols.units import (
     Condition,
     Degrees,
     EvenPixels,
+    Grown,
     Hertz,
     Metres,
     Model,
@@ -49,21 +44,6 @@ if TYPE_CHECKING:
 
 PHOTOGRAPH_RIM_PX = 1
 """Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
-
-
-class Grown(Model):
-    """An entry with keys that were added later: at their defaults, its hash is what it was."""
-
-    added_later: ClassVar[tuple[str, ...]] = ()
-
-    @model_serializer(mode="wrap")
-    def _without_new_defaults(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = type(self).model_fields
-        return {
-            key: value
-            for key, value in plain(self).items()
-            if key not in self.added_later or getattr(self, key) != fields[key].default
-        }
 
 
 class View(Model):

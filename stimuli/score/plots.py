@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import matplotlib as mpl
@@ -30,19 +30,23 @@ MAP_COLOURS = cv2.COLORMAP_INFERNO
 _STYLE: dict[Any, Any] = {  # matplotlib's keys are a type of 300 words
     "font.family": "DejaVu Sans", "font.size": 8.0, "axes.spines.top": False,
     "axes.spines.right": False, "axes.axisbelow": True, "axes.grid": False, "svg.fonttype": "none",
+    "pdf.fonttype": 42,
     "svg.hashsalt": "metamerlab", "hatch.linewidth": 0.5, "legend.frameon": False,
 }  # fmt: skip
 
 
 def bars(table: Table) -> Figure:
-    """Draw a group of bars per scene, from the value of identical clips to the clip's."""
+    """Draw a group of bars per scene: the farther to the right the better.
+
+    Where 1 is right, as for a ratio, bars begin there, and the shorter are the better.
+    """
     metric, count = table.metric, len(table.methods)
     with _style():
         figure = Figure(figsize=(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count)))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
         axes = figure.subplots()
-        start = metric.perfect if math.isfinite(metric.perfect) else 0.0
+        start = 1.0 if metric.better == "one" else _beyond_the_worst(table)
         height = 0.82 / count
         for index, method in enumerate(table.methods):
             places, lengths = [], []
@@ -63,9 +67,18 @@ def bars(table: Table) -> Figure:
         unit = f" ({metric.unit})" if metric.unit else ""
         axes.set_xlabel(f"{metric.label}{unit}, {metric.arrow}")
         figure.legend(loc="outside upper center", ncols=min(count, 4))
-        if math.isfinite(metric.perfect) and metric.better == "higher":
-            axes.invert_xaxis()  # the longer the bar the worse, for every metric
+        if metric.better == "lower":
+            axes.invert_xaxis()
     return figure
+
+
+def _beyond_the_worst(table: Table) -> float:
+    """Where bars begin: a tenth of the range beyond the worst value."""
+    numbers = table.numbers
+    worst, best = (pick(numbers, key=table.metric.badness) for pick in (max, min))
+    if worst == best:
+        best = worst + (abs(worst) or 1.0) * (-1 if table.metric.better == "lower" else 1)
+    return worst + 0.1 * (worst - best)
 
 
 def trade_off(
@@ -259,6 +272,15 @@ def png_bytes(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     with _style():
         figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
+    """Return a figure as vectors with text as text, without a date."""
+    buffer = io.BytesIO()
+    dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with _style():
+        figure.savefig(buffer, format=kind, metadata=dates[kind])
     return buffer.getvalue()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +15,15 @@ from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.metrics import HOLES, METRICS
 from stimuli.score.run import Results
-from stimuli.score.tables import Duel, Table, all_duels, all_tables
+from stimuli.score.tables import Duel, Table, all_duels, all_tables, tables_csv, tables_latex
 from stimuli.score.write import (
     BANDS_NAME,
     CSV_NAME,
     FRAMES_NAME,
     HTML_NAME,
     JSON_NAME,
+    LATEX_NAME,
+    TABLES_CSV_NAME,
     TABLES_NAME,
     bands_csv,
     frames_csv,
@@ -50,12 +51,16 @@ def write_report(
     times_ms: dict[str, float] | None = None,
     renderer: str = "",
     report: Callable[[str], None] | None = None,
+    focus: str | None = None,
 ) -> Path:
-    """Write tables, figures and the page into `out`; return the page. JSON comes last."""
+    """Write tables, figures and the page into `out`; return the page. JSON comes last.
+
+    `focus` is the method that words compare with every other; see `all_duels`.
+    """
     say = report or (lambda _: None)
     times_ms = times_ms or {}
     tables = all_tables(results)
-    found = all_duels(tables)
+    found = all_duels(tables, focus)
     say("drawing figures")
     drawn = _draw(results, tables, times_ms, out)
     say("writing tables")
@@ -64,6 +69,8 @@ def write_report(
     if results.curves:
         write_text(out / BANDS_NAME, bands_csv(results))
     write_text(out / TABLES_NAME, tables_markdown(tables, found))
+    write_text(out / LATEX_NAME, tables_latex(tables))
+    write_text(out / TABLES_CSV_NAME, tables_csv(tables))
     write_text(out / HTML_NAME, _page(results, tables, found, drawn, times_ms, renderer))
     write_text(out / JSON_NAME, json_text(scores_json(results, times_ms, renderer)))
     return out / HTML_NAME
@@ -96,15 +103,21 @@ def _draw(
         folder = out / "figures"
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / f"{name}.png", plots.png_bytes(figure))
+        for kind in ("svg", "pdf"):
+            write_whole(folder / f"{name}.{kind}", plots.vector_bytes(figure, kind))
 
     for table in tables:
         if plots.pictured(table):
             name = f"bars-{table.metric.name}-{table.region}" + (
                 f"-{table.size}" * bool(table.size)
             )
-            perfect = math.isfinite(table.metric.perfect)
-            begin = "the value of identical clips" if perfect else "0"
-            caption = f"{table.title}. Bars begin at {begin}."
+            how = (
+                "Bars begin at 1, the right value: the shorter the better"
+                if table.metric.better == "one"
+                else "The longer a bar the better; bars begin beyond the worst value, so only"
+                " differences can be read from their lengths"
+            )
+            caption = f"{table.title}. {how}."
             keep("bars", name.replace(".", "-"), caption, plots.bars(table))
     for number, scene in enumerate(dict.fromkeys(i.scene for i in results.subjects.items), 1):
         figure = plots.by_eccentricity(results, scene)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
 from stimuli.score.metrics import FRAME, HOLES, Metric
 from stimuli.score.run import Results
 
@@ -46,6 +52,11 @@ class Table:
         size = f"; size {self.size}" if self.size else ""
         return f"{paper}: {text}{size}" if paper else text + size
 
+    @property
+    def numbers(self) -> list[float]:
+        """Every finite value."""
+        return [v for _, values in self.rows for v in values if v is not None and math.isfinite(v)]
+
     def text(self, value: float | None) -> str:
         """Print one value with the metric's digits."""
         return "-" if value is None else f"{value:.{self.metric.digits}f}"
@@ -75,6 +86,55 @@ class Table:
             ]
             lines.append(f"| {scene} | " + " | ".join(cells) + " |")
         return "\n".join(lines)
+
+
+def tables_latex(tables: tuple[Table, ...]) -> str:
+    """Return all tables for a paper, the best of each row in bold; needs the package booktabs."""
+    return "\n".join(map(_latex, tables))
+
+
+def _latex(table: Table) -> str:
+    lines = [
+        r"\begin{table}",
+        rf"\caption{{{_escaped(table.title)}}}",
+        rf"\begin{{tabular}}{{l{'r' * len(table.methods)}}}",
+        r"\toprule",
+        " & ".join(["", *map(_escaped, table.methods)]) + r" \\",
+        r"\midrule",
+    ]
+    for scene, values in table.rows:
+        best = table.best(values)
+        cells = [
+            rf"\textbf{{{table.text(value)}}}"
+            if value is not None and table.printed_badness(value) == best
+            else table.text(value)
+            for value in values
+        ]
+        lines += [r"\midrule"] if scene == "mean" and len(table.rows) > 1 else []
+        lines.append(" & ".join([_escaped(scene), *cells]) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
+
+
+def _escaped(text: str) -> str:
+    """Text without what LaTeX would obey."""
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    return "".join(special.get(char, rf"\{char}" if char in "&%$#_{}" else char) for char in text)
+
+
+def tables_csv(tables: tuple[Table, ...]) -> str:
+    """Return all tables as they are printed: a line per row, a column per method."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    methods = list(dict.fromkeys(method for table in tables for method in table.methods))
+    writer.writerow(("metric", "unit", "better", "region", "size", "scene", *methods))
+    for table in tables:
+        metric = table.metric
+        for scene, values in table.rows:
+            by_method = dict(zip(table.methods, values, strict=True))
+            cells = ("" if by_method.get(m) is None else table.text(by_method[m]) for m in methods)
+            head = (metric.name, metric.unit, metric.better, table.region, table.size, scene)
+            writer.writerow((*head, *cells))
+    return buffer.getvalue()
 
 
 def method_order(results: Results) -> tuple[str, ...]:
@@ -189,9 +249,36 @@ def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -
     return tuple(found)
 
 
-def all_duels(tables: tuple[Table, ...]) -> tuple[Duel, ...]:
-    """Compare ours with each of `RIVALS` that is there."""
-    return tuple(duel for against in RIVALS for duel in duels(tables, OURS, against))
+def all_duels(tables: tuple[Table, ...], focus: str | None = None) -> tuple[Duel, ...]:
+    """Compare `focus` with every other method; left out: ours with each of `RIVALS` that is there.
+
+    Raises
+    ------
+    StudyError
+        If no table has the method `focus`.
+    """
+    if focus is None:
+        return tuple(duel for against in RIVALS for duel in duels(tables, OURS, against))
+    methods = list(dict.fromkeys(method for table in tables for method in table.methods))
+    check_focus(focus, methods)
+    return tuple(
+        duel for against in methods if against != focus for duel in duels(tables, focus, against)
+    )
+
+
+def check_focus(focus: str, methods: Sequence[str]) -> None:
+    """Refuse a method that is not scored.
+
+    Raises
+    ------
+    StudyError
+        With those that are.
+    """
+    if focus not in methods:
+        raise StudyError(
+            f"--focus: must be a method of the clips, {', '.join(methods)} (got {focus!r})"
+            f"{did_you_mean(focus, methods)}"
+        )
 
 
 def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[str, list[str]]]]:

@@ -21,12 +21,15 @@ CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
 JSON_NAME, HTML_NAME = "scores.json", "scores.html"
 BANDS_NAME = "bands.csv"
+LATEX_NAME, TABLES_CSV_NAME = "tables.tex", "tables.csv"
 _OURS = {
     CACHE_FOLDER,
     BANDS_NAME,
     CSV_NAME,
     FRAMES_NAME,
     TABLES_NAME,
+    LATEX_NAME,
+    TABLES_CSV_NAME,
     JSON_NAME,
     HTML_NAME,
     "figures",

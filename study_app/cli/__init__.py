@@ -78,3 +78,5 @@ def main() -> None:
             app(prog_name="metamerlab")
     except typer.Exit as end:
         sys.exit(end.exit_code)
+    except KeyboardInterrupt:  # while a command was imported
+        sys.exit(130)

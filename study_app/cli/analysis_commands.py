@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -316,8 +317,10 @@ def import_(
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
     people = decisions["participant"].nunique()
-    say(f"{out / 'decisions.csv'}: {len(decisions)} decisions of {people} participants")
-    say(f"next: metamerlab analysis report {out / 'decisions.csv'} --out report")
+    counted = f"{len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
+    say(f"{out / 'decisions.csv'}: {counted}")
+    written = shlex.quote(str(out / "decisions.csv"))
+    say(f"next: metamerlab analysis report {written} --out report")
 
 
 register(app)

@@ -10,7 +10,7 @@ import typer
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
-from study_app.cli.progress import progress_bar
+from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say
 
 
@@ -39,13 +39,6 @@ def export_holes(
             raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
         for note in found.doubtful:
             say(f"note: {note}")
-        with progress_bar() as progress:
-            task = progress.add_task("starting", total=None)
-            frames = write(
-                orders,
-                out,
-                lambda done, total, what: progress.update(
-                    task, completed=done, total=total, description=what
-                ),
-            )
+        with progress_line("starting") as report:
+            frames = write(orders, out, report)
         say(f"{out}: {frames} frames with holes; {out / 'README.md'} says what to send back")

@@ -74,3 +74,23 @@ def progress_bar() -> Progress:
         TimeRemainingColumn(),
         console=PlainConsole(stderr=True),
     )
+
+
+@contextmanager
+def progress_line(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Show such a bar; yield what is told of things done, things in all, and what is going on.
+
+    An error takes it away: a bar over what went wrong says nothing. Without a terminal there is
+    none.
+    """
+    progress = progress_bar()
+    progress.disable = not progress.console.is_terminal
+    with progress:
+        task = progress.add_task(what, total=None)
+        try:
+            yield lambda done, total, now: progress.update(
+                task, completed=done, total=total, description=now
+            )
+        except BaseException:
+            progress.remove_task(task)
+            raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -227,7 +228,7 @@ def upgrade(
             raise StudyError(f"{out}: must be writable ({error.strerror})") from None
         before, after = load_protocol(protocol), load_protocol(out)
         say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
-        say(f"  metamerlab protocol check {out}")
+        say(f"  metamerlab protocol check {shlex.quote(str(out))}")
         say(
             f"Keep {protocol} (protocol {before.sha256[:12]}): sittings that were begun with it are"
             " resumed and\nreported with it. Take the new file for new participants, with a folder"

@@ -89,6 +89,15 @@ def score(
             min=1, help=r"Processes at work. \[default: one per core]", show_default=False
         ),
     ] = None,
+    focus: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help=r"Of a batch: say of this method how it does against every other. \[default:"
+            " metameric against push-pull]",
+            show_default=False,
+        ),
+    ] = None,
     list_metrics: Annotated[
         bool, typer.Option("--list", help="Say what can be measured here, and what is missing.")
     ] = False,
@@ -109,6 +118,8 @@ def score(
 
         metamerlab stimuli score shown.png around.png --panorama --gaze 2048,900
 
+        metamerlab stimuli score clips --focus ours
+
         metamerlab stimuli score --list
     """
     with user_errors():
@@ -123,7 +134,7 @@ def score(
         if panorama and (second is None or mask is not None):
             raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
         with _views(panorama) as views:
-            _score(first, second, out, metrics, display, gaze, mask, fps, workers, views)
+            _score(first, second, out, metrics, display, gaze, mask, fps, workers, views, focus)
 
 
 @contextmanager
@@ -147,6 +158,7 @@ def _score(
     fps: float,
     workers: int | None,
     views: Path | None,
+    focus: str | None,
 ) -> None:
     from protocols.manifest import read_manifest
     from stimuli.executors import cores
@@ -160,6 +172,7 @@ def _score(
     from stimuli.score.metrics import choose_metrics
     from stimuli.score.run import Settings
     from stimuli.score.run import score as run
+    from stimuli.score.tables import check_focus
     from stimuli.score.viewing import open_viewing, read_gaze
     from stimuli.score.write import CACHE_FOLDER, check_out
 
@@ -188,6 +201,8 @@ def _score(
             subjects, at, viewing = subjects_of_panoramas(subjects, settings.gaze, views)
             chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
             settings = Settings(chosen, viewing, at)
+    if focus is not None:
+        check_focus(focus, list(dict.fromkeys(item.method for item in subjects.items)))
     if folder is not None:
         if folder.absolute().is_relative_to(first.absolute()):
             raise StudyError(
@@ -213,15 +228,20 @@ def _score(
         if folder is not None:
             page = _write(
                 results, subjects, folder, first,
-                lambda what: progress.update(task, description=what),
+                lambda what: progress.update(task, description=what), focus,
             )  # fmt: skip
-    _print_results(console, results)
+    _print_results(console, results, focus)
     if page is not None:
         console.print(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
 
 
 def _write(
-    results: Results, subjects: Subjects, out: Path, source: Path, say: Callable[[str], None]
+    results: Results,
+    subjects: Subjects,
+    out: Path,
+    source: Path,
+    say: Callable[[str], None],
+    focus: str | None,
 ) -> Path:
     from stimuli.score.report import write_report
     from stimuli.score.speed import time_methods
@@ -232,10 +252,10 @@ def _write(
         say("timing one fill of each method")
         pair = subjects.items[0].pair
         times_ms, renderer = time_methods(subjects.clips, pair, source.parent)
-    return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say)
+    return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
 
 
-def _print_results(console: Console, results: Results) -> None:
+def _print_results(console: Console, results: Results, focus: str | None) -> None:
     from stimuli.score.metrics import FRAME, HOLES
     from stimuli.score.tables import all_duels, all_tables, summary
 
@@ -249,7 +269,7 @@ def _print_results(console: Console, results: Results) -> None:
         for method, cells in rows:
             table.add_row(method, *cells)
         console.print(table)
-    for duel in all_duels(all_tables(results)):
+    for duel in all_duels(all_tables(results), focus):
         if duel.table.region == HOLES:
             console.print(f"{duel.sentence}.")
     for note in results.notes:

@@ -13,7 +13,7 @@ from protocols.suggest import did_you_mean
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.holes_command import export_holes
-from study_app.cli.progress import progress_bar
+from study_app.cli.progress import progress_bar, progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say
 
@@ -181,7 +181,7 @@ def look(
         chosen = [parse_view(line) for line in view or ()]
         ctx = create_context()
         try:
-            with PlainConsole(stderr=True).status("drawing views ..."):
+            with progress_line("trying views") as report:
                 lines = look_around(
                     ctx,
                     scene,
@@ -192,6 +192,7 @@ def look(
                     chosen=chosen,
                     lighting=kind,
                     sun_direction=sun_direction,
+                    report=lambda done, total: report(done, total, "trying views"),
                 )
         finally:
             release_context(ctx)

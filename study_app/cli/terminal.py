@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import Task, TextColumn
 from rich.text import Text
 
+_UNFOLDED = 10_000  # columns
 _KEPT = {0x09, 0x0A}
 _TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
 _CONTROLS = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
@@ -33,10 +34,15 @@ def say(*parts: object, file: TextIO | None = None) -> None:
 
 
 class PlainConsole(Console):
-    """A console whose strings are shown as they are; styles are given as `Text`."""
+    """A console whose strings are shown as they are; styles are given as `Text`.
+
+    In a pipe or a file no line is folded, so that names stay whole; COLUMNS asks for a width.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**({"highlight": False, "markup": False, "emoji": False} | options))
+        if not self.is_terminal and "COLUMNS" not in self._environ and "width" not in options:
+            self.width = _UNFOLDED
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a string as text without markup."""

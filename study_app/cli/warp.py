@@ -106,7 +106,7 @@ def warp(
         Path | None,
         typer.Option(
             help="Depth along the optical axis, an image of one channel; unknown is 0 in integers."
-            " Needed with poses, of use with --flow.",
+            " Alone the camera moves sideways; of use with --flow.",
             rich_help_panel=_PICTURE,
         ),
     ] = None,
@@ -145,6 +145,16 @@ def warp(
     target_pose: Annotated[
         str | None,
         typer.Option(metavar="POSE", help="Of the new view.", rich_help_panel=_PICTURE),
+    ] = None,
+    parallax: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="With --depth alone: move the camera to the right until what is near moves by this"
+            r" share of the width; negative: to the left. \[default: 0.03]",
+            show_default=False,
+            rich_help_panel=_PICTURE,
+        ),
     ] = None,
     truth: Annotated[
         Path | None,
@@ -229,6 +239,8 @@ def warp(
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
 
+        metamerlab warp photo.png out.png --depth depth.png
+
         metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
 
         metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
@@ -247,7 +259,9 @@ def warp(
             PairOptions(
                 disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
             ),
-            PictureOptions(flow, depth, depth_scale, _nearer(nearer), camera, pose, target_pose),
+            PictureOptions(
+                flow, depth, depth_scale, _nearer(nearer), camera, pose, target_pose, parallax
+            ),
             truth,
         )
         settled = asked or loaded.settings

@@ -12,10 +12,13 @@ from pipeline.frame import check_same_size
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
-from stimuli.one_picture import Nearer, from_depth, from_flow, read_pose
+from stimuli.one_picture import Nearer, from_depth, from_flow, from_the_side, read_pose
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from study_app.cli.terminal import say
+
+DEFAULT_PARALLAX = 0.03
+"""Of what is near, in widths of the picture."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class PictureOptions:
     camera: str | None = None  # fx,fy,cx,cy
     pose: str | None = None
     target_pose: str | None = None
+    parallax: float | None = None  # of what is near, in widths; without camera and poses
 
 
 @dataclass(frozen=True)
@@ -121,9 +125,10 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
 def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
     moved = (options.camera, options.pose, options.target_pose)
     if options.flow is not None:
-        if any(part is not None for part in moved):
+        if any(part is not None for part in (*moved, options.parallax)):
             raise StudyError(
-                "--flow says where pixels go: --camera, --pose and --target-pose do not go with it"
+                "--flow says where pixels go: --camera, --pose, --target-pose and --parallax do not"
+                " go with it"
             )
         return from_flow(
             path,
@@ -132,11 +137,21 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
             depth_scale=options.depth_scale,
             nearer=options.nearer,
         )
+    if options.depth is not None and moved == (None, None, None):
+        share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
+        say(
+            f"the camera moves sideways until what is near moves by {100 * abs(share):g} % of the"
+            " width (--parallax; or give --camera and poses)"
+        )
+        return from_the_side(path, options.depth, share, depth_scale=options.depth_scale)
     if options.depth is None or options.camera is None or options.target_pose is None:
         raise StudyError(
-            "a picture needs --flow FILE, or --depth FILE with --camera FX,FY,CX,CY, --target-pose"
-            " and, unless it is at the world's origin, --pose"
+            "a picture needs --flow FILE, or --depth FILE; with --depth the camera moves"
+            " sideways, or as --camera FX,FY,CX,CY, --target-pose and, unless it is at the world's"
+            " origin, --pose say"
         )
+    if options.parallax is not None:
+        raise StudyError("--parallax is in place of --camera and poses: give one of them")
     pose = np.eye(4) if options.pose is None else read_pose(options.pose)
     return from_depth(
         path,

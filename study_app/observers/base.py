@@ -65,9 +65,12 @@ class ArtificialObserver:
         return keys[0], median_s * math.exp(float(rng.normal()) * model.rt_sigma)
 
     def turn_page(self, page: Page) -> PageResult:
-        """Read for a while, agree, go on; but nobody can calibrate an artificial eye again."""
+        """Read for a while, agree, go on; but nobody can calibrate an artificial eye again.
+
+        Whether to quit is asked when a person pressed the key, or Ctrl-C: that is granted.
+        """
         keys = self._response.continue_keys
-        if page.name == "calibration":
+        if page.name in ("calibration", "quit"):
             keys = self._response.quit_keys
         answer = ""
         if page.name == "question":

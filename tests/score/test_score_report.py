@@ -5,14 +5,24 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from stimuli.score import run
+from stimuli.score import plots, run
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
-from stimuli.score.tables import all_tables, duels
+from stimuli.score.tables import (
+    Table,
+    all_duels,
+    all_tables,
+    duels,
+    tables_csv,
+    tables_latex,
+)
 from stimuli.score.viewing import Gaze, open_viewing, standard_fhd
 from stimuli.score.write import CACHE_FOLDER
 
@@ -50,7 +60,7 @@ def test_the_command_writes_everything(run_score, batch, tmp_path):
     frames = list(csv.DictReader(io.StringIO((out / "frames.csv").read_text())))
     flicker = [row["frame"] for row in frames if row["metric"] == "flicker"]
     assert sorted(set(flicker)) == ["1", "2", "3"]
-    assert {path.suffix for path in (out / "figures").iterdir()} == {".png"}
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".png", ".svg", ".pdf"}
     page = (out / "scores.html").read_text()
     assert "data:image/jpeg;base64," in page
     assert page.count("<svg ") >= 5
@@ -239,3 +249,52 @@ def test_a_report_of_one_pair_needs_no_batch(run_score, batch, tmp_path):
 
     assert done.exit_code == 0, done.output
     assert (tmp_path / "two/scores.html").exists()
+
+
+def table_of(better: str, values: tuple[float, ...]) -> Table:
+    metric = replace(METRICS["ssim"], better=better, perfect=1.0 if better == "one" else math.inf)
+    names = tuple("abc"[: len(values)])
+    return Table(metric, "holes", "small", names, (("one_scene & co", values),))
+
+
+@pytest.mark.parametrize("better", ["lower", "higher"])
+def test_bars_grow_to_the_right_when_better_whatever_the_metric(better):
+    values = (0.2, 0.9, 0.5) if better == "higher" else (0.9, 0.2, 0.5)
+    axes = plots.bars(table_of(better, values)).axes[0]
+    lengths = [abs(bar.get_width()) for bar in axes.patches]
+    assert np.argsort(lengths).tolist() == [0, 2, 1]
+    assert min(lengths) > 0
+    to_the_right = axes.transData.transform([[v, 0] for v in values])[:, 0]
+    assert np.argsort(to_the_right).tolist() == [0, 2, 1]
+
+
+def test_equal_values_have_equal_bars_and_ratios_begin_at_one():
+    equal = plots.bars(table_of("lower", (0.4, 0.4))).axes[0].patches
+    assert equal[0].get_width() == equal[1].get_width() != 0
+    ratios = plots.bars(table_of("one", (0.5, 1.25))).axes[0].patches
+    assert [bar.get_width() for bar in ratios] == pytest.approx([-0.5, 0.25])
+
+
+def test_tables_for_papers_and_for_programs_hold_what_is_printed():
+    table = table_of("higher", (0.25, 0.5))
+    latex = tables_latex((table,))
+    assert r"one\_scene \& co & 0.250 & \textbf{0.500} \\" in latex
+    assert latex.count(r"\begin{tabular}{lrr}") == latex.count(r"\end{table}") == 1
+    rows = list(csv.DictReader(io.StringIO(tables_csv((table,)))))
+    assert rows[0]["scene"] == "one_scene & co"
+    assert (rows[0]["a"], rows[0]["b"], rows[0]["better"]) == ("0.250", "0.500", "higher")
+
+
+def test_the_method_in_focus_is_compared_with_every_other():
+    found = all_duels((table_of("higher", (0.5, 0.25, 0.75)),), "a")
+    assert [(duel.against, duel.wins_on_average) for duel in found] == [("b", True), ("c", False)]
+
+
+def test_a_focus_that_is_no_method_is_refused_before_anything_is_measured(
+    run_score, batch, tmp_path
+):
+    done = run_score(batch, "--out", tmp_path / "scores", "--focus", "metamerc")
+    assert done.exit_code == 2
+    assert "--focus: must be a method of the clips, " in done.output
+    assert "did you mean 'metameric'" in done.output
+    assert not (tmp_path / "scores").exists()

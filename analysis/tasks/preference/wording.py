@@ -112,7 +112,8 @@ def methods_paragraph(
 ) -> str:
     """Return the statistical methods as a paragraph ready to paste."""
     text = (
-        f"We analysed {decisions} two-alternative forced choices of {people} participants"
+        f"We analysed {decisions} two-alternative forced choices of {people}"
+        f" participant{'s' * (people != 1)}"
         f" comparing {len(settings.methods)} methods"
         f" ({', '.join(settings.label(name) for name in settings.methods)})"
     )

@@ -209,7 +209,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         version: str,
     ) -> str:
         """Return how right and wrong answers were analysed."""
-        text = f"We analysed {decisions} {self.task} of {people} participants"
+        text = f"We analysed {decisions} {self.task} of {people} participant{'s' * (people != 1)}"
         if len(settings.values) > 1:
             names = ", ".join(settings.label(name) for name in settings.values)
             text += f" in {len(settings.values)} conditions ({names})"

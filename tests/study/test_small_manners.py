@@ -1,0 +1,99 @@
+"""Small things that a user meets: Ctrl-C, names in pipes, key names, paths with spaces."""
+
+from __future__ import annotations
+
+import io
+import shlex
+
+import pytest
+from rich.table import Table
+from typer.testing import CliRunner
+
+from protocols.load import load_display, load_protocol, shipped
+from protocols.preregister import preregistration, to_markdown
+from study_app import simulate
+from study_app.cli import app
+from study_app.cli.terminal import PlainConsole
+from study_app.keys import key_label
+from study_app.observers import ArtificialObserver, default_model
+from study_app.pages import Pages, check_texts
+from study_app.stage import Page
+
+LONG = "a-scene-with-a-long-name__a-size-with-a-long-name__a-method-with-a-long-name"
+
+
+def demo():
+    return load_protocol(shipped("studies")["demo"])
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(entry) for entry in arguments])
+
+
+def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monkeypatch):
+    once, whole = [], simulate.simulate_sitting
+
+    def interrupted(simulation, root, code, **options):
+        if code == "S002" and not once:
+            once.append(code)
+            raise KeyboardInterrupt
+        return whole(simulation, root, code, **options)
+
+    monkeypatch.setattr(simulate, "simulate_sitting", interrupted)
+    command = ("session", "simulate", "demo", "--participants", 2, "--out", tmp_path)
+    stopped = run(*command)
+    assert stopped.exit_code == 130
+    assert stopped.stderr == "stopped; the same command goes on where it was\n"
+    again = run(*command)
+    assert again.exit_code == 0
+    assert "1 simulated sessions" in again.stdout
+
+
+def test_an_artificial_observer_lets_a_person_quit():
+    study = demo()
+    observer = ArtificialObserver(default_model(study), study.response, 0, "S001")
+    keys = (*study.response.quit_keys, *study.response.continue_keys)
+    assert observer.turn_page(Page("quit", "Quit?", keys)).key in study.response.quit_keys
+    assert observer.turn_page(Page("start", "Go", keys)).key in study.response.continue_keys
+
+
+def test_names_stay_whole_in_pipes_and_a_width_can_be_asked_for(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    table = Table("clip", "change", box=None)
+    table.add_row(LONG, "1.00")
+    piped = io.StringIO()
+    PlainConsole(file=piped).print(table)
+    assert f"{LONG}  1.00" in " ".join(piped.getvalue().split("\n"))
+    narrow = io.StringIO()
+    monkeypatch.setenv("COLUMNS", "40")
+    PlainConsole(file=narrow).print(table)
+    assert LONG not in narrow.getvalue()
+
+
+def test_keys_are_called_in_the_participants_language_where_the_study_says_how():
+    study = demo()
+    texts = study.text.languages["de"]
+    named = texts.model_copy(update={"key_names": {"space": "Leertaste"}})
+    assert key_label("space", named.key_names) == "Leertaste"
+    assert key_label("left", named.key_names) == "\N{LEFTWARDS ARROW}"
+    pictures = [Pages((640, 480), each, 128).page("Text", "space") for each in (texts, named)]
+    assert (pictures[0] != pictures[1]).any()
+    assert "key_names" not in texts.model_dump()
+    unwritable = texts.model_copy(update={"key_names": {"space": "\U000131a3"}})
+    with pytest.raises(Exception, match="character"):
+        check_texts(study, unwritable)
+
+
+@pytest.mark.parametrize("name", ["plain", "with a space", "it's"])
+def test_a_printed_command_can_be_pasted_whatever_its_path(tmp_path, name):
+    folder = tmp_path / name
+    said = run("new-study", folder, "--name", "mine").stdout
+    (line,) = [line for line in said.splitlines() if line.strip().startswith("cd ")]
+    assert shlex.split(line) == ["cd", str(folder)]
+
+
+def test_a_preregistration_says_which_attempts_do_not_count():
+    study = demo()
+    display = load_display(study.display.display)
+    text = to_markdown("x", preregistration(study, display, "1"))
+    assert "attempts that a pause, the quit key or another window cut short do not count" in text
