@@ -14,6 +14,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.exclusions import FlowStep
+from analysis.seed import SEED
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
 from protocols.schema import StudyProtocol
@@ -21,9 +22,6 @@ from protocols.units import Model
 
 Step = Callable[[str], None]
 Counted = Callable[[int, int], None]
-
-SEED = 20_240_229
-"""Every random draw of an analysis starts here: same journals, same numbers."""
 
 
 class CommonSettings(Protocol):

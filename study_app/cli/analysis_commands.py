@@ -5,24 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.table import Table
 
-from analysis.columns import dictionary
-from analysis.csv_table import write_table
-from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
-from analysis.report import ReportPaths, report_decisions, report_sessions
-from analysis.report.folder import whole_folder
-from analysis.report.values import as_json
-from analysis.tasks import analysis_of, analysis_of_task
-from analysis.tasks.base import SEED, Assumption, PowerReport
-from analysis.tasks.note import options_from, write_note
-from analysis.tidy import read_sessions, write_tables
+from analysis.seed import SEED
 from protocols.errors import StudyError
-from protocols.load import load_protocol
 from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 from study_app.cli.errors import user_errors
@@ -37,6 +26,10 @@ from study_app.cli.options import (
 )
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say
+
+if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
+    from analysis.report.build import ReportPaths
+    from analysis.tasks.base import Assumption, PowerReport
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -90,6 +83,9 @@ def report(
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
+    from analysis.report.build import report_decisions, report_sessions
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol) if protocol else None
         with one_line() as progress:
@@ -139,6 +135,13 @@ def tidy(
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
+    from analysis.csv_table import write_table
+    from analysis.report.folder import whole_folder
+    from analysis.tasks import analysis_of
+    from analysis.tasks.note import write_note
+    from analysis.tidy import read_sessions, write_tables
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
@@ -197,6 +200,14 @@ def power(
 
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
     """
+    import numpy as np
+
+    from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+    from analysis.report.folder import whole_folder
+    from analysis.report.values import as_json
+    from analysis.tasks import analysis_of
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         analysis = analysis_of(study.analysis.kind)
@@ -272,6 +283,12 @@ def import_(
         metamerlab analysis import old.csv --task identification --map participant=subject
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
+    from analysis.columns import dictionary
+    from analysis.csv_table import write_table
+    from analysis.report.folder import whole_folder
+    from analysis.tasks import analysis_of_task
+    from analysis.tasks.note import options_from, write_note
+
     with user_errors():
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))

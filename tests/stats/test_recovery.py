@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.load import load_display, load_protocol
 from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel

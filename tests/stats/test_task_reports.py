@@ -24,10 +24,10 @@ from scipy import stats
 from typer.testing import CliRunner, Result
 
 from analysis.detection import YesNoResults
-from analysis.export import export_study
 from analysis.export.psychds_rules import broken_rules
+from analysis.export.write import export_study
 from analysis.ideal_observer import abx_share
-from analysis.report import report_decisions, report_sessions
+from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import share
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes, sha256_file, sha256_json

@@ -44,6 +44,21 @@ def test_help_imports_nothing_heavy():
     assert done.stdout.strip().splitlines()[-1] == "IMPORTED []", done.stdout + done.stderr
 
 
+def test_help_of_no_command_imports_statistics_or_graphics():
+    """A command imports what it works with when it runs; its formats it needs at once."""
+    heavy = sorted({*HEAVY, "statsmodels", "jinja2"} - {"numpy", "pydantic", "PIL"})
+    code = (
+        "import sys\n"
+        "from study_app.cli import SLOTS\n"
+        "for slot in SLOTS:\n"
+        "    slot.load()\n"
+        f"    print(slot.name, [name for name in {heavy!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+    assert done.stdout.splitlines() == [f"{slot.name} []" for slot in SLOTS], done.stderr
+
+
 def test_help_lists_every_slot():
     listed = CliRunner().invoke(app, ["--help"], terminal_width=100).stdout
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from analysis.tasks import analysis_of
 from analysis.tidy import read_sessions
 from protocols.journal import Answer, BlockEnd, BlockStart, Break, Consent, SessionEnd

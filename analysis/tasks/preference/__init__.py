@@ -12,8 +12,8 @@ from analysis.exclusions import FlowStep
 from analysis.pairings import pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
+from analysis.seed import SEED
 from analysis.tasks.base import (
-    SEED,
     Assumption,
     Counted,
     PowerReport,
