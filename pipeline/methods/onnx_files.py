@@ -54,7 +54,7 @@ def network_files(path: Path) -> list[Path]:
 
 def _lies_in(folder: Path, file: Path) -> bool:
     """Return whether a file lies in a folder, as it is named and where its links lead."""
-    named = Path(os.path.abspath(file)).is_relative_to(os.path.abspath(folder))
+    named = not Path(os.path.relpath(file, folder)).is_relative_to("..")
     return named and "\0" not in str(file) and file.resolve().is_relative_to(folder.resolve())
 
 
