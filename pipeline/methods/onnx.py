@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.limits import reading, visible_line
 from pipeline.methods.method import composite
 from pipeline.methods.onnx_files import network_files
 
@@ -53,7 +54,8 @@ class OnnxNetwork:
         self.value_range = value_range
         self.multiple_px = multiple_px
         self._session = _open(path)
-        self._inputs = _understand(path, self._session)
+        with reading(path, "an ONNX model"):  # its names may be no text
+            self._inputs = _understand(path, self._session)
 
     @staticmethod
     def files(path: Path) -> list[Path]:
@@ -129,7 +131,9 @@ def _open(path: Path) -> Any:
     options.use_deterministic_compute = True
     network_files(path)  # refuses weights from outside its folder
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )  # a second try would print to the terminal
     except Exception as error:  # its own classes are not public
         raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
 
@@ -165,4 +169,4 @@ def _understand(path: Path, session: Any) -> _Inputs:
 
 
 def _one_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+    return visible_line(str(error) or type(error).__name__)

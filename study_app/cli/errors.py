@@ -14,6 +14,8 @@ from protocols.errors import StudyError
 from study_app.cli.terminal import say
 
 EXIT_USER_ERROR = 2
+_LONGEST = 2000
+"""Characters of a line of a message: the longest of ours, with a path of any length."""
 
 _CURES = {
     errno.ENOENT: "check the path",
@@ -51,8 +53,17 @@ def user_errors() -> Iterator[None]:
     else:
         return
     # Outside the handlers, so that no chain of exceptions hangs on the exit.
-    say("error: " + message.replace("\n", "\n       "), file=sys.stderr)
+    say("error: " + "\n       ".join(map(_shortened, message.split("\n"))), file=sys.stderr)
     raise typer.Exit(EXIT_USER_ERROR)
+
+
+def _shortened(line: str) -> str:
+    """Leave the middle of a very long line out: a cell of a file may hold a megabyte."""
+    left_out = len(line) - _LONGEST
+    if left_out <= 0:
+        return line
+    half = _LONGEST // 2
+    return f"{line[:half]} [{left_out} more characters] {line[-half:]}"
 
 
 def _is_the_users(error: OSError) -> bool:

@@ -138,6 +138,19 @@ def test_weights_are_files_of_its_folder_when_they_are_listed_and_opened(tmp_pat
             use(f"onnx:{path}")
 
 
+def test_a_network_with_any_byte_harmed_is_read_or_is_one_message(network, capfd):
+    data = network.read_bytes()
+    refused = 0
+    for place in range(0, len(data), 2):
+        network.write_bytes(data[:place] + b"\xf5" + data[place + 1 :])
+        try:
+            create_method(f"onnx:{network}")
+        except InputError:  # and nothing else
+            refused += 1
+    assert refused > 20
+    assert capfd.readouterr().out == ""
+
+
 def test_an_answer_that_is_no_picture_is_refused(tmp_path, frame):
     listed = helper.make_tensor_sequence_value_info("out", FLOAT, None)
     values = [helper.make_tensor_value_info(*entry) for entry in (IMAGE, MASK)]

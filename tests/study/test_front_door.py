@@ -111,6 +111,17 @@ def test_unknown_command_suggests_the_nearest_and_exits_with_2():
     assert "Traceback" not in done.stderr
 
 
+def test_a_message_about_a_megabyte_leaves_its_middle_out(capsys):
+    with pytest.raises(typer.Exit), user_errors():
+        raise StudyError("a.csv: line 2: must be short (got " + "x" * 10**6 + "); cut it\nanother")
+    said = capsys.readouterr().err
+
+    assert said.startswith("error: a.csv: line 2: must be short (got xxx")
+    assert "more characters]" in said
+    assert said.endswith("x); cut it\n       another\n")
+    assert len(said) < 2200
+
+
 def lazy_app(target: str) -> typer.Typer:
     class Group(LazyGroup):
         slots = (Slot("job", "A job.", target),)
