@@ -11,7 +11,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values, reading, visible_line
 
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
@@ -60,7 +60,7 @@ def _read_pixels(path: Path) -> Pixels:
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
     if source is None:
-        reason = _one_line(oiio.geterror()) if path.is_file() else "it is a folder"
+        reason = visible_line(oiio.geterror()) if path.is_file() else "it is a folder"
         raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
     try:
         spec = source.spec()
@@ -75,7 +75,7 @@ def _read_pixels(path: Path) -> Pixels:
     source.close()
     if data is None or error:
         raise InputError(
-            f"{path}: must be a whole image ({_one_line(error)});"
+            f"{path}: must be a whole image ({visible_line(error)});"
             " the file is damaged or was cut short: copy or make it again"
         )
     data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
@@ -199,7 +199,7 @@ def write_pixels(
             spec.attribute(name, value)
         done = target.open(str(temporary), spec) and target.write_image(np.ascontiguousarray(data))
         if not (target.close() and done):
-            raise _write_error(path, _one_line(target.geterror()))
+            raise _write_error(path, visible_line(target.geterror()))
         _check_whole(path, temporary, data.shape)
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
@@ -232,7 +232,3 @@ def _oiio_type(dtype: np.dtype[Any]) -> str:
     if dtype.name not in names:
         raise InputError(f"pixels must be one of {', '.join(names)} (got {dtype.name})")
     return names[dtype.name]
-
-
-def _one_line(message: str) -> str:
-    return message.strip().splitlines()[0].rstrip(".") if message.strip() else "no reason given"

@@ -7,7 +7,7 @@ raised by the environment variable ``METAMERLAB_LIMITS``, such as ``values=4e9,v
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -51,13 +51,15 @@ def check_values(path: Path, *shape: int) -> None:
     InputError
         With the shape, the limit and how to raise it.
     """
+    if min(shape, default=1) == 0:
+        raise InputError(f"{path}: must hold at least one number (is {_by(shape)})")
     most, count = limit("values", VALUES), 1
     for edge in shape:
         count *= edge
     if count > most or min(shape, default=1) < 0:
         raise InputError(
             f"{path}: must hold at most {most:,} numbers (says that it holds"
-            f" {' x '.join(map(str, shape))}); if it is right, raise the limit with"
+            f" {_by(shape)}); if it is right, raise the limit with"
             f" {VARIABLE}=values={max(count, 0)}"
         )
     if count > RATIO_FROM and path.is_file():
@@ -68,6 +70,10 @@ def check_values(path: Path, *shape: int) -> None:
                 f" that it holds {count:,} in {packed:,} bytes); if it is right, raise the limit"
                 f" with {VARIABLE}=ratio={-(-count // packed)}"
             )
+
+
+def _by(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))
 
 
 def check_vertices(path: Path, count: int) -> None:
@@ -84,6 +90,12 @@ def check_vertices(path: Path, count: int) -> None:
             f"{path}: no list of a mesh must be longer than {most:,} (one has {count:,}); simplify"
             f" it, or raise the limit with {VARIABLE}=vertices={count}"
         )
+
+
+def visible_line(message: str) -> str:
+    """Return the first line of what a library says, without what no terminal can show."""
+    line = next(iter(message.strip().splitlines()), "no reason given")
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)[:200].rstrip(".")
 
 
 @contextmanager
@@ -110,7 +122,7 @@ def reading(path: Path, what: str) -> Iterator[None]:
     except MemoryError:
         raise InputError(f"{path}: is too large for this machine's memory") from None
     except Exception as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+        reason = visible_line(str(error) or type(error).__name__)
         raise InputError(
             f"{path}: must be {what} (its reader says: {reason}); export or copy it again"
         ) from error

@@ -138,6 +138,14 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     return Journal(path, tuple(events), tail, ends_open, tuple(damaged), checksums.lacking)
 
 
+def header_of(data: bytes) -> SessionStart | None:
+    """Return the header of a journal's bytes without reading on; None where line 1 is none."""
+    line, end, _ = data.partition(b"\n")
+    event = _parse(line)
+    whole = end and _Checksums().problem(line) is None
+    return event if whole and isinstance(event, SessionStart) else None
+
+
 def find_journals(folder: Path) -> tuple[Path, ...]:
     """Return every journal below a folder, in the order of their paths.
 

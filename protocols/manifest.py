@@ -232,6 +232,25 @@ def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:
             f"{wrong[0].name}: must have {frames} frames"
             f" (got {len(wrong[0].frames_sha256)}); run 'metamerlab stimuli build' again"
         )
+    _check_stated(protocol, manifest)
+
+
+def _check_stated(protocol: StudyProtocol, manifest: Manifest) -> None:
+    """Refuse a manifest that says of a clip what its study does not."""
+    pool = {stimulus.name: stimulus for stimulus in protocol.stimuli.pool()}
+    for clip in manifest.clips:
+        stimulus = pool.get(clip.name)
+        if stimulus is None:
+            continue
+        stated = {"condition": dict(stimulus.condition), **protocol.stimuli.stated(stimulus)}
+        for key, wanted in stated.items():
+            known = clip.parameters.get(key, wanted)
+            found = getattr(clip, key) if key in Clip.model_fields else known
+            if found != wanted:
+                raise StudyError(
+                    f"{clip.name}: {key} must be {wanted}, as the study has it (the manifest says"
+                    f" {found}); run 'metamerlab stimuli build' again"
+                )
 
 
 def _file_bytes(manifest: Manifest) -> bytes:

@@ -202,7 +202,7 @@ def _comment(owner: type[BaseModel], key: str) -> list[str]:
     """Return what the schema says of a key: meaning, then unit, range and default."""
     published = owner.model_json_schema()
     schema: dict[str, Any] = published["properties"][key]
-    said = " ".join((owner.model_fields[key].description or "").split())
+    said = " ".join(schema.get("description", "").split())
     details = _details(schema, published.get("$defs", {}))
     if not owner.model_fields[key].is_required():
         default = schema.get("default")

@@ -10,22 +10,35 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
     StringConstraints,
     model_serializer,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from protocols.key_docs import key_docs
 
 
 class Model(BaseModel):
     """A frozen record: unknown keys, wrong types and numbers that are not finite are refused."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the schema, with what each key means."""
+        schema = handler(core_schema)
+        keys = handler.resolve_ref_schema(schema).get("properties", {})
+        for owner in reversed(cls.__mro__):  # the last class to annotate a key has the word
+            for key, text in key_docs(owner).items():
+                if key in keys:
+                    keys[key].pop("description", None)
+                    keys[key] |= {"description": text} if text else {}
+        return schema
 
 
 class Grown(Model):

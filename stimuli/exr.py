@@ -13,8 +13,10 @@ RGBZ + flow in one OpenEXR file, of one part or several: this project writes ``R
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +43,23 @@ class Transfer(enum.StrEnum):
 
     LINEAR = "linear"  # scene-linear light, sRGB primaries
     ENCODED = "encoded"  # display-referred R'G'B', as this project works on
+
+
+def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
+    """Return what the header says its numbers stand for; left out, scene-linear light.
+
+    Raises
+    ------
+    InputError
+        If it says something else.
+    """
+    said = str(attributes.get(_TRANSFER, Transfer.LINEAR))
+    try:
+        return Transfer(said)
+    except ValueError:
+        raise InputError(
+            f"{path}: {_TRANSFER} must be {' or '.join(Transfer)} (the header says {said[:40]!r})"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -104,7 +123,7 @@ def load_colour(
     data = three_channels(path, pixels)
     if pixels.data.dtype.kind == "u":
         return from_integers(data)
-    stored = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
+    stored = stored_transfer(path, pixels.attributes)
     return _encoded(path, data, transfer or stored, clip)
 
 
@@ -161,11 +180,11 @@ def load_warp_input(
         ],
         axis=-1,
     )
-    stored = Transfer(str(file.attributes.get(_TRANSFER, Transfer.LINEAR)))
+    stored = stored_transfer(path, file.attributes)
     colour = _encoded(path, colour, transfer or stored, clip)
     unit = str(file.attributes.get(_DEPTH_UNIT, "m"))
     if unit != "m":
-        raise InputError(f"{path}: depth must be in metres (the header says {unit!r})")
+        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
     depth_m = need(path, planes, "depth", _told(planes, told.depth))
     check_depth(depth_m, f"{path}: depth")
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))

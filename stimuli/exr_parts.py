@@ -13,7 +13,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values, reading, visible_line
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,8 @@ def read_parts(path: Path) -> Parts:
 def _read_parts(path: Path) -> Parts:
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise InputError(
-            f"{path}: must be an image in OpenEXR format ({oiio.geterror().strip()[:200]})"
-        )
+        reason = visible_line(oiio.geterror())
+        raise InputError(f"{path}: must be an image in OpenEXR format ({reason})")
     planes: dict[str, NDArray[np.float32]] = {}
     attributes: dict[str, Any] = {}
     size: tuple[int, int] | None = None

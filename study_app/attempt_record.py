@@ -39,10 +39,10 @@ def attempt_event(
     gaze_file = None
     if store_gaze and log.samples:
         gaze_file = recorder.side_file(
-            f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.session_time)
+            f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.start_s)
         )
     flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(planned, log, timeline, manifest, recorder.session_time)
+        f"flips/{stem}", ".csv", _flips_csv(planned, log, timeline, manifest, recorder.start_s)
     )
     rt_s = None
     if trial.completed and log.answer:
@@ -124,12 +124,12 @@ def _phases(
     return tuple(records)
 
 
-def _gaze_csv(samples: Sequence[GazeSample], session_time: Callable[[float], float]) -> bytes:
+def _gaze_csv(samples: Sequence[GazeSample], start_s: float) -> bytes:
     lines = ["t_s,raw_t,x_px,y_px\n"]
-    for sample in samples:
-        t_s, raw_t, x_px, y_px = sample
-        place = f"{x_px:.2f},{y_px:.2f}" if sample.valid else ","
-        lines.append(f"{session_time(t_s):.6f},{raw_t!r},{place}\n")
+    for t_s, raw_t, x_px, y_px in samples:
+        seen = x_px == x_px and y_px == y_px  # `GazeSample.valid`, for thousands of samples
+        place = f"{x_px:.2f},{y_px:.2f}" if seen else ","
+        lines.append(f"{t_s - start_s:.6f},{raw_t!r},{place}\n")
     return "".join(lines).encode("ascii")
 
 
@@ -138,7 +138,7 @@ def _flips_csv(
     log: Log,
     timeline: Timeline,
     manifest: Manifest,
-    session_time: Callable[[float], float],
+    start_s: float,
 ) -> bytes:
     hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
     text = io.StringIO()
@@ -149,7 +149,7 @@ def _flips_csv(
         numbers = " ".join(str(frame) for _, frame in frames)
         digests = " ".join(hashes[stimulus][frame] for stimulus, frame in frames)
         text.write(
-            f"{shown.number},{session_time(flip.t_s):.6f},{interval},{flip.refreshes},{flip.kind},"
+            f"{shown.number},{flip.t_s - start_s:.6f},{interval},{flip.refreshes},{flip.kind},"
             f"{round(flip.late_s, 6) + 0.0:.6f},{shown.evidence},{timeline.phases[index].name},"
             f"{numbers},{digests}\n"
         )

@@ -7,8 +7,7 @@ is a missed refresh. Two flips at one line are a doubled flip: the first was nev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 FlipKind = Literal["first", "on-time", "late", "missed", "doubled"]
 
@@ -18,8 +17,7 @@ _FOLLOW_SHARE = 0.1
 """How far each on-time flip pulls the grid: real clocks drift by up to a few parts in 10^4."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flip:
+class Flip(NamedTuple):
     """One flip as judged."""
 
     t_s: float

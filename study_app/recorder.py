@@ -11,6 +11,7 @@ import fcntl
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypedDict
 
@@ -56,7 +57,8 @@ class Recorder:
         written. False is for what can be made anew: then a power cut may cost the last seconds."""
         self._descriptor = descriptor
         self._clock, self._wall_clock = clock, wall_clock
-        self._start_s = clock()
+        self.start_s = clock()
+        """When the journal was opened, on the stage's clock."""
         self._length = os.fstat(descriptor).st_size
         self._chain = events[-1].chain if events else None
 
@@ -132,13 +134,13 @@ class Recorder:
         """Return what the next event says about its place and time."""
         return {
             "n": len(self.events),
-            "t_s": round(self._clock() - self._start_s, 6),
+            "t_s": round(self._clock() - self.start_s, 6),
             "at": self._wall_clock(),
         }
 
     def session_time(self, clock_s: float) -> float:
         """Return a stamp of the stage's clock as seconds since the journal was opened."""
-        return round(clock_s - self._start_s, 6)
+        return round(clock_s - self.start_s, 6)
 
     def append(self, event: AnyEvent) -> None:
         """Write an event; it is on the disk when this returns.
@@ -219,6 +221,11 @@ class Recorder:
         left = memoryview(data)
         while left:
             left = left[os.write(self._descriptor, left) :]
+
+
+def utc_now() -> str:
+    """Return the wall clock, UTC."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
 
 
 def lock_journal(descriptor: int, path: Path) -> None:

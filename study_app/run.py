@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeAlias
@@ -40,6 +39,7 @@ from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.pages import check_texts
 from study_app.presenter import Presenter
+from study_app.recorder import utc_now
 from study_app.sittings import is_stillborn, sitting_folder
 from study_app.validation import PointQuality, summarise, validate
 from study_app.window import Pacing, Window
@@ -76,11 +76,6 @@ class Listener:
     on_check: Callable[[DisplayCheck], None] = lambda _: None
     on_validation: Callable[[list[PointQuality], CalibrationResult], None] = lambda _p, _r: None
     on_attempt: Callable[[Attempt, RecordedEvents], None] = lambda _a, _e: None
-
-
-def utc_now() -> str:
-    """Return the wall clock, UTC."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
 
 
 def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:

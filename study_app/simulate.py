@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,11 @@ class Simulation:
     manifest: Manifest | None = None
     """Clips that were built; left out: clips without pixels."""
 
+    @cached_property
+    def shown(self) -> Manifest:
+        """The clips of the sittings."""
+        return self.manifest or virtual_manifest(self.protocol, self.display)
+
     @property
     def described(self) -> str:
         """Seed, and a hash of all else that decides what observers do."""
@@ -64,7 +69,7 @@ class Simulation:
         return Setting(
             protocol=self.protocol,
             display=self.display,
-            manifest=self.manifest or virtual_manifest(self.protocol, self.display),
+            manifest=self.shown,
             root=root,
             wall_clock=clock.wall,
             simulated=True,

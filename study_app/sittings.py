@@ -10,7 +10,7 @@ import glob
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -19,7 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart
-from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
+from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal
+from protocols.load import read_bytes
 from protocols.schema import StudyProtocol
 from protocols.units import ParticipantCode
 
@@ -77,11 +78,13 @@ def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
     """
     if not root.is_dir():
         raise StudyError(f"{root}: must be a folder of sessions (there is no such folder)")
-    pattern = f"{glob.escape(study) if study else '*'}/*/{JOURNAL_NAME}"
     return [
-        Sitting(path.parent, read_journal(path, lenient=True))
-        for path in sorted(root.glob(pattern))
+        Sitting(path.parent, read_journal(path, lenient=True)) for path in _journals(root, study)
     ]
+
+
+def _journals(root: Path, study: str | None) -> list[Path]:
+    return sorted(root.glob(f"{glob.escape(study) if study else '*'}/*/{JOURNAL_NAME}"))
 
 
 def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
@@ -128,7 +131,14 @@ def next_slot(root: Path, study: str) -> int:
     that seems free, so one is passed over for each.
     """
     taken, unknown = set(), 0
-    for sitting in find_sittings(root, study):
+    for path in _journals(root, study):
+        with suppress(StudyError):
+            data = read_bytes(path, "the journal")
+            start = header_of(data)
+            if start is not None and b'"consent-refused"' not in data:
+                taken.add(start.slot)  # the usual: hundreds of journals are not read to their ends
+                continue
+        sitting = Sitting(path.parent, read_journal(path, lenient=True))
         if sitting.state in {"withdrawn", "refused", "stillborn"}:
             continue
         first = sitting.journal.events[0] if sitting.journal.events else None

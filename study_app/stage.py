@@ -35,8 +35,7 @@ class Shown(NamedTuple):
     """What vouches for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """What one flip shows."""
 
     phase: Phase

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 from protocols.display import Display
 from protocols.journal import VoidReason
@@ -24,6 +25,8 @@ from protocols.phases import ITI, Clip, Image, Phase
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import trial_phases, whole_frames
+
+_STIMULI = (Clip, Image)
 
 
 class Watch(Enum):
@@ -105,8 +108,7 @@ class Timeline:
         return max(i for i, phase in enumerate(self.phases) if phase.watched)
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """What happened up to one flip."""
 
     refreshes: int = 1
@@ -154,7 +156,7 @@ class Trial:
         return tuple(
             (entry.stimulus, phase.clip_frame(entry, self.frames))
             for entry in phase.show
-            if isinstance(entry, Clip | Image)
+            if isinstance(entry, _STIMULI)
         )
 
 

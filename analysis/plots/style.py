@@ -134,6 +134,9 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
         raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
     buffer = io.BytesIO()
     with mpl.rc_context(fname=str(_STYLE)):
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
+            figure.set_layout_engine("none")  # else every kind lays it out twice, and anew
         figure.savefig(buffer, format=kind, metadata=dict(metadata[kind]), dpi=300)
     return buffer.getvalue()
 

@@ -24,6 +24,9 @@ from analysis.reaction import ReactionTimes
 Floats = NDArray[np.float64]
 Label = Callable[[str], str]
 
+NUMBERED_ROWS = 40
+PAGE_IN = 9.0
+
 _DIVERGING = LinearSegmentedColormap.from_list("shares", [ORANGE, "#FFFFFF", BLUE])
 
 
@@ -36,9 +39,13 @@ def heat_map(
     width_in: float = 7.0,
     simulated: bool = False,
 ) -> Figure:
-    """Draw shares (rows x columns, NaN where nothing was shown) with their numbers."""
+    """Draw shares (rows x columns, NaN where nothing was shown) with their numbers.
+
+    More than `NUMBERED_ROWS` share the height of a page: colours alone, and few of their names.
+    """
+    every = len(rows) // NUMBERED_ROWS + 1  # how many rows a name stands for
     with style(width_in) as size:
-        cell_in = 0.19 if width_in < 5 else 0.23
+        cell_in = (0.19 if width_in < 5 else 0.23) if every == 1 else PAGE_IN / len(rows)
         longest = max(len(line) for text in columns for line in text.split("\n"))
         lines = max(text.count("\n") for text in columns) + 1
         upright = longest * size * 0.0092 > (width_in - 1.1) / max(len(columns), 1)
@@ -46,7 +53,7 @@ def heat_map(
         figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
         axes = figure.subplots()
         axes.imshow(shares, cmap=_DIVERGING, vmin=0.0, vmax=1.0, aspect="auto")
-        for (row, column), value in np.ndenumerate(shares):
+        for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
             text = "-" if np.isnan(value) else share_text(float(value))
             axes.text(
                 column,
@@ -60,7 +67,8 @@ def heat_map(
         axes.xaxis.tick_top()
         axes.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
         axes.set_yticks(
-            range(len(rows)), [text if len(text) < 19 else text[:18] + "…" for text in rows]
+            range(0, len(rows), every),
+            [text if len(text) < 19 else text[:18] + "…" for text in rows[::every]],
         )
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)

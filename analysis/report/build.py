@@ -1,5 +1,6 @@
 """Builds the report folder: HTML, JSON, tables, figures; whole or not at all."""
 
+import gc
 import json
 import warnings as python_warnings
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from markupsafe import Markup
 
 from analysis.columns import dictionary
 from analysis.csv_table import write_table
-from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
@@ -152,11 +153,14 @@ def _draw(
         entry: dict[str, str | Markup] = {"name": figure.name, "caption": figure.caption}
         for key, width in (("narrow", ONE_COLUMN_IN), ("wide", TWO_COLUMNS_IN)):
             made = figure.draw(width)
-            entry[key] = Markup(inline_svg(made, f"{figure.name}-{key}", figure.caption))
             if files:
                 columns = "1-column" if key == "narrow" else "2-column"
-                save_figure(made, folder, f"{figure.name}-{columns}")
+                svg = save_figure(made, folder, f"{figure.name}-{columns}")[0].read_bytes()
+            else:
+                svg = figure_bytes(made, "svg")
+            entry[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
         drawn.append(entry)
+        gc.collect()  # figures are circles, and hold their pixels
     say("drawing figures", len(figures), len(figures))
     return drawn
 

@@ -2,14 +2,10 @@
 
 import re
 
-from matplotlib.figure import Figure
 
-from analysis.plots import figure_bytes
-
-
-def inline_svg(figure: Figure, name: str, title: str) -> str:
-    """Return a figure as an SVG element for HTML: own names inside, a title for screen readers."""
-    text = figure_bytes(figure, "svg").decode("utf-8")
+def inline_svg(svg: bytes, name: str, title: str) -> str:
+    """Return an SVG file as an element for HTML: own names inside, a title for screen readers."""
+    text = svg.decode("utf-8")
     text = text[text.index("<svg") :]
     # Names must differ between the figures of one page.
     text = re.sub(r'\bid="', f'id="{name}-', text)

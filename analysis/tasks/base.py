@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.exclusions import FlowStep
+from analysis.seed import SEED
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
 from protocols.errors import StudyError
@@ -23,9 +24,6 @@ from protocols.units import Model
 
 Step = Callable[[str], None]
 Counted = Callable[[int, int], None]
-
-SEED = 20_240_229
-"""Every random draw of an analysis starts here: same journals, same numbers."""
 
 
 class CommonSettings(Protocol):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.limits import reading
+from pipeline.limits import reading, visible_line
 from pipeline.methods.method import composite
 from pipeline.methods.onnx_files import network_files
 
@@ -54,7 +54,7 @@ class OnnxNetwork:
         self.value_range = value_range
         self.multiple_px = multiple_px
         self._session = _open(path)
-        with reading(path, "an ONNX model that can be read"):  # names may be no text
+        with reading(path, "an ONNX model"):  # its names may be no text
             self._inputs = _understand(path, self._session)
 
     @staticmethod
@@ -92,9 +92,10 @@ class OnnxNetwork:
                 f" (ONNX Runtime says: {_one_line(error)}); try another multiple_px"
             ) from error
         wanted = (1, 3, height + below, width + right)
-        if output.shape != wanted:
+        if output.shape != wanted or output.dtype.kind != "f":
             raise InputError(
-                f"{self.path}: the output must have shape {wanted} (has {output.shape}); {_CURE}"
+                f"{self.path}: the output must have shape {wanted}, of floats (has {output.shape}"
+                f" of {output.dtype}); {_CURE}"
             )
         colour = (output[0].transpose(1, 2, 0)[:height, :width] - low) / (high - low)
         return composite(warped, colour)
@@ -139,16 +140,19 @@ def _open(path: Path) -> Any:
     options.log_severity_level = 4  # what is wrong comes as an exception
     # One order of summation on any number of cores: same input, same bytes.
     options.use_deterministic_compute = True
+    network_files(path)  # refuses weights from outside its folder
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )  # a second try would print to the terminal
     except Exception as error:  # its own classes are not public
         raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
 
 
 def _understand(path: Path, session: Any) -> _Inputs:
     inputs = session.get_inputs()
-    shapes = {item.name: tuple(item.shape) for item in inputs}
-    described = ", ".join(f"{item.name} {item.type} {list(item.shape)}" for item in inputs)
+    shapes = {item.name: tuple(item.shape or ()) for item in inputs}
+    described = ", ".join(f"{item.name[:40]} {item.type} {item.shape}" for item in inputs[:4])
     channels = {name: shape[1] if len(shape) == 4 else None for name, shape in shapes.items()}
     by_count = {count: name for name, count in channels.items() if isinstance(count, int)}
     if len(channels) == 1 and set(by_count) == {4}:
@@ -162,7 +166,7 @@ def _understand(path: Path, session: Any) -> _Inputs:
             f"{path}: the network must take float32 image and mask, as inputs (1, 3, H, W) and"
             f" (1, 1, H, W) or as one (1, 4, H, W) (it takes {described}); {_CURE}"
         )
-    first_output = tuple(session.get_outputs()[0].shape)
+    first_output = tuple(session.get_outputs()[0].shape or ())  # of a list of tensors, it has none
     if len(first_output) != 4 or (isinstance(first_output[1], int) and first_output[1] != 3):
         raise InputError(
             f"{path}: the network's first output must be an image (1, 3, H, W)"
@@ -176,4 +180,4 @@ def _understand(path: Path, session: Any) -> _Inputs:
 
 
 def _one_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+    return visible_line(str(error) or type(error).__name__)

@@ -42,12 +42,20 @@ def network_files(path: Path) -> list[Path]:
         names = sorted(set(_locations(data, "model", 0)))
     found = [path]
     for name in names:
-        if Path(name).is_absolute() or Path(os.path.normpath(name)).parts[0] == "..":
-            raise InputError(f"{path}: must name weights in its own folder ({name!r} lies outside)")
         found.append(path.parent / name)
+        if not _lies_in(path.parent, found[-1]):
+            raise InputError(
+                f"{path}: must name weights in its own folder ({name[:200]!r} lies outside)"
+            )
         if not found[-1].is_file():
             raise FileNotFoundError(2, "No such file", str(found[-1]))
     return found
+
+
+def _lies_in(folder: Path, file: Path) -> bool:
+    """Return whether a file lies in a folder, as it is named and where its links lead."""
+    named = not Path(os.path.relpath(file, folder)).is_relative_to("..")
+    return named and "\0" not in str(file) and file.resolve().is_relative_to(folder.resolve())
 
 
 def _locations(data: memoryview, kind: str, depth: int) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block
-from protocols.units import Condition, Model, Scalar
+from protocols.units import Condition, Model, Parameters, Scalar
 
 if TYPE_CHECKING:
     from protocols.display import Display
@@ -108,6 +108,10 @@ class Recipe(Model):
     def clip_s(self) -> float | None:
         """How long a clip plays; None for stills, which are shown as long as the task says."""
         return None if self.frames == 1 else self.frames / self.frame_hz
+
+    def stated(self, _stimulus: Stimulus) -> Parameters:
+        """Return what a manifest must say of a stimulus, by field of its clip or by parameter."""
+        return {"fps": self.frame_hz, "bit_depth": self.bit_depth}
 
     def values(self, column: str) -> tuple[Scalar, ...]:
         """Return the values of a column of the conditions, in the order declared."""

@@ -555,6 +555,23 @@ class WarpedClips(Recipe):
         """Bits per channel."""
         return self.clips.bit_depth
 
+    def stated(self, stimulus: Stimulus) -> Parameters:
+        """Return rate, depth, seeds, camera path, and what the study sets of the method."""
+        name = ClipName.of(stimulus.condition)
+        scene, method = self.scene(name.scene), self.method(name.method)
+        found: Parameters = {
+            "seed": self.clips.seed,
+            "path": scene.camera.kind,
+            "scene_seed": scene.seed,
+            "exr": self.clips.exr,
+            "preview": self.clips.preview,
+        }
+        if ":" not in method.registry_name:  # else with the folder that its file was found in
+            found["method"] = method.registry_name
+        for key, value in method.parameters.items():
+            found[f"method.{key}"] = tuple(value) if isinstance(value, list) else value
+        return super().stated(stimulus) | found
+
     def scene(self, name: str) -> Scene:
         """Return the scene called `name`."""
         return next(scene for scene in self.scenes if scene.name == name)

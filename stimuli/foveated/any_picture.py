@@ -19,10 +19,9 @@ from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.image_file import Pixels, from_integers, read_pixels
 from stimuli.channels import need
-from stimuli.exr import Transfer
+from stimuli.exr import Transfer, stored_transfer
 from stimuli.exr_parts import read_parts
 
-_TRANSFER = "metamerlab:transfer"  # as `stimuli.exr` writes it
 _SRGB = ("srgb", "iec 61966", "iec61966")
 _GREY = ("Y", "L", "I")
 
@@ -98,7 +97,7 @@ def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
     if integers:
         shown = from_integers(colour)
     else:
-        stored = Transfer(str(pixels.attributes.get(_TRANSFER, Transfer.LINEAR)))
+        stored = stored_transfer(path, pixels.attributes)
         encoded = reading.encoded or stored is Transfer.ENCODED
         if alpha is not None and premultiplied and not encoded:
             # The background is put behind in light, where alpha was made.

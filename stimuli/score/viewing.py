@@ -16,6 +16,7 @@ from protocols.load import load_display
 
 STANDARD_FHD = "standard_fhd"
 _INCH_M = 0.0254
+_FARTHEST_PX = 1e6  # no clip is as wide
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ def _point(parts: Sequence[str | None], where: str) -> tuple[float, float]:
         x_px, y_px = (float(part or "") for part in parts)
     except ValueError:
         x_px = y_px = math.nan
-    if not (math.isfinite(x_px) and math.isfinite(y_px)):
+    if not (abs(x_px) <= _FARTHEST_PX and abs(y_px) <= _FARTHEST_PX):
         raise StudyError(
             f"{where}: must be two numbers, pixels from the clip's upper left corner"
             f" (got {', '.join(str(part) for part in parts)})"

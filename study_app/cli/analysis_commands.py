@@ -7,27 +7,13 @@ import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-import pandas as pd
 import typer
 from rich.table import Table
 
-from analysis.columns import dictionary
-from analysis.csv_table import write_table
-from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
-from analysis.report import ReportPaths, report_decisions, report_sessions
-from analysis.report.folder import whole_folder
-from analysis.report.source import Progress, from_sessions, from_table
-from analysis.report.values import as_json
-from analysis.tasks import analysis_of, analysis_of_task
-from analysis.tasks.base import SEED, PowerReport
-from analysis.tasks.note import options_from, write_note
-from analysis.tidy import read_sessions, write_tables
+from analysis.seed import SEED
 from protocols.errors import StudyError
-from protocols.load import load_protocol
-from protocols.schema import StudyProtocol
 from protocols.tasks import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
@@ -44,6 +30,14 @@ from study_app.cli.progress import one_line
 from study_app.cli.sequential_command import register as register_sequential
 from study_app.cli.table_commands import register as register_tables
 from study_app.cli.terminal import PlainConsole, say
+
+if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
+    import pandas as pd
+
+    from analysis.report.build import ReportPaths
+    from analysis.report.source import Progress
+    from analysis.tasks.base import PowerReport
+    from protocols.schema import StudyProtocol
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -101,6 +95,9 @@ def report(
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
+    from analysis.report.build import report_decisions, report_sessions
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol) if protocol else None
         with one_line() as progress:
@@ -150,6 +147,13 @@ def tidy(
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
+    from analysis.csv_table import write_table
+    from analysis.report.folder import whole_folder
+    from analysis.tasks import analysis_of
+    from analysis.tasks.note import write_note
+    from analysis.tidy import read_sessions, write_tables
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
@@ -218,6 +222,14 @@ def power(
 
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
     """
+    import numpy as np
+
+    from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+    from analysis.report.folder import whole_folder
+    from analysis.report.values import as_json
+    from analysis.tasks import analysis_of
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         analysis = analysis_of(study.analysis.kind)
@@ -302,6 +314,12 @@ def import_(
         metamerlab analysis import old.csv --task identification --map participant=subject
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
+    from analysis.columns import dictionary
+    from analysis.csv_table import write_table
+    from analysis.report.folder import whole_folder
+    from analysis.tasks import analysis_of_task
+    from analysis.tasks.note import options_from, write_note
+
     with user_errors():
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
@@ -330,6 +348,8 @@ register_sequential(app)
 
 def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> pd.DataFrame:
     """Return the decisions of a pilot: of sittings, or of a table."""
+    from analysis.report.source import from_sessions, from_table
+
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
     found = from_table(path, None) if table else from_sessions(path, study, progress)
     if found.analysis.kind != study.analysis.kind:

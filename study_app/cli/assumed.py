@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from analysis.tasks.base import Assumption
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from analysis.tasks.base import Assumption
 
 
 def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:

@@ -59,14 +59,19 @@ def user_errors() -> Iterator[None]:
 
 def shortened(message: str) -> str:
     """Return a message without the middles of endless lines, and without endless lists."""
-    half = _LINE_MOST // 2
-    lines = [
-        line if len(line) <= _LINE_MOST else f"{line[:half]} ... {line[-half:]}"
-        for line in message.split("\n")
-    ]
+    lines = [_shortened(line) for line in message.split("\n")]
     if len(lines) > _LINES_MOST:
         lines[_LINES_MOST:] = [f"... and {len(lines) - _LINES_MOST} more"]
     return "\n".join(lines)
+
+
+def _shortened(line: str) -> str:
+    """Leave the middle of a very long line out: a cell of a file may hold a megabyte."""
+    left_out = len(line) - _LINE_MOST
+    if left_out <= 0:
+        return line
+    half = _LINE_MOST // 2
+    return f"{line[:half]} [{left_out} more characters] {line[-half:]}"
 
 
 def _is_the_users(error: OSError) -> bool:

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.export import FORMATS, ExportOptions, export_study
-from analysis.export.choices import EYES
+from analysis.export.choices import EYES, FORMATS, ExportOptions
 from protocols.errors import StudyError
-from protocols.load import load_display, load_protocol
 from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SessionsArgument, SessionsProtocolOption
@@ -71,6 +69,9 @@ def export(
 
         metamerlab analysis export sessions --protocol demo --format pwcmp --out pwcmp
     """
+    from analysis.export.write import export_study
+    from protocols.load import load_display, load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         chosen = next((name for name in FORMATS if name == form), None)

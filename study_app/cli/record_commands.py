@@ -20,7 +20,7 @@ from study_app.cli.errors import user_errors
 from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
 from study_app.cli.terminal import PlainConsole, say
 from study_app.operator_view import rows
-from study_app.run import utc_now
+from study_app.recorder import utc_now
 from study_app.sittings import Sitting
 from study_app.verification import verify as verify_sitting
 from study_app.withdrawal import find_participant

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-import pandas as pd
 import typer
 
-from analysis.from_csv.found import Found
-from analysis.sequential import SequentialError, SequentialPlan, plan_of, sequential_error
-from analysis.tasks import analysis_of
-from analysis.tasks.base import SEED
+from analysis.seed import SEED
 from protocols.errors import StudyError
-from protocols.load import load_protocol
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ProtocolArgument, ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.table_commands import OutOption, hand_over
+
+if TYPE_CHECKING:
+    from analysis.from_csv.found import Found
+    from analysis.sequential import SequentialError, SequentialPlan
 
 STUDIES = 2000
 
@@ -47,6 +45,12 @@ def sequential(
 
     Example: metamerlab analysis sequential study.toml --set rate=0.65
     """
+    import numpy as np
+
+    from analysis.sequential import plan_of, sequential_error
+    from analysis.tasks import analysis_of
+    from protocols.load import load_protocol
+
     with user_errors():
         study = load_protocol(protocol)
         section = study.analysis.sequential
@@ -85,6 +89,11 @@ def _found(
     assumed: dict[str, float],
 ) -> Found:
     """Return bounds and errors, ready to print."""
+    import numpy as np
+    import pandas as pd
+
+    from analysis.from_csv.found import Found
+
     taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
     lines = [
         {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,17 +18,17 @@ from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOptio
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
 from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
-from study_app.conduct import Outcome
-from study_app.display_check import DisplayCheck, check_display, verdict, write_report
-from study_app.gaze.source import CalibrationResult
 from study_app.layout import Extras
-from study_app.luminance import LuminanceFit, fit_gamma, store_luminance
-from study_app.luminance_page import read_patches
 from study_app.operator_view import attempt_line
-from study_app.run import Listener, SittingOptions, resume_sitting, run_sitting, utc_now
 from study_app.sittings import Sitting
-from study_app.validation import PointQuality, smallest_window_deg
-from study_app.window import Window
+
+if TYPE_CHECKING:  # what opens a window is imported when a command runs
+    from study_app.conduct import Outcome
+    from study_app.display_check import DisplayCheck
+    from study_app.gaze.source import CalibrationResult
+    from study_app.luminance import LuminanceFit
+    from study_app.run import Listener, SittingOptions
+    from study_app.validation import PointQuality
 
 StimuliOption = Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
 ParticipantOption = Annotated[
@@ -99,6 +99,8 @@ def run(
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
+    from study_app.run import SittingOptions, run_sitting
+
     with user_errors():
         study, screen = load_study(protocol, display)
         options = SittingOptions(
@@ -138,6 +140,8 @@ def resume(
 
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
+    from study_app.run import SittingOptions, resume_sitting
+
     with user_errors():
         study, screen = load_study(protocol, display)
         options = SittingOptions(
@@ -177,6 +181,12 @@ def check_display_(
 
     Example: metamerlab session check-display my-display.toml --luminance
     """
+    from study_app.display_check import check_display, verdict, write_report
+    from study_app.luminance import fit_gamma, store_luminance
+    from study_app.luminance_page import read_patches
+    from study_app.recorder import utc_now
+    from study_app.window import Window
+
     with user_errors():
         described = load_display(display)
         if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
@@ -217,6 +227,9 @@ def shipped_paths() -> list[Path]:
 
 
 def _listener() -> Listener:
+    from study_app.run import Listener
+    from study_app.validation import smallest_window_deg
+
     console = PlainConsole()
 
     def on_check(check: DisplayCheck) -> None:

@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analysis.from_csv.bayes import bayes_of_csv
-from analysis.from_csv.detection import detection_of_csv
-from analysis.from_csv.found import RESULTS, Found, write_found
-from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
-from analysis.from_csv.ratings import ratings_of_csv
-from analysis.from_csv.reaction import reaction_of_csv
-from analysis.ordinal import OrdinalLink
-from analysis.report.folder import whole_folder
-from protocols.adaptive.psychometric import SHAPES
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from study_app.cli.assumed import pairs
@@ -25,6 +16,10 @@ from study_app.cli.errors import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say
+
+if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
+    from analysis.from_csv.found import Found
+    from analysis.ordinal import OrdinalLink
 
 TrialsArgument = Annotated[
     Path, typer.Argument(help="CSV of any tool, one answer per row; or a decisions.csv of ours.")
@@ -59,7 +54,9 @@ def psychometric(
     guess: Annotated[
         str, typer.Option(metavar="RATE|fit", help="Rate of guessing, such as 0.5; fit: unknown.")
     ] = "0.5",
-    shape: Annotated[str, typer.Option(metavar="|".join(SHAPES), help="Of the curve.")] = "gauss",
+    shape: Annotated[
+        str, typer.Option(help="Of the curve: gauss, logistic, gumbel or weibull.")
+    ] = "gauss",
     falling: Annotated[
         bool, typer.Option("--falling", help="Answers get worse as the level rises.")
     ] = False,
@@ -80,6 +77,9 @@ def psychometric(
     Example: metamerlab analysis psychometric acuity.csv --level ecc_deg --by method --falling
     --guess 0.25 --out acuity
     """
+    from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
+    from protocols.adaptive.psychometric import SHAPES
+
     with user_errors():
         options = PsychometricOptions(
             x=level,
@@ -117,6 +117,8 @@ def detection(
     Example: metamerlab analysis detection seen.csv --signal seen --by method --map answer=said
     --out seen
     """
+    from analysis.from_csv.detection import detection_of_csv
+
     with user_errors():
         found = detection_of_csv(
             table,
@@ -146,6 +148,8 @@ def reaction(
 
     Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
     """
+    from analysis.from_csv.reaction import reaction_of_csv
+
     with user_errors():
         found = reaction_of_csv(
             table, pairs("--map", columns or ()), by=by, baseline=baseline, level=confidence
@@ -182,6 +186,8 @@ def ratings(
 
         metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
     """
+    from analysis.from_csv.ratings import ratings_of_csv
+
     with user_errors():
         found = ratings_of_csv(
             table,
@@ -219,6 +225,8 @@ def bayes(
 
     Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
     """
+    from analysis.from_csv.bayes import bayes_of_csv
+
     with user_errors():
         mapping = pairs("--map", columns or ())
         with one_line() as progress:
@@ -279,6 +287,9 @@ def _scale(text: str | None) -> tuple[str, ...]:
 
 def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
     """Print what was found, and write it where a folder is named."""
+    from analysis.from_csv.found import RESULTS, write_found
+    from analysis.report.folder import whole_folder
+
     if out is not None:
         with whole_folder(out, RESULTS, replace=replace) as work:
             write_found(found, work)

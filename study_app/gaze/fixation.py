@@ -124,7 +124,7 @@ class FixationMonitor:
                 self._lost_s += since_s - self._interval_s
         self._last_s = t_s
         self._samples += 1
-        if not sample.valid:
+        if x_px != x_px or y_px != y_px:  # not `sample.valid`, for thousands of samples
             self._take_lost(t_s)
             return
         if self._lost_since_s is not None:

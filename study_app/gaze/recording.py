@@ -22,6 +22,8 @@ _SCREEN = re.compile(
 )
 _RATE = re.compile(r"^SAMPLES\s.*\bRATE\s+([\d.]+)")
 _BLINK = re.compile(r"^EBLINK\s+[LR]\s+(\d+)\s+(\d+)")
+FARTHEST_PX = 1e6
+"""No screen is as wide; what lies farther away is no gaze."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,13 @@ def _read_csv(path: Path, text: str) -> Recording:
 
 
 def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
-    """Gaze is somewhere or lost (not a number), but never infinitely far away."""
-    if np.isinf(x).any() or np.isinf(y).any():
-        raise StudyError(f"{path}: gaze must be in pixels, or empty where the eye was lost")
+    """Gaze is somewhere or lost (not a number), but never farther away than any screen."""
+    farthest = np.nanmax(np.abs([x, y]), initial=0.0)
+    if farthest > FARTHEST_PX:
+        raise StudyError(
+            f"{path}: gaze must be in pixels of the screen, or empty where the eye was lost"
+            f" (got {farthest:g})"
+        )
 
 
 def _median_rate(path: Path, t_s: NDArray[np.float64]) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
@@ -137,17 +138,13 @@ class SimulatedGaze:
     def _samples_of(self, index: int) -> list[GazeSample]:
         """Return a chunk's samples; they are kept until the next one is asked for."""
         if self._chunk is None or self._chunk[0] != index:
-            first = index * _CHUNK
-            self._chunk = (
-                index,
-                [
-                    GazeSample(self._start_s + number / self._rate_hz, float(number), *place)
-                    for number, place in enumerate(self._chunk_px(index), start=first)
-                ],
-            )
+            number = index * _CHUNK + np.arange(_CHUNK, dtype=np.float64)
+            columns = (self._start_s + number / self._rate_hz, number, *self._chunk_px(index).T)
+            rows = zip(*(column.tolist() for column in columns), strict=True)
+            self._chunk = index, list(map(GazeSample._make, rows))
         return self._chunk[1]
 
-    def _chunk_px(self, index: int) -> list[tuple[float, float]]:
+    def _chunk_px(self, index: int) -> NDArray[np.float64]:
         """Return the gaze of `_CHUNK` samples in pixels: jitter, drift and what happens."""
         after_s = (index * _CHUNK + np.arange(_CHUNK)) / self._rate_hz
         rng = np.random.default_rng((self._seed, index))
@@ -158,6 +155,8 @@ class SimulatedGaze:
             gaze_deg[:, axis] += self._behaviour.drift_deg / 3 * waves.sum(axis=1)
         for event in self._events:
             since_s = after_s - event.at_s
+            if since_s[-1] < -_DRAG_S[0] or since_s[0] >= event.duration_s + _DRAG_S[1]:
+                continue
             inside = (since_s >= 0.0) & (since_s < event.duration_s)
             if event.kind == "away":
                 gaze_deg[inside] += event.offset_deg
@@ -167,7 +166,10 @@ class SimulatedGaze:
                 gaze_deg[inside] = math.nan
             elif event.kind == "loss":
                 gaze_deg[inside] = math.nan
-        return [self._viewing.to_px(*place) for place in gaze_deg.tolist()]
+        view = self._viewing
+        middle_px = view.width_px / 2, view.height_px / 2
+        offset_mm = view.distance_mm * np.tan(np.radians(gaze_deg))
+        return middle_px + offset_mm / (view.pitch_x_mm, view.pitch_y_mm)
 
     def _drawn_events(self, rng: np.random.Generator) -> list[GazeEvent]:
         behaviour = self._behaviour

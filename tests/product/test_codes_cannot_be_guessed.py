@@ -11,8 +11,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.export import export_study
 from analysis.export.choices import FORMATS, ExportOptions
+from analysis.export.write import export_study
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes, sha256_json
 from protocols.load import load_display, load_protocol

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from protocols.display import Display
+from protocols.key_docs import key_docs
 from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import clip_fps, explained, study_files
 from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
@@ -121,10 +122,10 @@ def test_comments_come_from_the_schema():
         "[stimuli.clips]\nfps = 30.0\n#? exr = false\n[stimuli.clips]\nfps = 60.0\n", StudyProtocol
     )
 
-    meaning = Clips.model_fields["fps"].description
+    meaning = key_docs(Clips)
     assert text == (
-        f"[stimuli.clips]\n# {meaning} (Hz, > 0)\nfps = 30.0\n"
-        f"# {Clips.model_fields['exr'].description} (true | false, default false)\n# exr = false\n"
+        f"[stimuli.clips]\n# {meaning['fps']} (Hz, > 0)\nfps = 30.0\n"
+        f"# {meaning['exr']} (true | false, default false)\n# exr = false\n"
         "[stimuli.clips]\nfps = 60.0\n"
     )
 

@@ -122,6 +122,51 @@ def test_a_network_does_not_reach_outside_its_folder(tmp_path):
         method_files(f"onnx:{tmp_path / 'net' / 'big.onnx'}")
 
 
+@pytest.mark.parametrize("name", ["", ".", "w/\0", "link.bin", "../net/../../etc/passwd"])
+def test_weights_are_files_of_its_folder_when_they_are_listed_and_opened(tmp_path, name):
+    (tmp_path / "net").mkdir()
+    (tmp_path / "outside.bin").write_bytes(bytes(1200))
+    (tmp_path / "net" / "link.bin").symlink_to(tmp_path / "outside.bin")
+    path = tmp_path / "net" / "big.onnx"
+    with_weights_beside(path)
+    model = onnx.load(path, load_external_data=False)
+    model.graph.initializer[0].external_data[0].value = name
+    path.write_bytes(model.SerializeToString())
+
+    for use in (method_files, create_method):
+        with pytest.raises((InputError, FileNotFoundError), match=r"own folder|No such file"):
+            use(f"onnx:{path}")
+
+
+def test_a_network_with_any_byte_harmed_is_read_or_is_one_message(network, capfd):
+    data = network.read_bytes()
+    refused = 0
+    for place in range(0, len(data), 2):
+        network.write_bytes(data[:place] + b"\xf5" + data[place + 1 :])
+        try:
+            create_method(f"onnx:{network}")
+        except InputError:  # and nothing else
+            refused += 1
+    assert refused > 20
+    assert capfd.readouterr().out == ""
+
+
+def test_an_answer_that_is_no_picture_is_refused(tmp_path, frame):
+    listed = helper.make_tensor_sequence_value_info("out", FLOAT, None)
+    values = [helper.make_tensor_value_info(*entry) for entry in (IMAGE, MASK)]
+    nodes = [helper.make_node("SequenceConstruct", ["image"], ["out"])]
+    graph = helper.make_graph(nodes, "net", values, [listed])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, tmp_path / "list.onnx")
+    whole = ("out", TensorProto.INT32, [1, 3, "H", "W"])
+    nodes = [helper.make_node("Cast", ["image"], ["out"], to=TensorProto.INT32)]
+    save(tmp_path / "whole.onnx", nodes, [IMAGE, MASK], [whole])
+
+    for name in ("list", "whole"):
+        with pytest.raises(InputError, match="output must"):
+            create_method(f"onnx:{tmp_path / name}.onnx").fill(frame, 0)
+
+
 def test_a_cut_network_is_refused_when_its_files_are_listed(network):
     data = network.read_bytes()
     for length in range(1, len(data)):

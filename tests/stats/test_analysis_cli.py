@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
+from undrawn_reports import undrawn
 
 from study_app.cli import app
 
@@ -67,15 +68,9 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
 
 def test_tables_go_on_to_a_report_with_the_same_shares(sessions, reported, tmp_path):
     run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t")
-    result = run(
-        "report",
-        tmp_path / "t" / "decisions.csv",
-        "--protocol",
-        "demo",
-        "--out",
-        tmp_path / "b",
-        "--no-figures",
-    )
+    table, out = tmp_path / "t" / "decisions.csv", tmp_path / "b"
+    with undrawn():
+        result = run("report", table, "--protocol", "demo", "--out", out, "--no-figures")
 
     assert result.exit_code == 0, result.output
     one, other = (
@@ -105,7 +100,8 @@ def test_import_names_columns_and_says_what_to_do_next(tmp_path):
 
     assert result.exit_code == 0, result.output
     assert "48 decisions of 6 participants" in result.output
-    made = run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "r", "--no-figures")
+    with undrawn():
+        made = run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "r")
     assert made.exit_code == 0, made.output
 
 

@@ -260,6 +260,28 @@ def test_the_same_figure_has_the_same_bytes(draw, kind):
     assert len(first) > 2000
 
 
+def test_the_order_in_which_kinds_are_written_changes_nothing(draw):
+    figure = draw["heat"](width_in=ONE_COLUMN_IN)
+    alone = figure_bytes(draw["heat"](width_in=ONE_COLUMN_IN), "svg")
+
+    figure_bytes(figure, "png")
+    assert figure_bytes(figure, "svg") == alone
+
+
+@pytest.mark.parametrize("people", [41, 300])
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+def test_a_heat_map_of_many_people_fits_a_page(people, width_in):
+    names = [f"P{number:03d}" for number in range(people)]
+    shares = np.linspace(0, 1, 8 * people).reshape(people, 8)
+    figure = heat_map(shares, names, list("abcdefgh"), row_title="Participant", width_in=width_in)
+    shown = [text for text, _ in visible_texts(figure)]
+
+    assert figure.get_figheight() < 11
+    assert {"P000", "Participant", "h"} < set(shown)
+    assert not any(text.startswith(".") for text in shown)
+    assert overlaps(figure) == []
+
+
 def test_files_carry_their_fonts(draw, tmp_path):
     svg, pdf, png = save_figure(draw["bias"](width_in=ONE_COLUMN_IN), tmp_path, "bias")
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import expit
+from undrawn_reports import undrawn
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.load import load_display, load_protocol
 from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel
@@ -44,7 +45,8 @@ def numbers(tmp_path_factory) -> dict[str, object]:
         ),
     )
     simulate_study(simulation, folder / "s", protocol.study.participants)
-    made = report_sessions(folder / "s", protocol, folder / "r", figure_files=False)
+    with undrawn():
+        made = report_sessions(folder / "s", protocol, folder / "r", figure_files=False)
     loaded: dict[str, object] = json.loads(made.json.read_text())
     return loaded
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.report import report_decisions, report_sessions
+from analysis.report.build import report_decisions, report_sessions
 from analysis.report.folder import whole_folder
 from analysis.report.wording import big, number, p_number, p_text, printable, share
 from protocols.errors import StudyError

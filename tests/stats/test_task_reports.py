@@ -22,12 +22,13 @@ from made_up_trials import (
 )
 from scipy import stats
 from typer.testing import CliRunner, Result
+from undrawn_reports import undrawn
 
 from analysis.detection import YesNoResults
-from analysis.export import export_study
 from analysis.export.psychds_rules import broken_rules
+from analysis.export.write import export_study
 from analysis.ideal_observer import abx_share
-from analysis.report import report_decisions, report_sessions
+from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import share
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note
@@ -369,7 +370,8 @@ def test_levels_chosen_from_answers_are_said_to_spoil_shares(reported):
 def test_tidy_tables_say_their_task_and_give_the_same_numbers_again(reported, tmp_path):
     toml = reported.folder.parent / "study.toml"
     run("tidy", reported.sessions, "--protocol", toml, "--out", tmp_path / "t")
-    made = report_decisions(tmp_path / "t" / "decisions.csv", tmp_path / "r", figure_files=False)
+    with undrawn():
+        made = report_decisions(tmp_path / "t" / "decisions.csv", tmp_path / "r")
     found = json.loads(made.json.read_text())
 
     kind, _ = read_note(tmp_path / "t" / "decisions.csv")
@@ -623,7 +625,8 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
     assert set(found["results"]["curves"]) == {"a", "b"}
     assert all(one["width"] < 0 for one in found["results"]["curves"].values())
     titled = ("--title", "Acuity <1>", "--no-figures")
-    assert run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "t", *titled)
+    with undrawn():
+        assert run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "t", *titled)
     assert "<title>Acuity &lt;1&gt;" in (tmp_path / "t" / "report.html").read_text()
     html = (tmp_path / "r" / "report.html").read_text()
     assert "&lt;p0&gt;" in html

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from undrawn_reports import undrawn
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes, sha256_file, sha256_json
@@ -250,9 +251,9 @@ def test_journals_of_format_1_give_the_numbers_they_gave(old_sittings, tmp_path)
     standard error until the curvature was taken at the mode itself, decision 0055; that moved the
     stored numbers by at most 2e-4 of a standard error.)
     """
-    made = report_sessions(
-        old_sittings, load_protocol(study_file("showcase", 1)), tmp_path / "out", figure_files=False
-    )
+    showcase = load_protocol(study_file("showcase", 1))
+    with undrawn():
+        made = report_sessions(old_sittings, showcase, tmp_path / "out", figure_files=False)
     old = json.loads(gzip.decompress((DATA / "results.json.gz").read_bytes()))
     new = json.loads(made.json.read_text(encoding="utf-8"))
     libraries = [said["provenance"]["libraries"] for said in (old, new)]

@@ -44,6 +44,21 @@ def test_help_imports_nothing_heavy():
     assert done.stdout.strip().splitlines()[-1] == "IMPORTED []", done.stdout + done.stderr
 
 
+def test_help_of_no_command_imports_statistics_or_graphics():
+    """A command imports what it works with when it runs; its formats it needs at once."""
+    heavy = sorted({*HEAVY, "statsmodels", "jinja2"} - {"numpy", "pydantic", "PIL"})
+    code = (
+        "import sys\n"
+        "from study_app.cli import SLOTS\n"
+        "for slot in SLOTS:\n"
+        "    slot.load()\n"
+        f"    print(slot.name, [name for name in {heavy!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+    assert done.stdout.splitlines() == [f"{slot.name} []" for slot in SLOTS], done.stderr
+
+
 def test_help_lists_every_slot():
     listed = CliRunner().invoke(app, ["--help"], terminal_width=100).stdout
 
@@ -94,6 +109,17 @@ def test_unknown_command_suggests_the_nearest_and_exits_with_2():
     assert done.returncode == 2
     assert "doctor" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_message_about_a_megabyte_leaves_its_middle_out(capsys):
+    with pytest.raises(typer.Exit), user_errors():
+        raise StudyError("a.csv: line 2: must be short (got " + "x" * 10**6 + "); cut it\nanother")
+    said = capsys.readouterr().err
+
+    assert said.startswith("error: a.csv: line 2: must be short (got xxx")
+    assert "more characters]" in said
+    assert said.endswith("x); cut it\n       another\n")
+    assert len(said) < 2200
 
 
 def lazy_app(target: str) -> typer.Typer:

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.export import export_study
 from analysis.export.choices import ExportOptions
+from analysis.export.write import export_study
 from analysis.tidy import read_sessions
 from protocols.chain import due, first_link, sealed, stated
 from protocols.errors import StudyError

@@ -23,7 +23,7 @@ from analysis.csv_table import read_table
 from analysis.export.bids_gaze import read_samples
 from pipeline.errors import InputError
 from pipeline.image_file import read_pixels, write_pixels
-from pipeline.limits import VARIABLE, check_values
+from pipeline.limits import VARIABLE, check_values, visible_line
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
@@ -33,7 +33,9 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
+from stimuli.exr import load_colour, save_colour
 from stimuli.exr_parts import read_parts
+from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
 from stimuli.png import decode
 from stimuli.read_file import read_frames
@@ -290,6 +292,38 @@ def test_an_exr_header_with_any_byte_harmed_is_read_or_is_one_message(tmp_path):
             except InputError:  # and nothing else
                 refused += 1
     assert refused > 20
+
+
+def test_an_exr_header_that_says_what_no_colour_is_is_one_message(tmp_path):
+    path = tmp_path / "p.exr"
+    save_colour(path, np.full((4, 5, 3), 0.5, np.float32))
+    path.write_bytes(path.read_bytes().replace(b"linear", b"\x1b[31m!", 1))
+    for read in (load_colour, read_any):
+        with pytest.raises(InputError, match=r"metamerlab:transfer must be linear or encoded"):
+            read(path)
+
+
+@pytest.mark.parametrize("shape", [(0, 5), (3, 0)])
+def test_arrays_without_numbers_are_refused(tmp_path, shape):
+    np.save(tmp_path / "a.npy", np.zeros(shape, np.float32))
+    with pytest.raises(InputError, match=r"must hold at least one number \(is \d x \d\)"):
+        _load_disparity(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("place", ["1e300", "-1e7", "inf"])
+def test_gaze_farther_away_than_any_screen_is_refused(tmp_path, place):
+    path = tmp_path / "g.csv"
+    path.write_text(f"t_s,x_px,y_px\n0,1,1\n0.004,{place},1\n0.008,,\n")
+    with pytest.raises(StudyError, match="gaze must be in pixels of the screen"):
+        load_recording(path)
+    with pytest.raises(StudyError, match="must be two numbers, pixels from"):
+        read_gaze(f"{place},1")
+
+
+def test_what_a_library_says_is_shown_on_one_line():
+    assert visible_line("bad type '\x01'.\nand more") == r"bad type '\x01'"
+    assert visible_line(" ") == "no reason given"
+    assert len(visible_line("x" * 5000)) == 200
 
 
 def test_frames_and_videos_are_looked_at_before_they_are_decoded(tmp_path, monkeypatch):

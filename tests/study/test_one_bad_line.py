@@ -93,6 +93,18 @@ def test_a_sitting_without_its_first_line_is_left_out_and_the_study_goes_on(sess
     assert read_journal(sessions / "demo" / "S003" / "journal.jsonl").start.slot == 2
 
 
+def test_slots_follow_from_first_lines_alone(sessions, monkeypatch):
+    """With every journal read to its end, the hundredth sitting would begin by reading 99."""
+    monkeypatch.delattr("study_app.sittings.read_journal")
+    assert next_slot(sessions, "demo") == 2
+
+
+def test_a_slot_that_was_changed_is_not_believed(sessions):
+    path = sessions / "demo" / "S001" / "journal.jsonl"
+    path.write_bytes(path.read_bytes().replace(b'"slot":0', b'"slot":7', 1))
+    assert next_slot(sessions, "demo") == 2  # not 0, which a person may have had
+
+
 def test_a_journal_that_is_no_file_costs_one_sitting(sessions):
     path = sessions / "demo" / "S001" / "journal.jsonl"
     path.unlink()

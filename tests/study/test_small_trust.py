@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.manifest import read_manifest, write_manifest
+from protocols.manifest import check_manifest, read_manifest, write_manifest
 from protocols.side_files import check_side_files
 from study_app import conduct, run
 from study_app.recorder import Recorder
@@ -111,6 +111,28 @@ def test_files_of_more_than_9999_attempts_have_names_of_their_own(tmp_path, monk
     assert {"flips/9999.csv", "flips/10000.csv", "flips/10001.csv"} <= set(files)
     assert len(set(files)) == len(attempts)
     assert not check_side_files(journal).wrong
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fps": 60.0},
+        {"bit_depth": 16},
+        {"seed": 8},
+        {"condition": {"scene": "garden", "size": "large", "method": "push-pull"}},
+        {"parameters": {"scene_seed": 2}},
+        {"parameters": {"method": "pull-push"}},
+        {"parameters": {"path": "line"}},
+    ],
+)
+def test_a_manifest_says_what_its_study_says(change):
+    manifest = virtual_manifest(DEMO, DISPLAY)
+    check_manifest(DEMO, manifest)
+    clip = manifest.clips[0].model_copy(update=change)
+    (key,) = {**change, **change.get("parameters", {})}.keys() - {"parameters"}
+
+    with pytest.raises(StudyError, match=rf"^{clip.name}: {key} must be .*as the study has it"):
+        check_manifest(DEMO, manifest.model_copy(update={"clips": (clip, *manifest.clips[1:])}))
 
 
 def test_a_manifest_holds_no_control_characters(tmp_path):

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from undrawn_reports import undrawn
 
-from analysis.report import report_sessions
-from analysis.tasks import analysis_of
+from analysis.report.build import report_sessions
 from analysis.tidy import read_sessions
 from protocols.journal import Answer, BlockEnd, BlockStart, Break, Consent, SessionEnd
 from protocols.journal_file import read_journal
@@ -145,20 +145,8 @@ def sit(study, display, root, code):
     return journal, pages, [picture for _, picture in stage.pictures]
 
 
-@pytest.fixture
-def without_figures(monkeypatch):
-    """Give a function that takes the figures, which take longest, out of an analysis' reports."""
-
-    def take_out(kind):
-        monkeypatch.setattr(type(analysis_of(kind)), "figures", lambda *_, **__: ())
-
-    return take_out
-
-
 @pytest.mark.parametrize("name", CASES)
-def test_a_whole_sitting_is_shown_recorded_and_analysed(
-    short_study, without_figures, tmp_path, name
-):
+def test_a_whole_sitting_is_shown_recorded_and_analysed(short_study, tmp_path, name):
     case = CASES[name]
     path = tmp_path / "study.toml"
     text = short_study(
@@ -176,8 +164,8 @@ def test_a_whole_sitting_is_shown_recorded_and_analysed(
         if "adaptive" in case.task:
             check_levels(journal)
     check_tables(read_sessions(sessions, study), case)
-    without_figures(study.analysis.kind)
-    report_sessions(sessions, study, tmp_path / "report", figure_files=False)
+    with undrawn():
+        report_sessions(sessions, study, tmp_path / "report", figure_files=False)
     check_report(tmp_path / "report", case)
 
 

@@ -15,8 +15,8 @@ from analysis.pairings import pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
 from analysis.preference import preferences
+from analysis.seed import SEED
 from analysis.tasks.base import (
-    SEED,
     Assumption,
     Counted,
     Estimate,

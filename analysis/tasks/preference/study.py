@@ -26,7 +26,8 @@ from analysis.pairings import ALL_SIZES, as_numbers, counts, numbered, pairing_r
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.reaction import ReactionTimes, reaction_times
 from analysis.scaling import Contrast, Scale, contrasts, scale
-from analysis.tasks.base import SEED, Step
+from analysis.seed import SEED
+from analysis.tasks.base import Step
 from analysis.tasks.preference.settings import Settings
 
 Floats = NDArray[np.float64]

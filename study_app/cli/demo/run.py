@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
 from protocols.hashing import sha256_file, sha256_json

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
