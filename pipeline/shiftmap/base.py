@@ -38,6 +38,7 @@ class Base:
 
     colour: NDArray[np.float64]  # (H, W, 3), the holes filled smoothly
     low: NDArray[np.float64]  # (H, W, 3), the low-pass of push-pull's fill
+    half_low: NDArray[np.float64]  # (H / 2, W / 2, 3), the same in the middle of 2x2 pixels
     wide: NDArray[np.float64]  # (H, W), 0 where a hole is thin or none, 1 where it is not
     detail: NDArray[np.float64]  # (H, W), luma that the base itself has above a low-pass
 
@@ -71,19 +72,21 @@ def _hole_pixels_behind(
     return count
 
 
-def lowpass(quarters: Level, guide: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Interpolate means of 4x4 pixels at every pixel, those of its own surface: (H, W, 3)."""
-    edge = 1 << LOW_RESOLUTION
-    rows, columns, shares = [], [], []
+def lowpass(
+    quarters: Level, guide: NDArray[np.float64], resolution: int, threshold: float
+) -> NDArray[np.float64]:
+    """Interpolate means of 4x4 pixels, those of one's own surface: (H, W, 3).
+
+    `guide`, (H, W), is that of a resolution: 0 for every pixel, 1 for the middle of 2x2.
+    """
+    edge = 1 << (LOW_RESOLUTION - resolution)
+    taps, shares = [], []
     for length, coarse in zip(guide.shape, quarters.guide.shape, strict=True):
-        eighths = 2 * np.arange(length) - (edge - 1)  # of the distance of two means, halved
-        first, part = np.divmod(eighths, 2 * edge)
-        (rows if not rows else columns).extend(
-            (first + i).clip(0, coarse - 1) for i in (0, 1)
-        )
+        first, part = np.divmod(2 * np.arange(length) - (edge - 1), 2 * edge)
+        taps.append([(first + i).clip(0, coarse - 1) for i in (0, 1)])
         shares.append(np.stack([2 * edge - part, part], axis=-1))
     weight = shares[0][:, None, :, None] * shares[1][None, :, None, :]
-    return guided_mean(quarters, rows, columns, weight.astype(np.float64), guide, threshold)[0]
+    return guided_mean(quarters, *taps, weight.astype(np.float64), guide, threshold)[0]
 
 
 def across(
@@ -133,7 +136,8 @@ def smooth_base(
         colour, hole, guide, levels=1, gamma=MetamericSettings.gamma, threshold=threshold
     )
     pushed = np.where(hole[..., None], levels[0].values, colour)
-    low = lowpass(levels[LOW_RESOLUTION], guide, threshold)
+    low = lowpass(levels[LOW_RESOLUTION], guide, 0, threshold)
+    halves = lowpass(levels[LOW_RESOLUTION], levels[1].guide, 1, threshold)
     thickness = np.clip((ways.across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
     own = np.concatenate([low[ways.end[:, 0], ways.end[:, 1]], thickness[:, None]], axis=1)
     extended = across(own, hole, ways, guide, threshold)
@@ -142,4 +146,4 @@ def smooth_base(
     base[hole] = (1 - share) * pushed[hole] + share * extended[:, :3]
     wide[hole] = extended[:, 3]
     detail[hole] = (1 - share[:, 0]) * ((pushed - low)[hole] @ LUMA)
-    return Base(base, low, wide, detail)
+    return Base(base, low, halves, wide, detail)

@@ -8,12 +8,12 @@ import moderngl
 import numpy as np
 
 from pipeline.background_texture.reference import MARGIN_PX, OCTANT_TANGENT
-from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.shiftmap import settings as fixed
 from pipeline.shiftmap.settings import ShiftMapSettings
-from pipeline.shiftmap.tiles import CANDIDATES, TILE, table_size
+from pipeline.shiftmap.tiles import TILE, table_size
 from pipeline.synthesis.settings import MetamericSettings
 
 TILE_BYTES = 56  # of the struct in shift_tiles.glsl
@@ -74,7 +74,7 @@ class ShiftMapPass:
             }
             | grid,
             "planes": {"TILE": 8},
-            "first": {"CANDIDATES": len(CANDIDATES)} | search,
+            "first": {"LENGTHS": fixed.LENGTHS} | search,
             "sweep": {
                 "DISAGREEMENT_COST": fixed.DISAGREEMENT_COST,
                 "DISAGREEMENT_PX": fixed.DISAGREEMENT_PX,
@@ -91,7 +91,6 @@ class ShiftMapPass:
             name: compile_compute(ctx, f"shiftmap/{name}.comp.glsl", **values)
             for name, values in constants.items()
         }
-        set_array(self._shaders["first"], "candidates", np.array(CANDIDATES, np.int32))
         for shader in self._shaders.values():
             for name, value in (
                 ("depth_threshold", settings.depth_threshold),

@@ -17,21 +17,22 @@ uniform float z_near_m;
 
 #include "quarters.glsl"
 
-void pack(ivec2 pixel) {
-    if (any(greaterThanEqual(pixel, imageSize(planes)))) return;
+void pack(ivec2 pixel, float guide, ivec3 low) {
     vec4 shown = imageLoad(image, pixel);
     bool hole = shown.a < 0.5;
     if (hole) shown = imageLoad(base, pixel);
-    float guide = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r);
-    uvec2 found = planes_of(steps_of(shown.rgb), steps_of(low_at(pixel, guide)),
-                            guide_steps_of(guide), hole);
+    uvec2 found = planes_of(steps_of(shown.rgb), low, guide_steps_of(guide), hole);
     imageStore(planes, pixel, uvec4(found, 0u, 0u));
 }
 
 // `parent` is a pixel of resolution 1.
 void work(ivec2 parent, int chain) {
-    pack(2 * parent);
-    pack(2 * parent + ivec2(1, 0));
-    pack(2 * parent + ivec2(0, 1));
-    pack(2 * parent + 1);
+    // An odd border repeats its last pixel, which then is packed twice.
+    Taps taps = children_of(parent, imageSize(planes));
+    vec4 guides = max(vec4(0.0), 1.0 - z_near_m / GUIDES_AT(depth_m, taps));
+    ivec3 low = steps_of(half_low_at(taps.a, farthest(guides)));
+    pack(taps.a, guides.x, low);
+    pack(taps.b, guides.y, low);
+    pack(taps.c, guides.z, low);
+    pack(taps.d, guides.w, low);
 }

@@ -63,7 +63,7 @@ def shift_map_fill(
     ways = find_ways(warped, guide, threshold)
     base = smooth_base(warped, guide, ways, threshold)
 
-    planes = planes_of(hole, guide, base.colour, base.low)
+    planes = planes_of(hole, guide, base.colour, base.half_low)
     thick = base.wide > 0
     tiles = cut_tiles(thick, planes.guide, warped.flow_px, ways)
     search = Search(tiles, planes, threshold)

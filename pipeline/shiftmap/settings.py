@@ -20,9 +20,7 @@ SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp give
 
 # Of the search. Costs are whole numbers, so that both twins choose alike.
 LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel
-ASIDES_PX = (-4, -2, 2, 4)  # and aside of these
-ASIDE_EVERY = 4  # of so many lengths
-STEPS_PX = (8, 4, 2, 1)  # of each sweep, along rows and columns
+STEPS_PX = (4, 1)  # of each sweep, along rows and columns; an even number of sweeps
 ENCODED_STEPS = 255  # colours are compared in these
 GUIDE_STEPS = 32767  # and guides in these
 SQUARE_STEPS = 1 << 22  # squares of detail are summed in these

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from pipeline.shiftmap.base import Ways
 from pipeline.shiftmap.settings import (
-    ASIDE_EVERY,
-    ASIDES_PX,
     COST_SCALE,
     DISAGREEMENT_COST,
     DISAGREEMENT_PX,
@@ -131,23 +129,23 @@ class Planes:
     hole: NDArray[np.bool_]  # (H, W)
     guide: NDArray[np.intp]  # (H, W), of `GUIDE_STEPS`
     colour: NDArray[np.intp]  # (H, W, 3), of `ENCODED_STEPS`: what is known, and the base
-    low: NDArray[np.intp]  # (H, W, 3)
+    low: NDArray[np.intp]  # (H, W, 3), the same for 2x2 pixels
 
 
 def planes_of(
     hole: NDArray[np.bool_],
     guide: NDArray[np.floating],
     colour: NDArray[np.floating],
-    low: NDArray[np.floating],
+    half_low: NDArray[np.floating],
 ) -> Planes:
     """Round to whole steps."""
 
     def steps(values: NDArray[np.floating], count: int) -> NDArray[np.intp]:
         return np.rint(count * np.clip(values, 0.0, 1.0)).astype(np.intp)
 
-    return Planes(
-        hole, steps(guide, GUIDE_STEPS), steps(colour, ENCODED_STEPS), steps(low, ENCODED_STEPS)
-    )
+    low = steps(half_low, ENCODED_STEPS).repeat(2, axis=0).repeat(2, axis=1)
+    low = low[: hole.shape[0], : hole.shape[1]]
+    return Planes(hole, steps(guide, GUIDE_STEPS), steps(colour, ENCODED_STEPS), low)
 
 
 class Search:
@@ -214,15 +212,11 @@ class Search:
         none = 5 * longer <= tiles.count
         way = np.where(none[:, None], (0, 1), tiles.way)
         longer = np.where(none, 1, longer)[:, None]
-        side = np.stack([-way[:, 1], way[:, 0]], axis=1)
-        best, cost = np.zeros((len(every), 2), np.intp), np.full(len(every), IMPOSSIBLE)
-        for length, aside in CANDIDATES:
-            along = (tiles.way_px + 1 + length)[:, None] * way
-            shift = rounded(along + aside * side, longer)
-            found = self.cost(every, shift)
-            better = found < cost
-            best[better], cost[better] = shift[better], found[better]
-        return best
+        shifts = [
+            rounded((tiles.way_px + 1 + length)[:, None] * way, longer) for length in range(LENGTHS)
+        ]
+        best = np.stack([self.cost(every, shift) for shift in shifts]).argmin(axis=0)
+        return np.asarray(np.stack(shifts)[best, every])
 
     def agree(self, shift: NDArray[np.intp]) -> NDArray[np.intp]:
         """Let tiles take neighbours' shifts, or small steps, where cost with disagreement falls.
@@ -243,13 +237,6 @@ class Search:
             )
             shift = np.stack(proposals)[cost.argmin(axis=0), every]
         return shift
-
-
-CANDIDATES = [
-    (length, aside)
-    for length in range(LENGTHS)
-    for aside in ((0, *ASIDES_PX) if length % ASIDE_EVERY == 0 else (0,))
-]
 
 
 def disagreement(
