@@ -52,8 +52,8 @@ class Scene:
 
 
 def at(array: NDArray[Any], place: NDArray[np.intp]) -> NDArray[Any]:
-    """Read pixels (N, 2), (row, column); beyond the border, the border."""
-    row, column = np.clip(place, 0, np.array(array.shape[:2]) - 1).T
+    """Read pixels (..., 2), (row, column); beyond the border, the border."""
+    row, column = np.moveaxis(np.clip(place, 0, np.array(array.shape[:2]) - 1), -1, 0)
     return np.asarray(array[row, column])
 
 

@@ -4,6 +4,7 @@
 #constant TILE_PX
 #constant WINDOW_PX        // pixels this far around a tile are compared too
 #constant WINDOW_STEP_PX   // every so many of them
+#constant LEAST_COMPARED   // fewer count as so many
 #constant COST_SCALE
 #constant NOT_KNOWN_COST   // of a tile none of whose pixels finds a source
 #constant FARTHER_COST     // of one whose sources all lie clearly behind it
@@ -17,8 +18,6 @@ layout(rg32ui, binding = 0) uniform readonly uimage2D planes;
 
 uniform uint list_index;
 uniform uint list_first;
-
-#define LEAST_COMPARED ((TILE_PX / WINDOW_STEP_PX) * (TILE_PX / WINDOW_STEP_PX))
 
 shared uint least;
 

@@ -20,7 +20,15 @@ TILE_BYTES = 56  # of the struct in shift_tiles.glsl
 TILES = ("tiles", 0)
 RESET_GROUP = 64
 _FORMATS = {"ways": "rgba32i", "ends": "rgba32f", "base": "rgba32f", "planes": "rg32ui", "detail": "rgba32f"}
-_SEARCH = ("TILE_PX", "WINDOW_PX", "WINDOW_STEP_PX", "COST_SCALE", "NOT_KNOWN_COST", "FARTHER_COST")
+_SEARCH = (
+    "TILE_PX",
+    "WINDOW_PX",
+    "WINDOW_STEP_PX",
+    "LEAST_COMPARED",
+    "COST_SCALE",
+    "NOT_KNOWN_COST",
+    "FARTHER_COST",
+)
 
 
 class ShiftMapPass:

@@ -21,6 +21,7 @@ from pipeline.shiftmap.settings import SQUARE_STEPS, ShiftMapSettings
 from pipeline.shiftmap.tiles import (
     Blend,
     Search,
+    Source,
     Tiles,
     blend_of,
     cut_tiles,
@@ -64,23 +65,31 @@ def shift_map_fill(
     base = smooth_base(warped, guide, ways, threshold)
 
     planes = planes_of(hole, guide, base.colour, base.half_low)
-    thick = base.wide > 0
-    tiles = cut_tiles(thick, planes.guide, warped.flow_px, ways)
+    tiles = cut_tiles(base.wide > 0, planes.guide, warped.flow_px, ways)
     search = Search(tiles, planes, threshold)
     shift = search.agree(search.first_shifts())
+    return lay_detail(warped, guide, base, tiles, shift, settings)
 
+
+def lay_detail(
+    warped: WarpedFrame,
+    guide: NDArray[np.float64],
+    base: Base,
+    tiles: Tiles,
+    shift: NDArray[np.intp],
+    settings: ShiftMapSettings,
+) -> ShiftMapFill:
+    """Copy the detail that the tiles' shifts, (N, 2), lead to, as much as the base lacks."""
+    hole, thick = warped.hole, base.wide > 0
     blend = blend_of(tiles, grid_subpixels(warped.flow_px)[thick])
-    known_detail = base.colour - base.low
+    source = Source(base.colour - base.low, hole, guide, settings.depth_threshold)
     detail, gain = np.zeros(base.colour.shape), np.zeros(hole.shape)
-    detail[thick] = shifted(
-        known_detail, np.argwhere(thick), blend, shift, hole, guide, threshold
-    )
+    detail[thick] = shifted(source, np.argwhere(thick), blend, shift)
     lacks = lacking(base.detail[thick], detail[thick] @ LUMA, blend, len(shift))
     gain[thick] = settings.gain * base.wide[thick] * lacks
     filled = np.clip(base.colour + gain[..., None] * detail, 0.0, 1.0)
-    return ShiftMapFill(
-        np.where(hole[..., None], filled, warped.colour), base, detail, gain, tiles, shift
-    )
+    result = np.where(hole[..., None], filled, warped.colour)
+    return ShiftMapFill(result, base, detail, gain, tiles, shift)
 
 
 def lacking(

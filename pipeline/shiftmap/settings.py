@@ -7,8 +7,9 @@ import numpy as np
 from pipeline.errors import InputError
 
 TILE_PX = 8  # one shift per square of this edge in the source frame
-WINDOW_PX = 4  # pixels this far around a tile are compared too: all that it has a share in
-WINDOW_STEP_PX = 2  # every so many of them, along rows and columns
+WINDOW_PX = 8  # pixels this far around a tile are compared too
+WINDOW_STEP_PX = 3  # every so many of them, along rows and columns
+LEAST_COMPARED = 16  # pixels beside a hole: what fewer differ by counts the less
 LOW_RESOLUTION = 2  # detail is what lies above push-pull's means of 4x4 pixels, interpolated
 # How far a way looks for the background. With all that the search adds, shifts stay under the 360 px
 # around a hole that take part in a fill (inpaint/region.py).

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.background_texture.reference import at
 from pipeline.shiftmap.base import Ways
 from pipeline.shiftmap.settings import (
     COST_SCALE,
@@ -22,6 +23,7 @@ from pipeline.shiftmap.settings import (
     ENCODED_STEPS,
     FARTHER_COST,
     GUIDE_STEPS,
+    LEAST_COMPARED,
     LENGTHS,
     NOT_KNOWN_COST,
     OVERLAP_POWER,
@@ -35,7 +37,6 @@ from pipeline.shiftmap.settings import (
 NEIGHBOURS = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 TILE = TILE_PX * SUBPIXELS
-LEAST_COMPARED = (TILE_PX // WINDOW_STEP_PX) ** 2
 IMPOSSIBLE = 1 << 24  # more than any cost
 
 
@@ -160,7 +161,7 @@ class Search:
         self._pixel = tiles.corner[:, None] + window
         inside = self._inside(self._pixel)
         hole, guide, colour = (
-            self._at(a, self._pixel) for a in (planes.hole, planes.guide, planes.colour)
+            at(a, self._pixel) for a in (planes.hole, planes.guide, planes.colour)
         )
         inside &= np.abs(guide - tiles.guide[:, None]) <= self._threshold
         self._own, self._beside = inside & hole, inside & ~hole
@@ -168,10 +169,6 @@ class Search:
 
     def _inside(self, place: NDArray[np.intp]) -> NDArray[np.bool_]:
         return np.asarray(((place >= 0) & (place < self._size)).all(axis=-1))
-
-    def _at(self, array: NDArray[np.generic], place: NDArray[np.intp]) -> NDArray[np.generic]:
-        row, column = np.moveaxis(place.clip(0, self._size - 1), -1, 0)
-        return array[row, column]
 
     def cost(self, which: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the cost of moving tiles `which`, (M,), by `shift`, (M, 2), neighbours aside.
@@ -183,11 +180,11 @@ class Search:
         """
         planes = self._planes
         place = self._pixel[which] + shift[:, None]
-        nearer = self.tiles.guide[which, None] - self._at(planes.guide, place)
-        source = self._inside(place) & ~self._at(planes.hole, place) & (nearer <= self._threshold)
+        nearer = self.tiles.guide[which, None] - at(planes.guide, place)
+        source = self._inside(place) & ~at(planes.hole, place) & (nearer <= self._threshold)
         own, beside = self._own[which], self._beside[which]
         there = np.where(
-            own[..., None], self._at(planes.low, place), self._at(planes.colour, place)
+            own[..., None], at(planes.low, place), at(planes.colour, place)
         )
         error = ((self._shown[which] - there) ** 2).sum(axis=-1)
         found, compared = own & source, beside & source
@@ -269,34 +266,42 @@ def blend_of(tiles: Tiles, grid: NDArray[np.intp]) -> Blend:
     return Blend(tiles.at(grid // TILE), np.stack(found), np.stack(shares))
 
 
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What may be copied: `values`, (H, W, n), but for holes and what is clearly nearer."""
+
+    values: NDArray[np.float64]
+    hole: NDArray[np.bool_]
+    guide: NDArray[np.float64]
+    threshold: float
+
+    def read(
+        self, pixel: NDArray[np.intp], shift: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Read where hole pixels, (N, 2), are shifted to: (N, n); and whether it is a source."""
+        there = pixel + shift
+        inside = ((there >= 0) & (there < self.hole.shape)).all(axis=1)
+        nearer = at(self.guide, pixel) - at(self.guide, there)
+        return at(self.values, there), inside & ~at(self.hole, there) & (nearer <= self.threshold)
+
+
 def shifted(
-    source: NDArray[np.float64],
-    pixel: NDArray[np.intp],
-    blend: Blend,
-    shift: NDArray[np.intp],
-    hole: NDArray[np.bool_],
-    guide: NDArray[np.floating],
-    threshold: float,
+    source: Source, pixel: NDArray[np.intp], blend: Blend, shift: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Copy `source`, (H, W, n), to hole pixels, (N, 2); 0 where there is no source: (N, n).
+    """Copy to hole pixels, (N, 2), what the tiles' shifts lead to; 0 without a source: (N, n).
 
     Each pixel blends what the four tiles around it bring, by sharpened bilinear shares, so that
     tiles leave no edges. What different shifts bring is taken as uncorrelated, and the sum scaled
-    to keep its variance. Holes, what lies outside and what is clearly nearer are no sources.
+    to keep its variance.
     """
-    total, shares, shifts = np.zeros((len(pixel), source.shape[-1])), [], []
-    own = guide[pixel[:, 0], pixel[:, 1]]
-    for tile, bilinear in zip(blend.tile, blend.share, strict=True):
-        there = pixel + shift[tile]
-        row, column = there.clip(0, np.array(hole.shape) - 1).T
-        valid = (tile >= 0) & ((there >= 0) & (there < hole.shape)).all(axis=1)
-        valid &= ~hole[row, column] & (own - guide[row, column] <= threshold)
-        share = np.where(valid, bilinear**OVERLAP_POWER, 0.0)
-        total += share[:, None] * source[row, column]
-        shares.append(share)
-        shifts.append(shift[tile])
+    total, shares = np.zeros((len(pixel), source.values.shape[-1])), []
+    shifts = shift[blend.tile]
+    for tile, bilinear, by in zip(blend.tile, blend.share, shifts, strict=True):
+        found, valid = source.read(pixel, by)
+        shares.append(np.where(valid & (tile >= 0), bilinear**OVERLAP_POWER, 0.0))
+        total += shares[-1][:, None] * found
     power = np.zeros(len(pixel))
     for i, j in np.ndindex(4, 4):
         power += shares[i] * shares[j] * (shifts[i] == shifts[j]).all(axis=1)
-    some = power > 0
-    return np.asarray(np.divide(total, np.sqrt(power)[:, None], out=np.zeros_like(total), where=some[:, None]))
+    scale = np.sqrt(power)[:, None]
+    return np.divide(total, scale, out=np.zeros_like(total), where=scale > 0)
