@@ -125,8 +125,10 @@ def background_border(
     opened = (reach > 0) & (np.sqrt(to_opener.min(axis=0)) <= reach + MARGIN_PX)
     to_background = np.where(behind & met, length, np.inf)
     chosen = np.where(opened, _octant(relative), to_background.argmin(axis=0))
-    # The other way, where the background side is another foreground or out of sight.
+    # The other way, where the background side is another foreground or out of sight; or else the
+    # nearest background that there is.
     chosen = np.where((behind & met)[chosen, everyone], chosen, (chosen + 4) % 8)
+    chosen = np.where((behind & met)[chosen, everyone], chosen, to_background.argmin(axis=0))
     return end[chosen, everyone], octants[chosen], (behind & met)[chosen, everyone]
 
 

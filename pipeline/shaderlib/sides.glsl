@@ -94,8 +94,10 @@ Side background_side(ivec2 pixel, float guide) {
     if (side.steps == 0 || !is_background(pixel + side.steps * side.direction, guide)) {
         side.direction = -side.direction;
         side.steps = steps_to_known(pixel, side.direction, REACH);
+        // Or else the nearest background that there is.
         if (side.steps == 0 || !is_background(pixel + side.steps * side.direction, guide)) {
-            side.steps = 0;
+            side.direction = octant(to_background.y);
+            side.steps = steps_to_known(pixel, side.direction, REACH);
         }
     }
     return side;
