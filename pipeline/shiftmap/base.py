@@ -84,9 +84,9 @@ def lowpass(
     for length, coarse in zip(guide.shape, quarters.guide.shape, strict=True):
         first, part = np.divmod(2 * np.arange(length) - (edge - 1), 2 * edge)
         taps.append([(first + i).clip(0, coarse - 1) for i in (0, 1)])
-        shares.append(np.stack([2 * edge - part, part], axis=-1))
+        shares.append(np.stack([2.0 * edge - part, part], axis=-1))
     weight = shares[0][:, None, :, None] * shares[1][None, :, None, :]
-    return guided_mean(quarters, *taps, weight.astype(np.float64), guide, threshold)[0]
+    return guided_mean(quarters, taps[0], taps[1], weight, guide, threshold)[0]
 
 
 def across(

@@ -42,8 +42,13 @@ vec4 brought(ivec2 pixel, float guide, int tile, ivec2 shift, float bilinear) {
     float there = guide_at(place);
     if (source.a < 0.5 || guide - there > depth_threshold) return vec4(0.0);
     float share = bilinear * bilinear * bilinear;
-    return vec4(share * (source.rgb - low_at(place, there)), share);
+    return vec4(source.rgb - low_at(place, there), share);
 }
+
+// Of the four alone that have a source.
+vec3 least(vec4 brought) { return brought.a > 0.0 ? brought.rgb : vec3(2.0); }
+
+vec3 most(vec4 brought) { return brought.a > 0.0 ? brought.rgb : vec3(-2.0); }
 
 float shared_power(vec4 a, ivec2 shift_a, vec4 b, ivec2 shift_b) {
     return shift_a == shift_b ? 2.0 * a.a * b.a : 0.0;
@@ -67,7 +72,12 @@ void copy(ivec2 pixel) {
         + shared_power(a, shift_a, b, shift_b) + shared_power(a, shift_a, c, shift_c)
         + shared_power(a, shift_a, d, shift_d) + shared_power(b, shift_b, c, shift_c)
         + shared_power(b, shift_b, d, shift_d) + shared_power(c, shift_c, d, shift_d);
-    vec3 copied = power > 0.0 ? (a.rgb + b.rgb + c.rgb + d.rgb) / sqrt(power) : vec3(0.0);
+    vec3 copied = vec3(0.0);
+    if (power > 0.0) {
+        copied = (a.a * a.rgb + b.a * b.rgb + c.a * c.rgb + d.a * d.rgb) / sqrt(power);
+        copied = clamp(copied, min(min(least(a), least(b)), min(least(c), least(d))),
+                       max(max(most(a), most(b)), max(most(c), most(d))));
+    }
     imageStore(detail, pixel, vec4(copied, 0.0));
     vec3 own = (1.0 - EXTENSION_SHARE * wide) * (pushed.rgb - low_at(pixel, guide));
     atomicAdd(tiles[around.own].there, square_steps(own));

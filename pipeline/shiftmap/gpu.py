@@ -5,30 +5,43 @@ compares; each tile's first shift, and the sweeps; the detail; and all put toget
 """
 
 import moderngl
-import numpy as np
 
 from pipeline.background_texture.reference import MARGIN_PX, OCTANT_TANGENT
 from pipeline.gl.shader import compile_compute
 from pipeline.gl.texture import check_texture, create_texture, texture_bytes
 from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.inpaint.region import CELL
 from pipeline.shiftmap import settings as fixed
 from pipeline.shiftmap.settings import ShiftMapSettings
-from pipeline.shiftmap.tiles import TILE, table_size
+from pipeline.shiftmap.tiles import table_size
 from pipeline.synthesis.settings import MetamericSettings
 
 TILE_BYTES = 56  # of the struct in shift_tiles.glsl
 TILES = ("tiles", 0)
 RESET_GROUP = 64
-_FORMATS = {"ways": "rgba32i", "ends": "rgba32f", "base": "rgba32f", "planes": "rg32ui", "detail": "rgba32f"}
+_FORMATS = {
+    "ways": "rgba32i",
+    "ends": "rgba32f",
+    "base": "rgba32f",
+    "planes": "rg32ui",
+    "detail": "rgba32f",
+}
+_GRID = ("TILE", "SUBPIXELS")
 _SEARCH = (
-    "TILE_PX",
-    "WINDOW_PX",
-    "WINDOW_STEP_PX",
-    "LEAST_COMPARED",
-    "COST_SCALE",
-    "NOT_KNOWN_COST",
-    "FARTHER_COST",
+    *_GRID,
+    *("TILE_PX", "WINDOW_PX", "WINDOW_STEP_PX", "LEAST_COMPARED"),
+    *("COST_SCALE", "NOT_KNOWN_COST", "FARTHER_COST"),
 )
+_CONSTANTS: dict[str, tuple[str, ...]] = {  # of settings.py, by pass
+    "reset": _GRID,
+    "ways": ("WIDE_PX",),
+    "base": ("THIN_PX", "WIDE_PX", "EXTENSION_SHARE", *_GRID),
+    "planes": (),
+    "first": ("LENGTHS", *_SEARCH),
+    "sweep": ("DISAGREEMENT_COST", "DISAGREEMENT_PX", *_SEARCH),
+    "copy": ("EXTENSION_SHARE", "SQUARE_STEPS", *_GRID),
+    "finish": _GRID,
+}
 
 
 class ShiftMapPass:
@@ -61,43 +74,26 @@ class ShiftMapPass:
         }
         self.tiles = ctx.buffer(reserve=TILE_BYTES * rows * columns)
         self._reset_groups = -(-rows * columns // RESET_GROUP)
-        grid = {"TILE": TILE, "SUBPIXELS": fixed.SUBPIXELS}
-        search = {name: getattr(fixed, name) for name in _SEARCH} | grid
-        search["THRESHOLD_STEPS"] = int(np.rint(fixed.GUIDE_STEPS * settings.depth_threshold))
         tiles_list, tiles_first = self.lists.appendable(TILES)
-        constants: dict[str, dict[str, int | float]] = {
-            "reset": grid,
+        more: dict[str, dict[str, int | float]] = {
             "ways": {
-                "WIDE_PX": fixed.WIDE_PX,
                 "REACH": fixed.WAY_REACH_PX,
                 "MARGIN": float(MARGIN_PX),
                 "OCTANT_TANGENT": OCTANT_TANGENT,
             },
-            "base": {
-                "THIN_PX": fixed.THIN_PX,
-                "WIDE_PX": fixed.WIDE_PX,
-                "EXTENSION_SHARE": fixed.EXTENSION_SHARE,
-                "TILES_LIST": tiles_list,
-                "TILES_FIRST": tiles_first,
-            }
-            | grid,
-            "planes": {"TILE": 8},
-            "first": {"LENGTHS": fixed.LENGTHS} | search,
-            "sweep": {
-                "DISAGREEMENT_COST": fixed.DISAGREEMENT_COST,
-                "DISAGREEMENT_PX": fixed.DISAGREEMENT_PX,
-            }
-            | search,
-            "copy": {
-                "EXTENSION_SHARE": fixed.EXTENSION_SHARE,
-                "SQUARE_STEPS": fixed.SQUARE_STEPS,
-            }
-            | grid,
-            "finish": grid,
+            "base": {"TILES_LIST": tiles_list, "TILES_FIRST": tiles_first},
+            "planes": {"TILE": CELL},
         }
+        threshold = {"THRESHOLD_STEPS": round(fixed.GUIDE_STEPS * settings.depth_threshold)}
+        more["first"] = more["sweep"] = {**threshold}
         self._shaders = {
-            name: compile_compute(ctx, f"shiftmap/{name}.comp.glsl", **values)
-            for name, values in constants.items()
+            name: compile_compute(
+                ctx,
+                f"shiftmap/{name}.comp.glsl",
+                **{key: getattr(fixed, key) for key in keys},
+                **more.get(name, {}),
+            )
+            for name, keys in _CONSTANTS.items()
         }
         for shader in self._shaders.values():
             for name, value in (
@@ -172,5 +168,7 @@ class ShiftMapPass:
         """Free everything this pass made."""
         self.base.release()
         self.tiles.release()
-        for item in (*self.textures.values(), *self._shaders.values()):
-            item.release()
+        for texture in self.textures.values():
+            texture.release()
+        for shader in self._shaders.values():
+            shader.release()

@@ -11,13 +11,14 @@ WINDOW_PX = 8  # pixels this far around a tile are compared too
 WINDOW_STEP_PX = 3  # every so many of them, along rows and columns
 LEAST_COMPARED = 16  # pixels beside a hole: what fewer differ by counts the less
 LOW_RESOLUTION = 2  # detail is what lies above push-pull's means of 4x4 pixels, interpolated
-# How far a way looks for the background. With all that the search adds, shifts stay under the 360 px
-# around a hole that take part in a fill (inpaint/region.py).
+# How far a way looks for the background. With all that the search adds, shifts stay under the 360
+# px around a hole that take part in a fill (inpaint/region.py).
 WAY_REACH_PX = 256
 THIN_PX, WIDE_PX = 2, 6  # across a hole: from here up, and from here on, it is not thin
 EXTENSION_SHARE = 0.5  # of the base; the rest is push-pull
 OVERLAP_POWER = 3  # bilinear shares of four tiles, sharpened: 1 blends most
 SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp gives it
+TILE = TILE_PX * SUBPIXELS
 
 # Of the search. Costs are whole numbers, so that both twins choose alike.
 LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel

@@ -29,6 +29,7 @@ from pipeline.shiftmap.settings import (
     OVERLAP_POWER,
     STEPS_PX,
     SUBPIXELS,
+    TILE,
     TILE_PX,
     WINDOW_PX,
     WINDOW_STEP_PX,
@@ -36,7 +37,6 @@ from pipeline.shiftmap.settings import (
 
 NEIGHBOURS = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0))
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
-TILE = TILE_PX * SUBPIXELS
 IMPOSSIBLE = 1 << 24  # more than any cost
 
 
@@ -117,8 +117,8 @@ def cut_tiles(
     centre = SUBPIXELS * pixel + SUBPIXELS // 2
     corner = rounded(summed_pairs(centre - part), SUBPIXELS * count[:, None])
     index = np.full(shape, -1, np.intp)
-    index.flat[used] = np.arange(len(used))
     cell = np.stack(np.divmod(used, shape[1]), axis=1)
+    index[cell[:, 0], cell[:, 1]] = np.arange(len(used))
     way = summed_pairs(ways.step[some])
     return Tiles(cell, index, corner, rounded(summed(guide[thick]), count), way, way_px, count)
 
@@ -142,7 +142,7 @@ def planes_of(
     """Round to whole steps."""
 
     def steps(values: NDArray[np.floating], count: int) -> NDArray[np.intp]:
-        return np.rint(count * np.clip(values, 0.0, 1.0)).astype(np.intp)
+        return np.asarray(np.rint(count * np.clip(values, 0.0, 1.0)), np.intp)
 
     low = steps(half_low, ENCODED_STEPS).repeat(2, axis=0).repeat(2, axis=1)
     low = low[: hole.shape[0], : hole.shape[1]]
@@ -154,7 +154,7 @@ class Search:
 
     def __init__(self, tiles: Tiles, planes: Planes, threshold: float) -> None:
         self.tiles, self._planes = tiles, planes
-        self._threshold = int(np.rint(GUIDE_STEPS * threshold))
+        self._threshold = round(GUIDE_STEPS * threshold)
         self._size = np.array(planes.hole.shape)
         span = np.arange(-WINDOW_PX, TILE_PX + WINDOW_PX, WINDOW_STEP_PX)
         window = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -183,9 +183,7 @@ class Search:
         nearer = self.tiles.guide[which, None] - at(planes.guide, place)
         source = self._inside(place) & ~at(planes.hole, place) & (nearer <= self._threshold)
         own, beside = self._own[which], self._beside[which]
-        there = np.where(
-            own[..., None], at(planes.low, place), at(planes.colour, place)
-        )
+        there = np.where(own[..., None], at(planes.low, place), at(planes.colour, place))
         error = ((self._shown[which] - there) ** 2).sum(axis=-1)
         found, compared = own & source, beside & source
         pixels, sources = own.sum(axis=1), found.sum(axis=1)
@@ -193,7 +191,8 @@ class Search:
         least = np.maximum(pixels, 1)
         cost = (
             COST_SCALE * (error * found).sum(axis=1) // np.maximum(sources, 1)
-            + COST_SCALE * (error * compared).sum(axis=1)
+            + COST_SCALE
+            * (error * compared).sum(axis=1)
             // np.maximum(compared.sum(axis=1), LEAST_COMPARED)
             + COST_SCALE * NOT_KNOWN_COST * (pixels - sources) // least
             + COST_SCALE * FARTHER_COST * farther // least
@@ -292,16 +291,21 @@ def shifted(
 
     Each pixel blends what the four tiles around it bring, by sharpened bilinear shares, so that
     tiles leave no edges. What different shifts bring is taken as uncorrelated, and the sum scaled
-    to keep its variance.
+    to keep its variance, but never beyond the least and the most of them.
     """
     total, shares = np.zeros((len(pixel), source.values.shape[-1])), []
+    least, most = np.full(total.shape, np.inf), np.full(total.shape, -np.inf)
     shifts = shift[blend.tile]
     for tile, bilinear, by in zip(blend.tile, blend.share, shifts, strict=True):
         found, valid = source.read(pixel, by)
         shares.append(np.where(valid & (tile >= 0), bilinear**OVERLAP_POWER, 0.0))
         total += shares[-1][:, None] * found
+        counts = shares[-1][:, None] > 0
+        least = np.where(counts, np.minimum(least, found), least)
+        most = np.where(counts, np.maximum(most, found), most)
     power = np.zeros(len(pixel))
     for i, j in np.ndindex(4, 4):
         power += shares[i] * shares[j] * (shifts[i] == shifts[j]).all(axis=1)
     scale = np.sqrt(power)[:, None]
-    return np.divide(total, scale, out=np.zeros_like(total), where=scale > 0)
+    scaled = np.divide(total, scale, out=np.zeros_like(total), where=scale > 0)
+    return np.where(scale > 0, scaled.clip(least, most), 0.0)

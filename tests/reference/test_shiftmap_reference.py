@@ -108,7 +108,7 @@ def test_a_hole_that_only_something_nearer_borders_has_no_ways():
     assert not ways.across_px.any()
 
 
-def test_a_lowpass_of_means_is_their_bilinear_interpolation(rng):
+def test_a_lowpass_of_means_is_their_bilinear_interpolation():
     """A ramp of means stays a ramp: by hand, pixel p lies at (p - 1.5) / 4 of the means."""
     quarters = Level(np.arange(4.0) * np.ones((4, 1)), np.ones((4, 4)), np.zeros((4, 4)))
     quarters = Level(quarters.values[..., None], quarters.validity, quarters.guide)
@@ -172,16 +172,22 @@ def test_ways_to_another_surface_are_not_averaged():
 
 
 def test_half_the_base_of_a_wide_hole_is_the_edge_continued():
-    """White to the right of a hole 40 px wide, grey above and below it: half way beside the edge."""
+    """A white post to the right of a wide hole, grey beyond: push-pull gets grey from above."""
     colour = np.full((64, 80, 3), 0.5)
-    colour[:, 48:] = 1.0
+    colour[16:48, 48:] = 1.0
     frame = beside_foreground(colour, 40)
-    found = smooth_base(frame, guide_of(frame), ways_of(frame), THRESHOLD)
+    ways = ways_of(frame)
+    found = smooth_base(frame, guide_of(frame), ways, THRESHOLD)
 
-    extended = 2 * found.colour[frame.hole] - found.low[frame.hole]
+    end = found.low[32, 49, 0]
+    beside = ways.pixel.tolist().index([32, 47])  # one step: no way aside counts
+    pushed = 2 * found.colour[32, 47, 0] - end
+    assert ways.end[beside].tolist() == [32, 49]
     assert found.wide[frame.hole].min() == 1
-    np.testing.assert_allclose(found.colour[32, 8:48], 1.0, atol=1e-9)
-    assert np.isfinite(extended).all()
+    assert 0.95 < end <= 1.0 + 1e-9
+    assert 0.5 <= pushed <= 1.0 + 1e-9
+    # Deep in the hole, in rows of the post, the edge has come along by half.
+    assert found.colour[32, 12, 0] > 0.75
 
 
 def test_thin_holes_are_filled_as_by_push_pull_and_get_no_detail(rng, gl_context):
@@ -213,7 +219,7 @@ def test_quotients_go_to_the_nearest_whole_number_and_halves_up(total, count, wa
 
 
 def test_tiles_lie_in_the_source_frame_and_know_their_corner():
-    """By hand: moved by 3.25 px, source columns 8 to 15 begin at 11.25 px, seen from pixel 11 on."""
+    """By hand: moved by 3.25 px, source columns 8 to 15 begin at 11.25 px, at pixel 11."""
     hole = np.zeros((16, 40), bool)
     hole[:8, 11:19] = True
     pixels = np.argwhere(hole)
@@ -432,7 +438,9 @@ def test_nothing_nearer_is_ever_copied():
 def test_the_gain_is_what_the_base_lacks():
     """By hand: a base with a quarter of the variance lacks sqrt(3 / 4); with all of it, nothing."""
     one = np.zeros(4, np.intp)
-    blend = Blend(one, np.stack([one, one - 1, one - 1, one - 1]), np.eye(4)[0][:, None] * np.ones(4))
+    blend = Blend(
+        one, np.stack([one, one - 1, one - 1, one - 1]), np.eye(4)[0][:, None] * np.ones(4)
+    )
 
     quarter = lacking(np.full(4, 0.1), np.full(4, 0.2), blend, 1)
 

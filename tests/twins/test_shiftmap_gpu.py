@@ -18,8 +18,8 @@ from pipeline.shiftmap.tiles import SUBPIXELS, Planes, Search, cut_tiles, planes
 Z_NEAR_M = 1.0
 THRESHOLD = 0.04
 ROUNDOFF = 2.0**-24  # of one float32 operation
-# Push-pull takes 36 operations a resolution, and frames here have up to 9; the low-pass of its means
-# 12 more; ways side by side are averaged over 2 * 64 + 1 at most, each with 3.
+# Push-pull takes 36 operations a resolution, and frames here have up to 9; the low-pass of its
+# means 12 more; ways side by side are averaged over 2 * 64 + 1 at most, each with 3.
 BASE_ATOL = (36 * 9 + 12 + 3 * 129) * ROUNDOFF
 # From end to end: a sixteenth of an 8-bit step. A tile whose base all but reaches the detail's
 # variance takes the root of a small difference.
@@ -169,7 +169,9 @@ def test_fills_agree_given_the_shifts(run):
     # Blended shares sum to twice the root of their power at most, and source and low-pass are off.
     detail = np.where((run.base.wide > 0)[..., None], run.made("detail")[..., :3], 0.0)
     np.testing.assert_allclose(detail, wanted.detail, rtol=0, atol=2 * 2 * BASE_ATOL)
-    np.testing.assert_allclose(run.filled[hole][:, :3], wanted.colour[hole], rtol=0, atol=WHOLE_ATOL)
+    np.testing.assert_allclose(
+        run.filled[hole][:, :3], wanted.colour[hole], rtol=0, atol=WHOLE_ATOL
+    )
     assert wanted.gain.max() > 0.3
 
 
@@ -224,7 +226,7 @@ def test_dispatches_are_counted_right(run, monkeypatch):
 
 
 @pytest.mark.parametrize("size", [(1, 2), (2, 1), (5, 3), (40, 1)])
-def test_the_smallest_frames_are_filled(gl_context, rng, size):
+def test_the_smallest_frames_are_filled(gl_context, size):
     hole = np.zeros(size, bool)
     hole[-1, -1] = True
     frame = WarpedFrame(
