@@ -35,6 +35,8 @@ from pipeline.gl.timer import measure
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.registry import create_method
 from pipeline.pushpull.gpu import PushPullPass
+from pipeline.shiftmap.gpu import ShiftMapPass
+from pipeline.shiftmap.settings import ShiftMapSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import WarpPass, WarpTextures
@@ -50,7 +52,7 @@ METAMERIC = {
     "metameric 5 levels": MetamericSettings(levels=5),
     "metameric background": MetamericSettings(texture="background"),
 }
-ON_GPU = (*METAMERIC, "push-pull-depth")
+ON_GPU = (*METAMERIC, "shift-map", "push-pull-depth")
 ON_GPU += ("push-pull", "weighted-pull-push", "warp", "copy")
 ON_CPU = ("telea", "navier-stokes", "oiio-push-pull", "background-extension")
 MASKS = {  # name: (share of the frame, hole width px at 1024, what)
@@ -172,6 +174,14 @@ class Bench:
                 metameric(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M, seed=SEED)
 
             return fill, metameric.dispatches, metameric.held_bytes, metameric.release
+        if method == "shift-map":
+            shift_map = ShiftMapPass(self.ctx, self.size, ShiftMapSettings())
+            return (
+                lambda: shift_map(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M),
+                shift_map.dispatches,
+                shift_map.held_bytes,
+                shift_map.release,
+            )
         if method == "push-pull-depth":
             guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.gamma)
             return (

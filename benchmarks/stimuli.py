@@ -210,9 +210,10 @@ def _ready(
     methods = tuple(
         protocol.warped.methods[0].model_copy(update={"name": name}) for name in options.methods
     )
-    protocol = protocol.model_copy(
+    recipe = protocol.warped.model_copy(
         update={"scenes": (scene,), "clips": clips, "sizes": (size,), "methods": methods}
     )
+    protocol = protocol.model_copy(update={"stimuli": recipe})
 
     class AsRendered(Orders):
         """Shown as rendered: nothing is rescaled."""

@@ -36,7 +36,9 @@ OCTANT_TANGENT = 0.41421356  # of 22.5 degrees
 
 
 @dataclass(frozen=True, eq=False)
-class _Scene:
+class Scene:
+    """What rays see."""
+
     known: NDArray[np.bool_]
     guide: NDArray[np.float64]
     flow: NDArray[np.float64]  # (H, W, 2): row, column
@@ -50,8 +52,8 @@ class _Scene:
 
 
 def at(array: NDArray[Any], place: NDArray[np.intp]) -> NDArray[Any]:
-    """Read pixels (N, 2), (row, column); beyond the border, the border."""
-    row, column = np.clip(place, 0, np.array(array.shape[:2]) - 1).T
+    """Read pixels (..., 2), (row, column); beyond the border, the border."""
+    row, column = np.moveaxis(np.clip(place, 0, np.array(array.shape[:2]) - 1), -1, 0)
     return np.asarray(array[row, column])
 
 
@@ -75,9 +77,9 @@ def texture_origins(
         False outside holes, and where there is no such point within reach.
     """
     flow = warped.flow_px.astype(np.float64)[..., ::-1]
-    scene = _Scene(~warped.hole, guide, flow, threshold)
+    scene = Scene(~warped.hole, guide, flow, threshold)
     pixel = np.argwhere(warped.hole)
-    border, direction, waiting = _background_border(scene, pixel)
+    border, direction, waiting = background_border(scene, pixel)
     source, source_border = pixel - at(flow, pixel), np.rint(border - at(flow, border))
     distance = np.abs(source_border - source).max(axis=1, initial=0) + INSET_PX
     origin = np.zeros((len(pixel), 2))
@@ -102,15 +104,15 @@ def texture_origins(
     return origin_px, taken
 
 
-def _background_border(
-    scene: _Scene, pixel: NDArray[np.intp]
+def background_border(
+    scene: Scene, pixel: NDArray[np.intp], reach_px: int = REACH_PX
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
     """Find the known pixel on each hole pixel's background side, and the octant it lies in.
 
     Returns end, direction (both (N, 2)) and whether there is one.
     """
     octants = np.array(OCTANTS)
-    steps, end = _rays(scene, pixel)
+    steps, end = _rays(scene, pixel, reach_px)
     met = steps > 0
     behind = np.stack([scene.is_background(place, pixel) for place in end])
     length = np.where(met, steps**2 * (octants**2).sum(axis=1)[:, None], np.inf)
@@ -123,16 +125,20 @@ def _background_border(
     opened = (reach > 0) & (np.sqrt(to_opener.min(axis=0)) <= reach + MARGIN_PX)
     to_background = np.where(behind & met, length, np.inf)
     chosen = np.where(opened, _octant(relative), to_background.argmin(axis=0))
-    # The other way, where the background side is another foreground or out of sight.
+    # The other way, where the background side is another foreground or out of sight; or else the
+    # nearest background that there is.
     chosen = np.where((behind & met)[chosen, everyone], chosen, (chosen + 4) % 8)
+    chosen = np.where((behind & met)[chosen, everyone], chosen, to_background.argmin(axis=0))
     return end[chosen, everyone], octants[chosen], (behind & met)[chosen, everyone]
 
 
-def _rays(scene: _Scene, pixel: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _rays(
+    scene: Scene, pixel: NDArray[np.intp], reach_px: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Walk all octants to the first known pixel: steps taken (8, N; 0: none), ends (8, N, 2)."""
     steps = np.zeros((len(OCTANTS), len(pixel)), np.intp)
     for ray, direction in zip(steps, np.array(OCTANTS), strict=True):
-        for count in range(1, REACH_PX + 1):
+        for count in range(1, reach_px + 1):
             place = pixel + count * direction
             inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
             ray[(ray == 0) & inside & at(scene.known, place)] = count

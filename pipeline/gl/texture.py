@@ -43,6 +43,7 @@ FORMATS = {
         Format("rg32ui", 2, "u4", "u4"),
         Format("rgba32ui", 4, "u4", "u4"),
         Format("r32i", 1, "i4", "i4"),
+        Format("rgba32i", 4, "i4", "i4"),
     )
 }
 _BY_DTYPE = {(fmt.components, fmt.gl_dtype): fmt for fmt in FORMATS.values()}

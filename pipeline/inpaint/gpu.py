@@ -275,6 +275,8 @@ class GuidedBasePass:
         Any from 1x1.
     levels : int
         Pyramid levels of the statistics that will follow; 1 where none do.
+    tiles : int
+        How many entries the work list of a shift-map's tiles has room for.
     """
 
     def __init__(
@@ -285,10 +287,12 @@ class GuidedBasePass:
         gamma: float,
         levels: int = 1,
         depth_threshold: float = 0.04,
+        tiles: int = 0,
     ) -> None:
         check_size(ctx, size)
         self.resolutions = Resolutions(size, levels)
-        self.lists = WorkLists(ctx, self.resolutions.sizes[: self.resolutions.top + 1], levels)
+        sizes = self.resolutions.sizes[: self.resolutions.top + 1]
+        self.lists = WorkLists(ctx, sizes, levels, tiles)
         self.guide = GuidePyramid(ctx, self.resolutions)
         self.chain = ChainPass(
             ctx,

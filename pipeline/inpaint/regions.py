@@ -28,6 +28,11 @@ Lists by pixel, appended by the passes that find them:
     Pixels of resolution r that push has to complete: of the base, of the chains of moments.
 ``("halves", k)``
     Pixels of resolution k + 1 whose moments of level k are incomplete.
+
+One more list holds what its owner appends, an entry for each work group:
+
+``("tiles", 0)``
+    Tiles of a shift-map, by their cell in its table.
 """
 
 from dataclasses import dataclass
@@ -107,11 +112,19 @@ class WorkLists:
         Of every resolution that is dispatched over lists, finest first.
     levels : int
         Pyramid levels.
+    tiles : int
+        How many entries ``("tiles", 0)`` has room for.
     """
 
     dispatches = 2
 
-    def __init__(self, ctx: moderngl.Context, sizes: list[tuple[int, int]], levels: int) -> None:
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        sizes: list[tuple[int, int]],
+        levels: int,
+        tiles: int = 0,
+    ) -> None:
         self._ctx = ctx
         self.sizes = sizes
         self._levels = levels
@@ -119,7 +132,7 @@ class WorkLists:
         self._regions: dict[RegionKey, _Region] = {}
         self._lists: dict[Key, _List] = {}
         self._plan_regions()
-        self._plan_lists()
+        self._plan_lists(tiles)
         last_list = list(self._lists.values())[-1]
         flag_count = sum(_padded(region.tiles) for region in self._regions.values())
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
@@ -279,7 +292,7 @@ class WorkLists:
         r = key[-1]
         self._regions[key] = _Region(r, first, self._tiles(r), cell_resolution, rings, own, chains)
 
-    def _plan_lists(self) -> None:
+    def _plan_lists(self, shifted_tiles: int) -> None:
         first = 0
 
         def plan(key: Key, resolution: int, capacity: int) -> None:
@@ -301,6 +314,8 @@ class WorkLists:
             tiles = self.sizes[3][0] * self.sizes[3][1]
             plan(("jumps", 2), 2, tiles)
             plan(("plain", 2), 2, tiles)
+        if shifted_tiles:
+            plan(("tiles", 0), 0, shifted_tiles)
         plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
 
     def _pack_regions(self) -> NDArray[np.uint32]:

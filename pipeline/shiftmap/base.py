@@ -5,20 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.background_texture.reference import Scene, at, background_border
+from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import guided_base
-from pipeline.shiftmap.lowpass import surface_lowpass
+from pipeline.inpaint.reference import Level, guided_base, guided_mean
 from pipeline.shiftmap.settings import (
-    DETAIL_SIGMA_PX,
     EXTENSION_SHARE,
-    SPREAD,
+    LOW_RESOLUTION,
     THIN_PX,
+    WAY_REACH_PX,
     WIDE_PX,
 )
 from pipeline.synthesis.settings import MetamericSettings
-from pipeline.walks import Scene, background_ends, parallax_direction, walk_to_known, walk_within
 
-EDGE_INSET_PX = 1  # past the mixed colours of a silhouette
+LUMA = YCBCR_FROM_RGB[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,44 +26,67 @@ class Ways:
     """From each of the N hole pixels, row by row, to its end on the background's side."""
 
     pixel: NDArray[np.intp]  # (N, 2), row and column
-    step: NDArray[np.float64]  # (N, 2), from pixel to pixel; the longer part is 1
-    steps: NDArray[np.intp]  # (N,), to the first known pixel
+    step: NDArray[np.intp]  # (N, 2), from pixel to pixel: -1, 0 or 1
+    steps: NDArray[np.intp]  # (N,), to the first known pixel; 0: the background is out of reach
     end: NDArray[np.intp]  # (N, 2), the pixel whose colour goes on
-    across_px: NDArray[np.float64]  # (N,), how wide the hole is along the way
-
-    def of(self, some: NDArray[np.bool_]) -> "Ways":
-        """Those of some of the pixels, (N,)."""
-        return Ways(
-            self.pixel[some],
-            self.step[some],
-            self.steps[some],
-            self.end[some],
-            self.across_px[some],
-        )
+    across_px: NDArray[np.intp]  # (N,), how wide the hole is along the way
 
 
-def find_ways(warped: WarpedFrame, threshold: float) -> Ways:
+@dataclass(frozen=True, eq=False)
+class Base:
+    """What detail is laid upon."""
+
+    colour: NDArray[np.float64]  # (H, W, 3), the holes filled smoothly
+    low: NDArray[np.float64]  # (H, W, 3), the low-pass of push-pull's fill
+    half_low: NDArray[np.float64]  # (H / 2, W / 2, 3), the same in the middle of 2x2 pixels
+    wide: NDArray[np.float64]  # (H, W), 0 where a hole is thin or none, 1 where it is not
+    detail: NDArray[np.float64]  # (H, W), luma that the base itself has above a low-pass
+
+
+def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float) -> Ways:
     """Walk from every hole pixel to the background's side, and once the other way."""
-    hole = warped.hole
-    scene = Scene(~hole, warped.depth_m, threshold)
-    pixel = np.argwhere(hole)
-    found = background_ends(scene, pixel, parallax_direction(warped, threshold)[hole])
-    inset = np.full(len(pixel), EDGE_INSET_PX)
-    end = walk_within(scene, found.end, found.step, inset)
-    back = walk_to_known(~hole, pixel, -found.step)
-    # A hole that is open behind is as wide as the way ahead says, and half as much again.
-    behind = np.where(back.found, back.steps - 1, WIDE_PX)
-    return Ways(pixel, found.step, found.steps, end, (found.steps + behind).astype(np.float64))
+    scene = Scene(~warped.hole, guide, warped.flow_px[..., ::-1].astype(np.float64), threshold)
+    pixel = np.argwhere(warped.hole)
+    border, step, found = background_border(scene, pixel, WAY_REACH_PX)
+    step = np.where(found[:, None], step, 0)
+    steps = np.where(found, np.abs(border - pixel).max(axis=1, initial=0), 0)
+    # Past the mixed colours of a silhouette, where what comes next is background too.
+    inset = scene.is_background(border + step, pixel)
+    end = np.where(found[:, None], border + inset[:, None] * step, pixel)
+    behind = _hole_pixels_behind(warped.hole, pixel, step)
+    return Ways(pixel, step, steps, end, np.where(found, steps + behind, 0))
 
 
-def wideness(
-    hole: NDArray[np.bool_], ways: Ways, guide: NDArray[np.float64], threshold: float
+def _hole_pixels_behind(
+    hole: NDArray[np.bool_], pixel: NDArray[np.intp], step: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """How many come next the other way, `WIDE_PX` at most; open behind counts as that many."""
+    count = np.zeros(len(pixel), np.intp)
+    walking = np.ones(len(pixel), bool)
+    for k in range(1, WIDE_PX + 1):
+        place = pixel - k * step
+        outside = ((place < 0) | (place >= hole.shape)).any(axis=1)
+        count[walking & outside] = WIDE_PX
+        walking &= ~outside & at(hole, place)
+        count[walking] = k
+    return count
+
+
+def lowpass(
+    quarters: Level, guide: NDArray[np.float64], resolution: int, threshold: float
 ) -> NDArray[np.float64]:
-    """Tell how far holes are from thin: 0 up to `THIN_PX` across, 1 from `WIDE_PX` on, (H, W)."""
-    share = np.zeros(hole.shape)
-    share[hole] = np.clip((ways.across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
-    smooth = surface_lowpass(share[..., None], hole, guide, DETAIL_SIGMA_PX, threshold)[..., 0]
-    return np.where(hole, smooth, 0.0)
+    """Interpolate means of 4x4 pixels, those of one's own surface: (H, W, 3).
+
+    `guide`, (H, W), is that of a resolution: 0 for every pixel, 1 for the middle of 2x2.
+    """
+    edge = 1 << (LOW_RESOLUTION - resolution)
+    taps, shares = [], []
+    for length, coarse in zip(guide.shape, quarters.guide.shape, strict=True):
+        first, part = np.divmod(2 * np.arange(length) - (edge - 1), 2 * edge)
+        taps.append([(first + i).clip(0, coarse - 1) for i in (0, 1)])
+        shares.append(np.stack([2.0 * edge - part, part], axis=-1))
+    weight = shares[0][:, None, :, None] * shares[1][None, :, None, :]
+    return guided_mean(quarters, taps[0], taps[1], weight, guide, threshold)[0]
 
 
 def across(
@@ -73,55 +96,54 @@ def across(
     guide: NDArray[np.float64],
     threshold: float,
 ) -> NDArray[np.float64]:
-    """Average the ends of ways side by side, the farther the end the more of them; (N, n).
+    """Average what ways side by side have, the longer the way the more of them; (N, n).
 
-    A Gaussian across the way whose deviation is `SPREAD` of the steps to the end: what lies beside
-    the background's edge goes on sharp, and leaves no streaks deep in the hole. Ends of another
-    surface do not count. Beside the hole a known pixel is its own end.
+    `values`, (N, n), are the ways' own. A tent across the way that reaches half as far as the end
+    lies: what is beside the background's edge goes on sharp, and leaves no streaks deep in the
+    hole. Ways to another surface do not count. Zero where there is no way.
     """
-    height, width = hole.shape
-    end_of = np.moveaxis(np.indices((height, width)), 0, -1).copy()
-    end_of[hole] = ways.end
+    index = np.full(hole.shape, -1, np.intp)
+    index[hole] = np.arange(len(ways.pixel))
     own = guide[ways.end[:, 0], ways.end[:, 1]]
     aside = np.stack([-ways.step[:, 1], ways.step[:, 0]], axis=1)
-    sigma_px = SPREAD * ways.steps
-    reach = np.floor(2 * sigma_px + 0.5).astype(np.intp)
-    total, weight = np.zeros((len(own), values.shape[-1])), np.zeros(len(own))
-    for k in range(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1):
-        some = np.flatnonzero(reach >= abs(k))
-        place = np.rint(ways.pixel[some] + k * aside[some]).astype(np.intp)
-        within = ((place >= 0) & (place < hole.shape)).all(axis=1)
-        some, place = some[within], place[within]
-        end = end_of[place[:, 0], place[:, 1]]
-        same = np.abs(guide[end[:, 0], end[:, 1]] - own[some]) <= threshold
-        share = np.where(same, np.exp(-0.5 * (k / np.maximum(sigma_px[some], 0.3)) ** 2), 0.0)
-        total[some] += share[:, None] * values[end[:, 0], end[:, 1]]
+    reach = ways.steps // 2
+    total, weight = np.zeros(values.shape), np.zeros(len(own))
+    most = int(reach.max(initial=0))
+    for k in range(-most, most + 1):
+        some = np.flatnonzero((reach >= abs(k)) & (ways.steps > 0))
+        place = ways.pixel[some] + k * aside[some]
+        inside = ((place >= 0) & (place < hole.shape)).all(axis=1)
+        there = at(index, place)
+        same = inside & (there >= 0) & (ways.steps[there] > 0)
+        same &= np.abs(own[there] - own[some]) <= threshold
+        share = np.where(same, reach[some] + 1 - abs(k), 0)
+        total[some] += share[:, None] * values[there]
         weight[some] += share
-    return total / weight[:, None]  # its own end always counts
+    return total / np.maximum(weight, 1)[:, None]
 
 
 def smooth_base(
     warped: WarpedFrame, guide: NDArray[np.float64], ways: Ways, threshold: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fill the holes smoothly: (H, W, 3); and how far holes are from thin, (H, W).
+) -> Base:
+    """Fill the holes smoothly.
 
-    Half of it is what push-pull finds around the hole at its depth, half the background's edge
-    continued along the parallax. Thin holes are filled by push-pull alone.
+    Half of it is what push-pull finds around the hole at its depth, half the low-pass of the
+    background's edge continued along the parallax. Thin holes are filled by push-pull alone.
     """
     hole = warped.hole
     colour = np.where(hole[..., None], 0.0, warped.colour.astype(np.float64))
-    pushed = guided_base(
-        colour,
-        hole,
-        guide,
-        levels=MetamericSettings.levels,
-        gamma=MetamericSettings.gamma,
-        threshold=threshold,
-    )[0].values
-    wide = wideness(hole, ways, guide, threshold)
-    share = EXTENSION_SHARE * wide[hole][:, None]
-    base = colour.copy()
-    low = surface_lowpass(colour, ~hole, guide, DETAIL_SIGMA_PX, threshold)
-    extended = across(low, hole, ways, guide, threshold)
-    base[hole] = (1 - share) * pushed[hole] + share * extended
-    return base, wide
+    levels = guided_base(
+        colour, hole, guide, levels=1, gamma=MetamericSettings.gamma, threshold=threshold
+    )
+    pushed = np.where(hole[..., None], levels[0].values, colour)
+    low = lowpass(levels[LOW_RESOLUTION], guide, 0, threshold)
+    halves = lowpass(levels[LOW_RESOLUTION], levels[1].guide, 1, threshold)
+    thickness = np.clip((ways.across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
+    own = np.concatenate([low[ways.end[:, 0], ways.end[:, 1]], thickness[:, None]], axis=1)
+    extended = across(own, hole, ways, guide, threshold)
+    share = EXTENSION_SHARE * extended[:, 3:]
+    base, wide, detail = pushed.copy(), np.zeros(hole.shape), np.zeros(hole.shape)
+    base[hole] = (1 - share) * pushed[hole] + share * extended[:, :3]
+    wide[hole] = extended[:, 3]
+    detail[hole] = (1 - share[:, 0]) * ((pushed - low)[hole] @ LUMA)
+    return Base(base, low, halves, wide, detail)

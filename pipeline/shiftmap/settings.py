@@ -7,22 +7,25 @@ import numpy as np
 from pipeline.errors import InputError
 
 TILE_PX = 8  # one shift per square of this edge in the source frame
-WINDOW_PX = 8  # known pixels this far around a tile are compared too
-WINDOW_STEP_PX = 2  # every so many of them, along rows and columns
-DETAIL_SIGMA_PX = 2.0  # detail is what lies above a low-pass of this deviation
-VARIANCE_SIGMA_PX = 4.0  # variances of detail are averaged over this
-THIN_PX, WIDE_PX = 2.0, 6.0  # across a hole: from here up, and from here on, it is not thin
+WINDOW_PX = 8  # pixels this far around a tile are compared too
+WINDOW_STEP_PX = 3  # every so many of them, along rows and columns
+LEAST_COMPARED = 16  # pixels beside a hole: what fewer differ by counts the less
+LOW_RESOLUTION = 2  # detail is what lies above push-pull's means of 4x4 pixels, interpolated
+# How far a way looks for the background. With all that the search adds, shifts stay under the 360
+# px around a hole that take part in a fill (inpaint/region.py).
+WAY_REACH_PX = 256
+THIN_PX, WIDE_PX = 2, 6  # across a hole: from here up, and from here on, it is not thin
 EXTENSION_SHARE = 0.5  # of the base; the rest is push-pull
-SPREAD = 0.25  # the extension is smoothed by this share of the way to its end
-OVERLAP_POWER = 3.0  # bilinear shares of four tiles, sharpened: 1 blends most
+OVERLAP_POWER = 3  # bilinear shares of four tiles, sharpened: 1 blends most
+SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp gives it
+TILE = TILE_PX * SUBPIXELS
 
 # Of the search. Costs are whole numbers, so that both twins choose alike.
 LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel
-ASIDES_PX = (-4, -2, 2, 4)  # and aside of these
-ASIDE_EVERY = 4  # of so many lengths
-SWEEPS = 4
-RANDOM_REACH_PX = (16, 8, 4, 2, 1)  # of a sweep's random steps
+STEPS_PX = (4, 1)  # of each sweep, along rows and columns; an even number of sweeps
 ENCODED_STEPS = 255  # colours are compared in these
+GUIDE_STEPS = 32767  # and guides in these
+SQUARE_STEPS = 1 << 22  # squares of detail are summed in these
 COST_SCALE = 16  # costs: squared colour steps, times this
 NOT_KNOWN_COST = 13005  # squared steps: of a tile none of whose pixels finds a source (0.2)
 FARTHER_COST = 130  # of one whose sources all lie clearly behind it (0.002)

@@ -31,6 +31,15 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
+// Column and row of a number, counted row by row; exact. llvmpipe divides whole numbers lane by lane.
+ivec2 place_of(int index, int columns) {
+    int row = int(float(index) / float(columns));  // off by one at most
+    int column = index - row * columns;
+    if (column < 0) return ivec2(column + columns, row - 1);
+    if (column >= columns) return ivec2(column - columns, row + 1);
+    return ivec2(column, row);
+}
+
 vec3 colour_at(ivec2 first, int part, int k) {
     return imageLoad(colour, pixel_of(first + corner(source_of(part, k)))).rgb;
 }
@@ -52,9 +61,13 @@ void main() {
         return;
     }
     ivec2 mesh = mesh_size();
-    int part = int(index / uint(mesh.x * mesh.y));
-    index -= uint(part) * uint(mesh.x * mesh.y);
-    ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
+    uint quads = uint(mesh.x * mesh.y);
+    int part = 0;
+    if (index >= quads) {  // few are: whole pieces of a frame have none
+        part = int(index / quads);
+        index -= uint(part) * quads;
+    }
+    ivec2 first = place_of(int(index), mesh.x);
     Quad quad = load_quad(first, part);
 
     vec4 shown = vec4(0.0);

@@ -115,22 +115,30 @@ class Gliding:
 
 
 @pytest.fixture(scope="module")
-def in_sequence():
-    fills = Fills(create_method("shift-map"), Gliding(), 1)
+def method(shared_gl_context):
+    made = create_method("shift-map", shared_gl_context)
+    yield made
+    made.release()
+
+
+@pytest.fixture(scope="module")
+def in_sequence(method):
+    fills = Fills(method, Gliding(), 1)
     return [fills.frame(k) for k in range(6)]
 
 
 @pytest.mark.parametrize("order", [[5], [2, 5, 4], [4, 1]])
-def test_frame_k_alone_is_frame_k_of_a_sequence(in_sequence, order):
-    fills = Fills(create_method("shift-map"), Gliding(), 1)
+def test_frame_k_alone_is_frame_k_of_a_sequence(method, in_sequence, order):
+    fills = Fills(method, Gliding(), 1)
 
     for k in order:
         assert fills.frame(k).tobytes() == in_sequence[k].tobytes()
 
 
-def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have_not(in_sequence):
-    method, views = create_method("shift-map"), Gliding()
-
+def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have_not(
+    method, in_sequence
+):
+    views = Gliding()
     own = [method.fill(views.warped(k), 1) for k in range(5)]
 
     assert (own[0] == in_sequence[0]).all()

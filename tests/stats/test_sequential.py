@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.bayes import t_bayes_factor
-from analysis.report import report_sessions
+from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
     plan_of,

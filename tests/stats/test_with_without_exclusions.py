@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from analysis.preference import preferences
-from analysis.report import report_sessions
 from analysis.report.beside import Beside, beside, beside_blocks
+from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions
 from analysis.tasks.base import Estimate
 from analysis.tasks.detection import Detection, DetectionOptions
