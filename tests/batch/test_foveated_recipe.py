@@ -246,7 +246,7 @@ def test_conditions_are_columns():
     assert cut.condition["cut"] == "inconsistent"
     assert cut.condition["method"] == "metamer"
     assert two.columns() == ("scene", "method", "gaze", "draw")
-    assert len(two.pool()) == 2 * 3 * 2 * 2
+    assert len(two.pool()) == 2 * 2 * (1 + 2 * 2)  # the reference has no seed, and one draw
 
 
 @pytest.mark.parametrize(
