@@ -279,8 +279,10 @@ class Exclusions(Model):
     """Slower answers are left out, one by one; left out: none."""
 
 
-class Analysis(Model):
+class Analysis(Grown):
     """What will be tested, fixed before the data: what every kind of analysis has."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("sequential",)
 
     kind: str
     """Which analysis: the one that goes with the task."""

@@ -244,7 +244,7 @@ def write_study(
                 height_px=height,
                 fps=recipe.frame_hz,
                 bit_depth=8,
-                seed=0,
+                seed=recipe.clips.seed,
                 parameters={},
                 hole_share=0.02,
                 cache_key="0" * 64,
