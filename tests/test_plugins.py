@@ -28,7 +28,9 @@ def test_a_labs_method_and_metric_are_listed_with_their_package(with_packages, l
          "a plug-in must have a name of its own in metamerlab.methods (got 'telea'"),
         ("[metamerlab.builders]\nfiles = broken:Task", ("protocol", "check", "demo"),
          "a plug-in must have a name of its own in metamerlab.builders (got 'files'"),
-        ("[metamerlab.trackers]\nlsl = broken:Task", ("session", "list", "."),
+        ("[metamerlab.trackers]\nlsl = broken:Task",
+         ("session", "run", "demo", "--participant", "P1", "--display", "fhd27-60hz",
+          "--stimuli", ".", "--out", "nowhere"),
          "a plug-in must have a name of its own in metamerlab.trackers (got 'lsl'"),
     ],
 )  # fmt: skip
