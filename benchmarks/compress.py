@@ -42,6 +42,7 @@ KINDS = ("plain", "foveated", "metameric")
 BUILT_IN = ("garden", "castle", "colonnade", "thicket", "notices")
 EDGE_PX = 1024
 WIDTH_DEG = 40.0
+SHEET_PX = 1400
 
 Picture = NDArray[np.float32]
 
@@ -135,7 +136,9 @@ def _sheet(picture: Picture, arguments: argparse.Namespace) -> sheets.Picture:
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
     settings = Settings(codec=arguments.codecs[0], angles=arguments.angles)
     beside = rivals(picture, gaze_px, round(1000 * arguments.sheet_kb), settings)
-    return sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+    sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+    shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
+    return sheets.fitted(sheet, (shrunk[0], shrunk[1]))
 
 
 def _table(found: list[Result], size_kb: float) -> Table:

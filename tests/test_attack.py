@@ -40,8 +40,8 @@ def test_whole_files_are_read(samples, reader):
 
 
 def test_harmed_files_are_refused_in_one_message_or_read(full, tmp_path):
-    """All in the default run some twenty for each reader, else 10^5; each run harms others."""
-    seed = time.time_ns() % 10**6
+    """Some twenty for each reader, always the same; with --full 10^5, each run others."""
+    seed = time.time_ns() % 10**6 if full else 24  # CI meets the same files each time
     results = run_inputs(seed, INPUTS if full else 20 * len(READERS), keep=tmp_path)
 
     assert [failure for result in results for failure in result.failures] == [], f"seed {seed}"

@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 DEFAULT_CODEC = "jpeg"
-DEFAULT_ANGLES = 384
+DEFAULT_ANGLES = 512
 DEFAULT_QUALITY = 75
 MAP_QUALITY = 50
 """Of the atlas: maps are smooth, and half of an error in them is not seen."""

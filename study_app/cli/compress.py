@@ -48,7 +48,7 @@ def compress(
             help="Cells around the gaze. Fewer make a smaller file; the picture is sharp up to"
             " angles / 6.3 pixels from the gaze."
         ),
-    ] = 384,
+    ] = 512,
     statistics: Annotated[
         bool,
         typer.Option(
