@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import cv2
@@ -20,7 +20,7 @@ from protocols.recipes.foveated_images import REFERENCE, FoveatedImages
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import trial_phases
 from protocols.units import Scalar
-from stimuli.executors import cores
+from stimuli.executors import cores, local_processes
 from stimuli.pictures import save_picture, sheet
 from stimuli.recipes.foveated_work import Bench, Order
 from study_app.cli.demo.steps import Step
@@ -52,7 +52,7 @@ def show_studies(folder: Path, step: Step) -> None:
         step.result = "kept"
         return
     step(0, len(missing))
-    with ProcessPoolExecutor(min(cores(), len(missing))) as pool:
+    with local_processes(min(cores(), len(missing))) as pool:
         futures = [pool.submit(show_study, name, folder / name) for name in missing]
         for done, future in enumerate(as_completed(futures), 1):
             future.result()
