@@ -50,7 +50,7 @@ from pipeline.gl.texture import (
     texture_from,
     upload,
 )
-from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
@@ -429,11 +429,8 @@ class MetamerPass(FoveationPass):
                 ctx,
                 "foveation/gains.comp.glsl",
                 LEVELS=levels,
-                LEAST_GAIN=LEAST_GAIN,
-                MOST_GAIN=MOST_GAIN,
                 AIM=AIM,
-                UNSEEN_VARIANCE=UNSEEN_VARIANCE,
-                UNEVEN=UNEVEN,
+                **GAIN_CONSTANTS,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
                 PARTNER_SHARE=PARTNER_SHARE,
                 CHROMA=settings.chroma != "luma",
