@@ -30,6 +30,7 @@ from benchmarks.copying import Copy
 from benchmarks.output import PagePart, file_to_write
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
@@ -40,7 +41,7 @@ from pipeline.shiftmap.gpu import ShiftMapPass
 from pipeline.shiftmap.settings import ShiftMapSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.warp.gpu import WarpPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
 
@@ -200,7 +201,7 @@ class Bench:
             texture_from(self.ctx, flow_px, "rg32f"),
         )
         warp = WarpPass(self.ctx, self.size)
-        warped = WarpTextures.create(self.ctx, self.size)
+        warped = FrameTextures.create(self.ctx, self.size)
 
         def release() -> None:
             for item in (*textures, warp, warped):

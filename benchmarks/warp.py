@@ -10,10 +10,11 @@ import numpy as np
 
 from benchmarks.copying import Copy
 from pipeline.frame import SourceFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.warp.gpu import WarpPass
 
 EDGES = (512, 1024, 2048)
 
@@ -51,7 +52,7 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
         texture_from(ctx, frame.depth_m, "r32f"),
         texture_from(ctx, flow_px, "rg32f"),
     )
-    warp, warped = WarpPass(ctx, size), WarpTextures.create(ctx, size)
+    warp, warped = WarpPass(ctx, size), FrameTextures.create(ctx, size)
     formats = ("rgba32f", "r32f", "rg32f")
     copied = tuple(create_texture(ctx, size, name) for name in formats)
     copy = Copy(ctx, *formats)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
-from pipeline.gl.texture import read_back, texture_from, upload
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import create_texture, read_back, upload
+from pipeline.warp.gpu import WarpPass
 from pipeline.warp.settings import WarpSettings, Window
 from stimuli.motion import MotionPass, border_gap_px
 from stimuli.paths import Path
@@ -80,7 +81,9 @@ class Footage:
         # A rim is found by the holes' motion.
         bare = holes_only and scenery.rim_px == 0
         self._settings = WarpSettings("remove" if bare else "full", rim_px=scenery.rim_px)
-        self._held: list[moderngl.Texture | MotionPass | WarpPass | WarpTextures] = []
+        self._passes: (
+            tuple[moderngl.Texture, moderngl.Texture, MotionPass, WarpPass, FrameTextures] | None
+        ) = None
         self._source_frame: int | None = None
         self._camera: Camera | None = None
         self._frame: SourceFrame | None = None
@@ -90,11 +93,27 @@ class Footage:
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`; a real frame of temporal up-sampling has no holes."""
-        return replace(self._warp(frame).read_back(), frame_index=frame)
+        return replace(self.warped_textures(frame).read_back(), frame_index=frame)
+
+    def warped_textures(self, frame: int) -> FrameTextures:
+        """Warp the source to `frame`, on the GPU; the next call overwrites the textures."""
+        camera = self._take_source(frame)
+        assert self._passes is not None  # the source has been uploaded
+        colour, depth, motion, warp, textures = self._passes
+        known = self._scenery.motion(
+            self.shot.size_px, self.margin_px, self.source_key(frame), frame
+        )
+        if known is None:
+            motion(depth, camera, self._target(frame, camera))
+        else:
+            upload(motion.flow_px, known[0])
+            upload(motion.target_depth_m, known[1])
+        warp(colour, motion.target_depth_m, motion.flow_px, textures)
+        return textures
 
     def holes(self, frame: int) -> NDArray[np.bool_]:
         """Return the hole mask of `frame`, shape (H, W)."""
-        colour: NDArray[np.float32] = read_back(self._warp(frame).colour)
+        colour: NDArray[np.float32] = read_back(self.warped_textures(frame).colour)
         return np.asarray(colour[..., 3] == 0)
 
     def truth(self, frame: int) -> NDArray[np.float32]:
@@ -113,24 +132,9 @@ class Footage:
 
     def release(self) -> None:
         """Free what is held on the GPU; the scenery stays."""
-        for resource in self._held:
+        for resource in self._passes or ():
             resource.release()
-        self._held.clear()
-        self._source_frame = None
-
-    def _warp(self, frame: int) -> WarpTextures:
-        camera = self._take_source(frame)
-        colour, depth, motion, warp, textures = self._passes
-        known = self._scenery.motion(
-            self.shot.size_px, self.margin_px, self.source_key(frame), frame
-        )
-        if known is None:
-            motion(depth, camera, self._target(frame, camera))
-        else:
-            upload(motion.flow_px, known[0])
-            upload(motion.target_depth_m, known[1])
-        warp(colour, motion.target_depth_m, motion.flow_px, textures)
-        return textures
+        self._passes, self._source_frame = None, None
 
     def _target(self, frame: int, source: Camera) -> Camera:
         """The frame's camera, in the source's pixel grid."""
@@ -147,8 +151,7 @@ class Footage:
     def _take_source(self, frame: int) -> Camera:
         """Put the source of `frame` on the GPU, unless it is there."""
         key = self.source_key(frame)
-        if self._source_frame == key and self._held:
-            assert self._camera is not None
+        if self._source_frame == key and self._camera is not None:
             return self._camera
         shot = self.shot
         source, camera = self._scenery.source(
@@ -159,18 +162,20 @@ class Footage:
         return camera
 
     def _upload(self, source: SourceFrame) -> None:
-        for resource in self._held:
-            resource.release()
         height, width = source.size
-        padded = np.concatenate([source.colour, np.ones((height, width, 1), np.float32)], axis=-1)
-        colour = texture_from(self._ctx, padded, "rgba32f")
-        depth = texture_from(self._ctx, source.depth_m, "r32f")
-        motion = MotionPass(self._ctx, (width, height))
-        window = Window.inside_margin(source.size, self.margin_px)
-        warp = WarpPass(self._ctx, (width, height), window, self._settings)
-        textures = WarpTextures.create(self._ctx, (window.width_px, window.height_px))
-        self._passes = (colour, depth, motion, warp, textures)
-        self._held = [colour, depth, motion, warp, textures]
+        if self._passes is None or self._passes[2].size != (width, height):
+            self.release()
+            window = Window.inside_margin(source.size, self.margin_px)
+            self._passes = (
+                create_texture(self._ctx, (width, height), "rgba32f"),
+                create_texture(self._ctx, (width, height), "r32f"),
+                MotionPass(self._ctx, (width, height)),
+                WarpPass(self._ctx, (width, height), window, self._settings),
+                FrameTextures.create(self._ctx, (window.width_px, window.height_px)),
+            )
+        colour, depth, *_ = self._passes
+        upload(colour, np.dstack([source.colour, np.ones((height, width), np.float32)]))
+        upload(depth, source.depth_m)
 
     def _find_margin(self, probe: list[int] | None) -> int:
         shot = self.shot

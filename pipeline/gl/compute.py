@@ -25,6 +25,7 @@ _BLOCK = re.compile(r"\blayout\s*\(\s*std\d+\s*\)([\w\s]*?)\b(buffer|uniform)\s+
 _UNIFORM = re.compile(r"\buniform\s+\w+\s+([^;{}()]+);")
 _LOCAL_SIZE = re.compile(r"\blocal_size_([xy])\s*=\s*(\w+)")
 _DEFINE = re.compile(r"^\s*#define\s+(\w+)\s+(\d+)\s*$", re.MULTILINE)
+_INT = 0x1404  # OpenGL's name of the type
 _CAPITAL = re.compile(r"(?<!^)(?=[A-Z])")
 
 
@@ -205,7 +206,8 @@ def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
         if name in images:
             texel, reads, writes = images[name]
             slot = _Slot("image", taken["image"], texel, reads, writes)
-            member.value = slot.point
+            member.gl_type = _INT  # moderngl writes to no image of integers otherwise
+            member.write(np.int32(slot.point).tobytes())
         elif name in samplers:
             slot, count = _Slot("sampler", taken["sampler"]), member.array_length
             first = slot.point

@@ -1,17 +1,15 @@
 """The warp on the GPU. Twin: reference.py."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
-from pipeline.gl.texture import create_texture, format_of, read_back, texture_from
+from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
@@ -23,49 +21,6 @@ PARTS = 8  # of a quad, each of which may win a pixel
 MOST_QUADS = 2**32 // PARTS - 1
 _UNTOUCHED = b"\xff\xff\xff\xff"
 RINGS = 2  # of vertices around the source
-
-
-@dataclass(frozen=True, eq=False)
-class WarpTextures:
-    """A warped frame on the GPU.
-
-    Attributes
-    ----------
-    colour : rgba32f
-        Encoded R'G'B'; alpha 1 where known, all zero in holes.
-    depth_m : r32f
-        Depth; the background's in holes.
-    flow_px : rg32f
-        Target minus source position of what is shown; the background's in holes.
-    """
-
-    colour: moderngl.Texture
-    depth_m: moderngl.Texture
-    flow_px: moderngl.Texture
-
-    @classmethod
-    def create(cls, ctx: moderngl.Context, size: tuple[int, int]) -> Self:
-        """Make uninitialised textures of `size` (width, height)."""
-        return cls(
-            create_texture(ctx, size, "rgba32f"),
-            create_texture(ctx, size, "r32f"),
-            create_texture(ctx, size, "rg32f"),
-        )
-
-    def read_back(self) -> WarpedFrame:
-        """Copy into arrays."""
-        colour: NDArray[np.float32] = read_back(self.colour)
-        return WarpedFrame(
-            np.ascontiguousarray(colour[..., :3]),
-            read_back(self.depth_m),
-            colour[..., 3] == 0,
-            read_back(self.flow_px),
-        )
-
-    def release(self) -> None:
-        """Free the textures."""
-        for texture in (self.colour, self.depth_m, self.flow_px):
-            texture.release()
 
 
 class WarpPass(Pass):
@@ -152,7 +107,7 @@ class WarpPass(Pass):
         colour: moderngl.Texture,
         depth_m: moderngl.Texture,
         flow_px: moderngl.Texture,
-        warped: WarpTextures,
+        warped: FrameTextures,
     ) -> None:
         """Warp `colour`, seen at `depth_m` by the target, along `flow_px` into `warped`.
 
@@ -164,7 +119,7 @@ class WarpPass(Pass):
             Depth of each source pixel in the target's view; <= 0 is behind it.
         flow_px : texture of the source's size, rg32f
             Target minus source position; finite.
-        warped : WarpTextures of the window's size
+        warped : FrameTextures of the window's size
             Overwritten.
         """
         self._check(colour, depth_m, flow_px, warped)
@@ -193,7 +148,7 @@ class WarpPass(Pass):
         colour: moderngl.Texture,
         depth_m: moderngl.Texture,
         flow_px: moderngl.Texture,
-        warped: WarpTextures,
+        warped: FrameTextures,
     ) -> None:
         shown = (self.window.width_px, self.window.height_px)
         for name, texture, size, format_name in (
@@ -251,7 +206,7 @@ def warp_frame(
         texture_from(ctx, depth_m, "r32f"),
         texture_from(ctx, flow_px, "rg32f"),
     )
-    warped = WarpTextures.create(ctx, (warp.window.width_px, warp.window.height_px))
+    warped = FrameTextures.create(ctx, (warp.window.width_px, warp.window.height_px))
     try:
         warp(*sources, warped)
         return warped.read_back()

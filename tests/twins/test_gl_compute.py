@@ -169,6 +169,32 @@ def test_a_pass_tells_what_it_holds_and_frees_it(gl_context):
     assert outer.held_bytes == 0
 
 
+def test_images_of_integers_are_told_apart_too(gl_context):
+    body = """
+    layout(local_size_x = 1) in;
+    layout(rgba32i) uniform readonly iimage2D signed_ones;
+    layout(rg32ui) uniform readonly uimage2D whole_ones;
+    layout(rgba32f) uniform readonly image2D ones;
+    layout(rgba32f) uniform writeonly image2D target;
+    void main() {
+        ivec2 at = ivec2(0);
+        imageStore(target, at, vec4(imageLoad(signed_ones, at).r, imageLoad(whole_ones, at).g,
+                                    imageLoad(ones, at).b, 4.0));
+    }
+    """
+    shader, target = compiled(gl_context, body), create_texture(gl_context, (1, 1), "rgba32f")
+    given = {
+        "signed_ones": texture_from(gl_context, np.full((1, 1, 4), -7, np.int32), "rgba32i"),
+        "whole_ones": texture_from(gl_context, np.array([[[5, 8]]], np.uint32), "rg32ui"),
+        "ones": texture_from(gl_context, np.full((1, 1, 4), 0.5, np.float32), "rgba32f"),
+    }
+    shader.run(target=target, **given)
+
+    assert read_back(target).ravel().tolist() == [-7, 8, 0.5, 4]
+    for item in (shader, target, *given.values()):
+        item.release()
+
+
 def test_layers_are_bound_as_one_image(gl_context):
     body = """
     layout(local_size_x = 1) in;
