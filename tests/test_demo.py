@@ -17,11 +17,14 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.load import load_display, load_protocol, load_study, shipped
 from protocols.manifest import read_manifest
 from stimuli.foveated.builtin_pictures import notices
+from stimuli.scenes.stereo import built_in_pair
 from study_app.cli import app
 from study_app.cli.demo import pictures as demo_pictures
 from study_app.cli.demo import studies
@@ -82,7 +85,7 @@ def quiet_console() -> Console:
 
 @pytest.fixture(scope="module", autouse=True)
 def one_worker():
-    """Clips are built by one process: each opens the scene anew, which costs more than the clips."""
+    """Clips are built by one process: each opens the scene anew, and that costs most."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("study_app.cli.demo.run.cores", lambda: 1)
         yield
@@ -457,6 +460,16 @@ def test_pictures_alone_fill_every_hole_and_say_where_they_are(
     assert filled["metameric"].shape == (500, 741, 3)
     changed = (filled["metameric"] != filled["push-pull"]).any(axis=-1).mean()
     assert 0.05 < changed < 0.15  # the holes, and nothing else
+
+
+def test_the_demonstration_takes_the_rim_of_its_photographs_into_the_holes(
+    gl_context, filled_once, tmp_path
+):
+    frame = built_in_pair("motorcycle").warp_input()
+    wanted = WarpSettings(rim_px=1)
+    hole = warp_frame(gl_context, frame.source, frame.flow_px, settings=wanted).hole
+
+    assert filled_once(tmp_path, 0).hole_share == hole.mean()
 
 
 def test_it_says_where_it_cannot_write(pictures, tmp_path):

@@ -140,7 +140,7 @@ def _write(
 
 @contextmanager
 def _old_objects_set_aside() -> Iterator[None]:
-    """Let `gc.collect` look at what is made meanwhile alone: at all else it looks a third of a second."""
+    """Let `gc.collect` look at what is made meanwhile alone; at all else it looks long."""
     gc.freeze()
     try:
         yield
