@@ -1,7 +1,10 @@
 """The noise: unit variance per band, tileable, the same everywhere, as strong as asked for."""
 
+from functools import cache
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import signal
 
 from pipeline.features.reference import analyse, band, double, fitted_kernels
@@ -201,6 +204,11 @@ def test_the_mixing_treats_x_and_y_alike_and_couples_neighbouring_levels(levels)
     assert not np.moveaxis(blocks, 2, 1)[far].any()
 
 
+@cache
+def tiles_of(seed: int, levels: int) -> NDArray[np.float64]:
+    return at_pixels(noise_bands(seed, levels, 1))
+
+
 @pytest.mark.parametrize(("exponent", "blur_px"), SPECTRA)
 @pytest.mark.parametrize("levels", [3, 4, 6])
 def test_mixed_bands_measure_as_they_were_weighed(levels, exponent, blur_px):
@@ -213,8 +221,7 @@ def test_mixed_bands_measure_as_they_were_weighed(levels, exponent, blur_px):
     given = (wanted * spectral_gains(wanted**2, fitted_mixing(levels).overlap) / AIM).reshape(-1, 3)
     ratios = np.zeros((levels, 3))
     for seed in range(4):
-        tiles = at_pixels(noise_bands(seed, levels, 1))
-        total = np.einsum("lcyxb,lb->yxc", tiles, given)
+        total = np.einsum("lcyxb,lb->yxc", tiles_of(seed, levels), given)
         measured = np.array([spread[:, 0] for spread in deviations(total, levels)])
         ratios += (measured / wanted.reshape(-1, 3)) ** 2 / 4
 
