@@ -275,7 +275,7 @@ def test_a_labs_own_picture_takes_one_line(tmp_path):
     assert isinstance(recipe, FoveatedImages)
     assert recipe.pictures[0].file == "harbour.png"
     assert not recipe.problems(tmp_path)
-    assert {one.picture.name for one in recipe.stimuli()} >= {"harbour", "shed"}
+    assert {one.picture.name for one in recipe.stimuli()} >= {"harbour", "street"}
 
 
 def test_a_methods_columns_are_columns_of_its_stimuli_and_of_no_others(task_recipe):
