@@ -207,7 +207,7 @@ def _house(
     bays = max(2, round(width / 2.3))
     pitch = width / bays
     half = 0.5 * min(1.15, 0.5 * pitch)
-    middles = pitch * (np.arange(bays) + 0.5)
+    middles: NDArray[np.float64] = pitch * (np.arange(bays, dtype=np.float64) + 0.5)
     openings: list[tuple[float, float, float, float]] = []
     for storey in range(upper):
         sill = GROUND_M + storey * STOREY_M + 0.75
@@ -388,10 +388,10 @@ def _roof(
         made.add(kit.tiles, shapes.surface(position, np.stack([x, -share * slope], -1) / 2.2))
     z = np.linspace(0, back, 9)
     lift = top + rise * (1 - abs(z - back / 2) / (-back / 2))
-    for x in (0.0, width):
-        made.add(wall, shapes.wall((x, 0), (x, back), 0, top, 2.3))
-        foot, ridge = (np.stack([x + 0 * z, y, z], -1) for y in (top + 0 * z, lift))
-        gable = np.stack([foot, ridge])
+    for side in (0.0, width):
+        made.add(wall, shapes.wall((side, 0), (side, back), 0, top, 2.3))
+        edges = [np.stack([side + 0 * z, y, z], -1) for y in (top + 0 * z, lift)]
+        gable = np.stack(edges)
         made.add(wall, shapes.surface(gable, gable[..., [2, 1]] / 2.3))
     made.add(wall, _sheet((0, width), (0, top), back, 2.3))
     made.add(

@@ -136,7 +136,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
             " standard errors (thin), fitted psychometric functions (thick); dashed: chance.",
             lambda width: psychometric_plot(
                 series,
-                x_label=str(settings.level),
+                x_label=_axis(settings.level),
                 chance=settings.chance,
                 logarithmic=wide,
                 label=settings.label,
@@ -156,7 +156,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                     results.critical,
                     {fit.condition: counts[fit.condition] for fit in results.critical},
                     label=settings.label,
-                    x_label=f"{settings.level} (log axis)",
+                    x_label=f"{_axis(settings.level)}, log axis",
                     width_in=width,
                     simulated=simulated,
                 ),
@@ -219,3 +219,13 @@ def _heat(
             simulated=simulated,
         ),
     )
+
+
+def _axis(column: str | None) -> str:
+    """A column of numbers as an axis has it: eccentricity_deg is "Eccentricity (deg)"."""
+    name = str(column)
+    for unit in ("deg", "px", "m", "s"):
+        if name.endswith(f"_{unit}"):
+            name = f"{name.removesuffix(f'_{unit}')} ({unit})"
+    name = name.replace("_", " ")
+    return name[:1].upper() + name[1:]

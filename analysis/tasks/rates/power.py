@@ -303,9 +303,9 @@ def rate_power(
         curves = {**dict(zip(names, (alone / count).T, strict=True)), **curves}
     extra: dict[str, Floats] = {}
     if further is not None:
-        names = ("a comparison", "every comparison") if comparisons > 1 else ("the comparison",)
+        said = ["a comparison", "every comparison"] if comparisons > 1 else ["the comparison"]
         extra = {
-            f"{further[0]}: {name}": one for name, one in zip(names, also / count, strict=False)
+            f"{further[0]}: {name}": one for name, one in zip(said, also / count, strict=False)
         }
     found = RatePower(
         participants=sizes,
