@@ -156,7 +156,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                     results.critical,
                     {fit.condition: counts[fit.condition] for fit in results.critical},
                     label=settings.label,
-                    x_label=f"{_axis(settings.level)}, log axis",
+                    x_label=f"{_axis(settings.level)} (log axis)",
                     width_in=width,
                     simulated=simulated,
                 ),
