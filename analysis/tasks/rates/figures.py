@@ -19,6 +19,7 @@ from analysis.plots import (
 from analysis.tasks.blocks import ReportFigure
 from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.tasks.rates.study import RateResults
+from analysis.tasks.rates.wording import column_in_words
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
@@ -222,10 +223,5 @@ def _heat(
 
 
 def _axis(column: str | None) -> str:
-    """A column of numbers as an axis has it: eccentricity_deg is "Eccentricity (deg)"."""
-    name = str(column)
-    for unit in ("deg", "px", "m", "s"):
-        if name.endswith(f"_{unit}"):
-            name = f"{name.removesuffix(f'_{unit}')} ({unit})"
-    name = name.replace("_", " ")
+    name = column_in_words(str(column))
     return name[:1].upper() + name[1:]
