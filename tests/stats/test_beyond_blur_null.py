@@ -21,7 +21,7 @@ from protocols.load import load_study
 
 BAND = (0.035, 0.065)
 MANY = 8000
-"""Of 2,000 studies a share of .05 has an error of .005: the least of 13 comparisons then is luck."""
+"""Of 2,000 studies a share of .05 has an error of .005: the least of 13 is luck then."""
 PEOPLE = {"beyond-blur-task": 14, "beyond-blur-preference": 10, "beyond-blur-detection": 10}
 NOTHING = {"difference": 0.0, "participant_sd": 0.4, "scene_sd": 0.2}
 
