@@ -77,7 +77,7 @@ def test_detection_keeps_its_level(rng, full):
 
 
 def test_preference_keeps_its_level(rng, full):
-    studies = MANY if full else 200
+    studies = 5 * MANY if full else 200  # cheap, and near the band's edge
     study, _ = load_study(Path("beyond-blur-preference"), None)
     settings = analysis_of("preference").settings(study)
     picks = np.array([PEOPLE["beyond-blur-preference"] - 1])
