@@ -270,7 +270,10 @@ def import_(
     table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
     out: NewFolderOption,
     task: Annotated[
-        str, typer.Option(metavar="|".join(TASKS), help="What participants did in a trial.")
+        str,
+        typer.Option(
+            metavar="|".join((*TASKS, "ratings")), help="What participants did in a trial."
+        ),
     ] = "two-interval",
     columns: Annotated[
         list[str] | None,
@@ -280,8 +283,9 @@ def import_(
             help="Which column holds what; may be given more than once. Pairs need participant,"
             " first, second, and chosen (a method) or chose_first (1/0); also scene, size. Other"
             " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
-            " any columns of your own. All: order, rt_s. Columns that already have our names need"
-            " no --map.",
+            " any columns of your own. Ratings need participant, rating, and the column that --set"
+            " by=COLUMN names, or first and second; also scene. All: order, rt_s. Columns that"
+            " already have our names need no --map.",
         ),
     ] = None,
     options: Annotated[
@@ -292,7 +296,7 @@ def import_(
             help="How to analyse the table, as in a protocol's section on analysis; may be"
             " given more than once: by=method, level=eccentricity_deg, falling=true,"
             " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
-            " rule=independent (abx).",
+            " rule=independent (abx), scale=bad,fair,good (ratings).",
         ),
     ] = None,
     replace: ReplaceOption = False,

@@ -117,18 +117,18 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         return tuple(
             Estimate(
                 f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
-                cell.share,
-                cell.lower,
-                cell.upper,
-                cell.p_adjusted,
-                cell.trials,
+                cell.estimate.share,
+                cell.estimate.lower,
+                cell.estimate.upper,
+                cell.test.p_adjusted,
+                cell.answers.trials,
             )
             for cell in table.cells
         )
 
     def planned_p(self, results: StudyResults) -> float | None:
         """Return p of the primary comparison."""
-        return None if results.primary is None else results.primary.p
+        return None if results.primary is None else results.primary.test.p
 
     def simulated_p(
         self,
@@ -158,7 +158,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     def tables(self, _decisions: pd.DataFrame, results: StudyResults) -> Mapping[str, pd.DataFrame]:
         """Return every comparison."""
-        rows = [vars(cell) | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
+        rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
         return {"preferences.csv": pd.DataFrame(rows)}
 
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
