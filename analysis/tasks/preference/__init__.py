@@ -242,7 +242,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             ),
         )
 
-    def from_pilot(self, decisions: pd.DataFrame) -> tuple[Mapping[str, float], Sequence[str]]:
+    def from_pilot(
+        self, _study: StudyProtocol, decisions: pd.DataFrame, _settings: Settings
+    ) -> tuple[Mapping[str, float], Sequence[str]]:
         """Return the deviations of a pilot's participants and scenes."""
         found = pilot_deviations(decisions)
         values = {
