@@ -191,6 +191,10 @@ class TaskAnalysis(ABC, Generic[S, R]):
         """
         return ()
 
+    def planned_estimates(self, decisions: pd.DataFrame, settings: S) -> Sequence[Estimate]:
+        """Return those of the planned test, whose limits a planned look adjusts."""
+        return self.estimates(decisions, settings)
+
     def planned_p(self, _results: R) -> float | None:
         """Return p of the planned test, which looks at unfinished data test; None: there is none.
 

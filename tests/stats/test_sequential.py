@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -221,6 +223,37 @@ def test_the_report_says_at_which_look_it_stands(write_journals, demo_protocol, 
     assert noted["sequential"]["standing"]["p"] == noted["results"]["primary"]["p"]
     assert "Planned looks: " in made.html.read_text()
     assert "Look 1 of 2 (4 participants)" in made.html.read_text()
+    assert "Limits that take account of the looks" in made.html.read_text()
+    assert "p at which each planned look stops the study" in made.html.read_text()
+    (limits,), plain = noted["sequential"]["limits"], noted["results"]["primary"]
+    assert limits["value"] == plain["share"]
+    assert limits["lower"] < plain["lower"] < plain["upper"] < limits["upper"]
+
+
+@pytest.mark.parametrize("people", [8, 16, 24])
+def test_limits_at_a_look_leave_out_one_half_exactly_where_it_stops(demo_protocol, people):
+    """Shares of all strengths: the look's bound, and the limits that invert the test there."""
+    plan = plan_of(Sequential(rule="pocock", looks=(8, 16, 24)), 0.05)
+    bound = plan.reject_p[plan.looks.index(people)]
+    settings = replace(analysis_of("preference").settings(demo_protocol), alpha=bound)
+    method, against, size = settings.primary
+    stopped = set()
+    for each in range(4, 13):
+        wins = np.arange(12) < each
+        rows = pd.DataFrame(
+            [
+                (f"P{who}", f"s{k % 6}", settings.sizes[0] if size == "all" else size, method,
+                 against, method if wins[(k + who) % 12] else against)
+                for who in range(people)
+                for k in range(12)
+            ],
+            columns=["participant", "scene", "size", "first", "second", "chosen"],
+        )  # fmt: skip
+        (one,) = analysis_of("preference").planned_estimates(rows, settings)
+        assert (one.p < bound) == (one.lower > 0.5 or one.upper < 0.5)
+        stopped.add(one.p < bound)
+
+    assert stopped == {True, False}
 
 
 def run(*arguments: object) -> Result:
@@ -243,5 +276,6 @@ def test_the_command_prints_bounds_and_error(tmp_path, demo_protocol):
     assert "rate 0.8" in result.output
     assert "Without an effect" in result.output
     assert (tmp_path / "out" / "looks.csv").is_file()
+    assert (tmp_path / "out" / "looks-1-column.pdf").is_file()
     assert without.exit_code == 2
     assert "add [analysis.sequential]" in " ".join(without.output.split())

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.exclusions import FlowStep
-from analysis.pairings import pairing_rows
+from analysis.pairings import Comparisons, pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
-from analysis.preference import preferences
+from analysis.preference import Preference, preferences
 from analysis.seed import SEED
 from analysis.tasks.base import (
     Assumption,
@@ -38,7 +38,7 @@ from analysis.tasks.preference.power import (
 )
 from analysis.tasks.preference.sections import lead, sections
 from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
-from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse
+from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse, primary_of
 from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
 from analysis.tidy import pwcmp_table
 from protocols.columns import Column
@@ -114,17 +114,12 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             test=settings.test,
             correction="holm" if settings.correction == "holm" else "none",
         )
-        return tuple(
-            Estimate(
-                f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
-                cell.estimate.share,
-                cell.estimate.lower,
-                cell.estimate.upper,
-                cell.test.p_adjusted,
-                cell.answers.trials,
-            )
-            for cell in table.cells
-        )
+        return tuple(_estimate(cell, settings) for cell in table.cells)
+
+    def planned_estimates(self, decisions: pd.DataFrame, settings: Settings) -> Sequence[Estimate]:
+        """Return the share of choices in the primary comparison."""
+        found = primary_of(Comparisons(decisions), settings)
+        return () if found is None else (_estimate(found, settings),)
 
     def planned_p(self, results: StudyResults) -> float | None:
         """Return p of the primary comparison."""
@@ -273,6 +268,17 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             progress=progress,
         )
         return _power_report(curve)
+
+
+def _estimate(cell: Preference, settings: Settings) -> Estimate:
+    return Estimate(
+        f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
+        cell.estimate.share,
+        cell.estimate.lower,
+        cell.estimate.upper,
+        cell.test.p_adjusted,
+        cell.answers.trials,
+    )
 
 
 def _assumptions(assumed: Mapping[str, float]) -> Assumptions:

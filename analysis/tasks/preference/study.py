@@ -95,7 +95,10 @@ def analyse(
         correction="holm" if settings.correction == "holm" else "none",
     )
     notes += table.warnings
-    primary = _primary(grouped, settings, notes)
+    primary = primary_of(grouped, settings)
+    if settings.primary is not None and primary is None:
+        method, against, _ = settings.primary
+        notes.append(f"the primary comparison ({method} with {against}) has no decisions")
     say("mixed models")
     models = tuple(
         (cell.method, cell.against, cell.size, _mixed(grouped, cell)) for cell in table.cells
@@ -136,13 +139,13 @@ def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floa
     return votes, list(people)
 
 
-def _primary(grouped: Comparisons, settings: Settings, notes: list[str]) -> Preference | None:
+def primary_of(grouped: Comparisons, settings: Settings) -> Preference | None:
+    """Return the primary comparison; None where there is none, or no decision makes it."""
     if settings.primary is None:
         return None
     method, against, size = settings.primary
     rows = grouped.rows(method, against, size)
     if rows.empty:
-        notes.append(f"the primary comparison ({method} with {against}) has no decisions")
         return None
     return preference(
         rows,
