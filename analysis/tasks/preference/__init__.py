@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -55,6 +55,8 @@ class PreferenceOptions(TableOptions):
     """Level of every test."""
     margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     """Smallest effect of interest, as a distance from one half."""
+    reaction: Literal["summary", "models"] = "summary"
+    """Of reaction times: medians and means, or a model of them too."""
 
 
 class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
@@ -70,11 +72,14 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> Settings:
         """Return every pairing found, and no primary comparison."""
-        return from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
+        found = from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
+        return replace(found, reaction=options.reaction)
 
     def options_of(self, settings: Settings) -> PreferenceOptions:
         """Return alpha and margin."""
-        return PreferenceOptions(alpha=settings.alpha, margin=settings.margin)
+        return PreferenceOptions(
+            alpha=settings.alpha, margin=settings.margin, reaction=settings.reaction
+        )
 
     def read(self, path: Path, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""

@@ -17,7 +17,7 @@ from analysis.tasks.blocks import (
     Table,
     strong,
 )
-from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
+from analysis.tasks.common_blocks import learning_blocks, reaction_blocks, time_model_blocks
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale, StudyResults
 from analysis.tasks.preference.wording import (
@@ -391,5 +391,6 @@ def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ),
         *learning_blocks(results.learning),
         *reaction_blocks(results.reaction, "Size", settings.label),
+        *time_model_blocks(results.times, settings.label),
     ]
     return tuple(blocks)

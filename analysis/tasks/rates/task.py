@@ -144,6 +144,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             "correction": settings.correction,
             "alpha": settings.alpha,
             "shape": settings.shape,
+            "reaction": settings.reaction,
         }
 
     def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
