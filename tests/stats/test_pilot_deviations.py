@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from analysis.ideal_observer import abx_share, forced_choice_share
 from analysis.tasks import analysis_of
+from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
 from protocols.errors import StudyError
 
 CONDITIONS = ("blur", "ours")
@@ -39,8 +40,6 @@ def deviations(kind, rows, **options):
     analysis = analysis_of(kind)
     given = analysis.options(by="method", **options)
     settings = analysis.settings_of_table(rows, "pilot", given)
-    from analysis.tasks.rates.pilot import sensitivity_deviations
-
     return sensitivity_deviations(rows, settings, analysis.share_of(settings))
 
 
@@ -77,6 +76,33 @@ def test_right_answers_tell_how_d_prime_differs(rng, kind, share, options):
     assert values["participant_sd"] == pytest.approx(0.6, abs=0.2)
     assert values["scene_sd"] == pytest.approx(0.4, abs=0.2)
     assert set(values) == {"participant_sd", "scene_sd"}
+
+
+def test_thresholds_differ_as_shares_of_the_range_of_levels(rng):
+    """Levels 0 to 10: thresholds of people deviate by 1.5, of a person's condition by .8."""
+    person, condition, level, _ = np.indices((30, 2, 11, 24)).reshape(4, -1)
+    own = 5.0 + rng.normal(0, 1.5, (30, 1)) + rng.normal(0, 0.8, (30, 2))
+    right = 0.5 + 0.5 * ndtr((level - own[person, condition]) / 1.2)
+    rows = pd.DataFrame(
+        {
+            "participant": np.char.add("p", person.astype(str)),
+            "method": np.array(CONDITIONS)[condition],
+            "level": level.astype(float),
+            "order": np.arange(person.size),
+            "correct": (rng.random(person.size) < right).astype(int),
+        }
+    )
+    analysis = analysis_of("identification")
+    options = analysis.options(by="method", level="level", alternatives=2)
+    settings = analysis.settings_of_table(rows, "pilot", options)
+
+    values, notes = threshold_deviations(rows, settings, span=10.0)
+    sigmas = (ndtri(0.95) - ndtri(0.05)) * 1.2 / 10.0  # from 5 to 95 % of the rise
+
+    assert values["participant_sd"] == pytest.approx(0.15, abs=0.06)
+    assert values["interaction_sd"] == pytest.approx(0.08, abs=0.04)
+    assert values["width"] == pytest.approx(sigmas, rel=0.2)
+    assert notes == []
 
 
 def test_a_pilot_that_cannot_tell_says_so(rng):
