@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
 from analysis.bayes import t_bayes_factor
+from analysis.plots.sequential import bounds_plot
 from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
@@ -226,10 +227,21 @@ def test_the_report_says_at_which_look_it_stands(write_journals, demo_protocol, 
     assert "Planned looks: " in made.html.read_text()
     assert "Look 1 of 2 (4 participants)" in made.html.read_text()
     assert "Limits that take account of the looks" in made.html.read_text()
-    assert "p at which each planned look stops the study" in made.html.read_text()
     (limits,), plain = noted["sequential"]["limits"], noted["results"]["primary"]
     assert limits["value"] == plain["share"]
     assert limits["lower"] < plain["lower"] < plain["upper"] < limits["upper"]
+
+
+def test_the_figure_shows_every_bound_and_the_study():
+    plan = plan_of(Sequential(rule="bayes-factor", looks=(8, 16, 24), bayes_factor=3.0), 0.05)
+    (axes,) = bounds_plot(plan, people=16, p=0.02).axes
+    drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
+
+    np.testing.assert_allclose(drawn["significant"], plan.reject_p)
+    kept = [bound for bound in plan.accept_p if bound is not None]
+    np.testing.assert_allclose(drawn["no difference"], kept)
+    assert list(drawn["this study"]) == [0.02]
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # small p above
 
 
 @pytest.mark.parametrize("people", [8, 16, 24])
