@@ -1,11 +1,13 @@
 """Models of trials with crossed random effects, fitted by the Laplace approximation."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
+from scipy.special import expit
 
 from analysis.logit import fit_logit
 from analysis.numeric import newton_polish
@@ -15,6 +17,10 @@ from analysis.response import LOGIT, Response
 Floats = NDArray[np.float64]
 
 START_SD = 0.5
+LEAST_START_SD = 0.1
+
+CLEARLY_NOTHING = 1.0
+"""A likelihood ratio below is p > .31, and no better search would make it smaller evidence."""
 
 LARGEST_SD = 8.0
 """Logits; a fit beyond has run away."""
@@ -30,7 +36,7 @@ ROUGH_RIDGE = 0.1
 MOST_STEPS = 100
 LONGEST_STEP = 3.0
 SMALL_STEP = 1e-6
-"""Of the search for the mode, in deviations of a random effect."""
+"""Of the search for the mode, in deviations of a random effect; what is left is its square."""
 BEND_STEP = 1e-4
 RATE_STEP = 1e-4
 """Steps of differences: of a curvature in eta, of the likelihood in the logit of a rate."""
@@ -54,6 +60,45 @@ class CrossedFit:
     guess: float
     lapse: float
     random: tuple[Floats, ...]
+    counted: "CountedTrials" = field(repr=False)
+
+
+@dataclass(frozen=True)
+class CountedTrials:
+    """Trials that share everything as one row: same likelihood, less work.
+
+    `first` is a trial of each row.
+    """
+
+    first: NDArray[np.int64]
+    trials: Floats
+    successes: Floats
+    effects: RandomEffects
+
+    @classmethod
+    def of(
+        cls,
+        design: Floats,
+        y: Floats,
+        groups: Sequence[NDArray[np.int64]],
+        slopes: Sequence[Floats | None] = (),
+    ) -> "CountedTrials":
+        """Count trials; arguments as of `fit_crossed`."""
+        given = [*slopes, *([None] * (len(groups) - len(slopes)))]
+        codes = [code.reshape(len(code), -1) for code in groups]
+        times = [
+            np.ones(code.shape) if values is None else values.reshape(code.shape)
+            for code, values in zip(codes, given, strict=True)
+        ]
+        key = np.column_stack([design, *codes, *times])
+        _, first, row = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        row = row.ravel()
+        return cls(
+            first=first,
+            trials=np.bincount(row).astype(np.float64),
+            successes=np.bincount(row, weights=y).astype(np.float64),
+            effects=RandomEffects([c[first] for c in codes], [t[first] for t in times]),
+        )
 
 
 def fit_crossed(
@@ -66,6 +111,7 @@ def fit_crossed(
     start: Floats | None = None,
     rough: Floats | None = None,
     errors: bool = True,
+    counted: CountedTrials | None = None,
 ) -> CrossedFit:
     """Maximise the Laplace likelihood of a model of trials with crossed random effects.
 
@@ -87,6 +133,8 @@ def fit_crossed(
         About their covariance, for the first step of the search.
     errors : bool
         Without them a fit is quick, and enough for a likelihood ratio.
+    counted : CountedTrials, optional
+        Of a larger model of the same trials, whose rows tell apart what this one does.
 
     Notes
     -----
@@ -97,13 +145,9 @@ def fit_crossed(
     second derivative). Its slope is exact, with the mode moving along (Kristensen et al. 2016,
     section 2). Standard errors invert the second derivative in all parameters.
     """
-    factors = len(groups)
-    given = [*slopes, *([None] * (len(groups) - len(slopes)))]
-    times = [
-        np.ones(codes.shape) if values is None else values
-        for codes, values in zip(groups, given, strict=True)
-    ]
-    model = _Laplace(design, y, groups, times, response)
+    if counted is None:
+        counted = CountedTrials.of(design, y, groups, slopes)
+    model = _Laplace(design, counted, response)
     coefficients, factors = design.shape[1], len(groups)
     if start is None:
         first = fit_logit(model.design, model.successes, model.trials).beta
@@ -133,6 +177,7 @@ def fit_crossed(
         guess=guess,
         lapse=lapse,
         random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
+        counted=counted,
     )
 
 
@@ -145,6 +190,8 @@ def reduced_ratio(
     groups: Sequence[NDArray[np.int64]],
     slopes: Sequence[Floats | None] = (),
     response: Response = LOGIT,
+    *,
+    starts: int | None = None,
 ) -> float:
     """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
 
@@ -153,6 +200,8 @@ def reduced_ratio(
     contrast : ndarray (coefficients,)
     dropped : int
         The coefficient that `design`, the one of the smaller model, no longer has.
+    starts : int, optional
+        How many searches at most; left out, one for each factor.
     """
     theta = np.concatenate([fit.beta, fit.sd, response.start()])
     along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
@@ -162,17 +211,39 @@ def reduced_ratio(
     rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
     keep = np.arange(theta.size) != dropped
     rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
-    less = fit_crossed(
-        design,
-        y,
-        groups,
-        slopes=slopes,
-        start=start[keep],
-        rough=0.5 * (rough + rough.T),
-        response=response,
-        errors=False,
-    )
-    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
+    best = -np.inf
+    begins = _absorbed(start, fit, abs(float(along @ theta)))
+    for begin in islice(begins, starts):
+        less = fit_crossed(
+            design,
+            y,
+            groups,
+            slopes=slopes,
+            start=begin[keep],
+            rough=0.5 * (rough + rough.T),
+            response=response,
+            errors=False,
+            counted=fit.counted,
+        )
+        best = max(best, less.log_likelihood)
+        if 2.0 * (fit.log_likelihood - best) < CLEARLY_NOTHING:
+            break
+    return max(0.0, 2.0 * (fit.log_likelihood - best))
+
+
+def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:
+    """Yield where a search without a contrast begins: each factor in turn takes it over.
+
+    What people all have in common looks without it like a deviation of people, or of scenes, and
+    the likelihood may have a maximum for each. At 0 it is level in a deviation, so that no search
+    would ever leave it.
+    """
+    first = fit.beta.size
+    for number in range(fit.sd.size):
+        begin = start.copy()
+        begin[first : first + fit.sd.size] = np.maximum(fit.sd, LEAST_START_SD)
+        begin[first + number] = np.hypot(begin[first + number], contrast)
+        yield begin
 
 
 class _Laplace:
@@ -181,27 +252,13 @@ class _Laplace:
     It remembers the last mode of the random effects, where the next search begins.
     """
 
-    def __init__(
-        self,
-        design: Floats,
-        y: Floats,
-        groups: Sequence[NDArray[np.int64]],
-        times: Sequence[Floats],
-        response: Response,
-    ) -> None:
-        # Trials that share everything become one row: same likelihood, less work.
-        codes = [code.reshape(len(code), -1) for code in groups]
-        factors = [one.reshape(len(one), -1) for one in times]
-        key = np.column_stack([design, *codes, *factors])
-        _, first, row = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        row = row.ravel()
-        self.design = np.asarray(design[first], dtype=np.float64)
-        self.trials = np.bincount(row).astype(np.float64)
-        self.successes: Floats = np.bincount(row, weights=y).astype(np.float64)
-        self.effects = RandomEffects([c[first] for c in codes], [f[first] for f in factors])
+    def __init__(self, design: Floats, counted: CountedTrials, response: Response) -> None:
+        self.design = np.asarray(design[counted.first], dtype=np.float64)
+        self.trials, self.successes = counted.trials, counted.successes
+        self.effects = counted.effects
         self.response = response
         self.mode = np.zeros(self.effects.size)
-        self._ends = np.cumsum([design.shape[1], len(groups)])
+        self._ends = np.cumsum([design.shape[1], self.effects.factors])
 
     def __call__(self, theta: Floats) -> tuple[float, Floats]:
         at = self._solve(theta)
@@ -230,10 +287,16 @@ class _Laplace:
         beta, sd, free = np.split(theta, self._ends)
         fixed, rates = self.design @ beta, self.response.rates(free)
         scale = self.effects.scale(np.abs(sd))
-        b, done = self.mode, False
+        b, step, promised, done = self.mode, np.zeros(self.effects.size), 0.0, False
         for _ in range(MOST_STEPS):
             eta = fixed + self.effects.on_trials(scale * b)
             gap, weight, expected = self.response.slope(eta, self.successes, self.trials, rates)
+            slope = scale * self.effects.of_effects(gap) - b
+            if float(slope @ step) < -promised:
+                # As steep down again as it was up: a step as long would come back for ever.
+                step, promised = 0.5 * step, 0.5 * promised
+                b = b - step
+                continue
             try:
                 arrow = self.effects.arrow(weight, scale)
             except np.linalg.LinAlgError:
@@ -242,11 +305,12 @@ class _Laplace:
                 arrow = self.effects.arrow(weight, scale)
             if done:  # the curvature is the one at the mode itself
                 break
-            step = arrow.solve(scale * self.effects.of_effects(gap) - b)
+            step = arrow.solve(slope)
             largest = float(np.abs(step).max(initial=0.0))
             # The joint density is log-concave; long steps far from the mode are cut short.
-            b = b + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
-            done = largest < SMALL_STEP  # Newton: what is left is about its square
+            step = step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
+            promised = float(slope @ step)
+            b, done = b + step, largest < SMALL_STEP
         self.mode = b
         joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
         value = 0.5 * float(b @ b) - joint + 0.5 * arrow.log_det - self.response.penalty(free)
@@ -255,11 +319,7 @@ class _Laplace:
     def _slope(self, theta: Floats, at: "_Mode") -> Floats:
         """Return the slope in coefficients and deviations; the mode moves along with both."""
         leverage, trace = self.effects.leverage(at.arrow, at.weight, at.scale)
-        weights = [
-            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[1]
-            for shift in (BEND_STEP, -BEND_STEP)
-        ]
-        force = 0.5 * leverage * (weights[0] - weights[1]) / (2.0 * BEND_STEP)
+        force = 0.5 * leverage * self._bend(at)
         moved = at.arrow.solve(at.scale * self.effects.of_effects(force))
         pull = force - at.gap - at.weight * self.effects.on_trials(at.scale * moved)
         by_effect = at.b * self.effects.of_effects(pull)
@@ -267,6 +327,16 @@ class _Laplace:
         by_sd = trace + [part.sum() for part in self.effects.by_factor(by_effect)]
         sign = np.where(np.split(theta, self._ends)[1] < 0, -1.0, 1.0)
         return np.concatenate([self.design.T @ pull, sign * by_sd])
+
+    def _bend(self, at: "_Mode") -> Floats:
+        """Return how fast each trial's weight grows with eta."""
+        if self.response.plain:
+            return np.asarray(at.weight * (1.0 - 2.0 * expit(at.eta)))
+        up, down = (
+            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[1]
+            for shift in (BEND_STEP, -BEND_STEP)
+        )
+        return np.asarray((up - down) / (2.0 * BEND_STEP))
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,48 @@ def pairing_rows(
     return decisions[pair if size == ALL_SIZES else pair & (decisions["size"] == size)]
 
 
+class Comparisons:
+    """Decisions grouped by pairing and size, once: each comparison's rows are at hand.
+
+    Attributes
+    ----------
+    decisions : DataFrame
+        With names as categories (`as_numbers`).
+    sizes : tuple of str
+    """
+
+    def __init__(self, decisions: pd.DataFrame) -> None:
+        self.decisions = rows = as_numbers(decisions)
+        first, second = (rows[side].cat.codes.to_numpy(np.int64) for side in ("first", "second"))
+        self._place = {name: code for code, name in enumerate(rows["first"].cat.categories)}
+        size, self.sizes = numbered(rows["size"])
+        self._sizes = {name: code for code, name in enumerate(self.sizes)}
+        pair = np.minimum(first, second) * len(self._place) + np.maximum(first, second)
+        self._by_pair = _positions(pair)
+        self._by_cell = _positions(pair * len(self.sizes) + size)
+
+    def rows(self, method: str, against: str, size: str = ALL_SIZES) -> pd.DataFrame:
+        """Return the decisions between two methods, at one size or at all, as `pairing_rows`."""
+        pair = [self._place.get(name, -1) for name in (method, against)]
+        code = min(pair) * len(self._place) + max(pair)
+        nothing = np.zeros(0, dtype=np.int64)
+        if min(pair) < 0:
+            found = nothing
+        elif size == ALL_SIZES:
+            found = self._by_pair.get(code, nothing)
+        else:
+            cell = code * len(self.sizes) + self._sizes.get(size, -1)
+            found = self._by_cell.get(cell, nothing) if size in self._sizes else nothing
+        return self.decisions.take(found)
+
+
+def _positions(codes: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
+    """Return where each code occurs, in order."""
+    order = np.argsort(codes, kind="stable")
+    found, start = np.unique(codes[order], return_index=True)
+    return dict(zip(found.tolist(), np.split(order, start[1:]), strict=True))
+
+
 def counts(
     decisions: pd.DataFrame, method: str
 ) -> tuple[Floats, Floats, tuple[str, ...], tuple[str, ...]]:
@@ -61,8 +103,14 @@ def numbered(column: pd.Series) -> tuple[NDArray[np.int64], tuple[str, ...]]:
 def as_numbers(decisions: pd.DataFrame) -> pd.DataFrame:
     """Return the table with its names as categories in sorted order: grouped once, and for all.
 
-    The columns of methods share their categories.
+    The columns of methods share their categories. A table that has them already is returned.
     """
+    named = [decisions[name].dtype for name in ("participant", "scene", "size")]
+    shared = {decisions[name].dtype for name in METHOD_COLUMNS if name in decisions.columns}
+    if len(shared) == 1 and all(
+        isinstance(kind, pd.CategoricalDtype) for kind in (*named, *shared)
+    ):
+        return decisions
     methods = pd.unique(pd.concat([decisions["first"], decisions["second"]]).astype(str))
     kinds = {name: pd.CategoricalDtype(sorted(methods)) for name in METHOD_COLUMNS}
     for name in ("participant", "scene", "size"):

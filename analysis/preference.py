@@ -18,7 +18,7 @@ from analysis.clustered import (
     sign_flip_p,
     two_way,
 )
-from analysis.pairings import ALL_SIZES, counts, found_pairings, pairing_rows
+from analysis.pairings import ALL_SIZES, Comparisons, counts, found_pairings
 
 Floats = NDArray[np.float64]
 Test = Literal["participant-scene", "participant", "pooled"]
@@ -28,82 +28,190 @@ FEW_PARTICIPANTS = 6
 
 
 @dataclass(frozen=True)
-class Preference:
-    """How often `method` was chosen over `against`, and what that shows.
+class Answers:
+    """What one comparison rests on.
 
-    Attributes
-    ----------
-    method, against, size : str
-        `size` is "all" where sizes are taken together.
-    trials, chosen, participants, scenes : int
-    share : float
-        chosen / trials.
-    lower, upper : float
-        Of the test that gives `p`, by inverting it: they leave out .5 exactly where p < alpha.
-    effective_n : float
-        Independent trials that would tell as much.
-    t, df : float or None
-        Of the clustered score test; None where participants agree.
-    p, p_adjusted : float
-        Of the protocol's test; adjusted over the family of comparisons.
-    test : str
-        What `p` is, in words: the largest of three (`clustered.ClusteredShare`).
-    sign_flip_p, sign_flip_floor : float
-        Participant-level sign-flip test, and the smallest p so many participants can give.
-    exact_p, exact_lower, exact_upper : float
-        Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
-    cohens_h : float
-        2 asin sqrt(share) - pi / 2.
-    odds_ratio, odds_lower, odds_upper : float
-        Odds of choosing `method`; half a vote is added where all answers agree.
-    bayes_factor : float
-        BF10 (default prior) of the t that so many participants need for the clustered p.
-    bayes_factor_pooled : float
-        BF10 of all trials as independent, uniform prior.
-    margin, equivalence_p, equivalence_p_adjusted : float
-        Smallest effect of interest and TOST p-value against it; adjusted over the family as `p`
-        is, because several verdicts of equivalence err as several tests do.
-    participant_sd : float
-        Standard deviation of the participants' shares.
-    verdict : str
-    warnings : tuple of str
-        When not to trust it.
+    `chosen` counts for the first method; `participant_sd` is the standard deviation of the
+    participants' shares.
     """
 
-    method: str
-    against: str
-    size: str
     trials: int
     chosen: int
     participants: int
     scenes: int
+    participant_sd: float
+
+
+@dataclass(frozen=True)
+class ShareEstimate:
+    """How often a method was chosen, and how sure that is.
+
+    Attributes
+    ----------
+    share : float
+        chosen / trials.
+    lower, upper : float
+        Of the test that gives `ShareTest.p`, by inverting it: they leave out .5 exactly where
+        p < 1 - level.
+    effective_n : float
+        Independent trials that would tell as much.
+    cohens_h : float
+        2 asin sqrt(share) - pi / 2.
+    odds_ratio, odds_lower, odds_upper : float
+        Odds of choosing the method; half a vote is added where all answers agree.
+    """
+
     share: float
     lower: float
     upper: float
     level: float
     effective_n: float
-    t: float | None
-    df: float | None
+    cohens_h: float
+    odds_ratio: float
+    odds_lower: float
+    odds_upper: float
+
+
+@dataclass(frozen=True)
+class ShareTest:
+    """The protocol's test of a share against one half.
+
+    Attributes
+    ----------
+    name : str
+        What p is, in words: the largest of three (`clustered.ClusteredShare`).
+    p, p_adjusted : float
+        Adjusted over the family of comparisons.
+    t, df : float or None
+        Of the clustered score test; None where participants agree.
+    bayes_factor : float
+        BF10 (default prior) of the t that so many participants need for this p.
+    """
+
+    name: str
     p: float
     p_adjusted: float
-    test: str
+    t: float | None
+    df: float | None
+    bayes_factor: float
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """Whether a share is as good as one half.
+
+    `margin` is the smallest effect of interest, `p` TOST's against it; adjusted over the family
+    as tests are, because several verdicts of equivalence err as several tests do.
+    """
+
+    margin: float
+    p: float
+    p_adjusted: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What other ways to judge the same answers say: none of them decides.
+
+    Attributes
+    ----------
+    sign_flip_p, sign_flip_floor : float
+        Participant-level sign-flip test, and the smallest p so many participants can give.
+    exact_p, exact_lower, exact_upper : float
+        Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
+    bayes_factor_pooled : float
+        BF10 of all trials as independent, uniform prior.
+    """
+
     sign_flip_p: float
     sign_flip_floor: float
     exact_p: float
     exact_lower: float
     exact_upper: float
-    cohens_h: float
-    odds_ratio: float
-    odds_lower: float
-    odds_upper: float
-    bayes_factor: float
     bayes_factor_pooled: float
-    margin: float
-    equivalence_p: float
-    equivalence_p_adjusted: float
-    participant_sd: float
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How often `method` was chosen over `against`, and what that shows.
+
+    `size` is "all" where sizes are taken together. `warnings` say when not to trust it.
+    """
+
+    method: str
+    against: str
+    size: str
+    answers: Answers
+    estimate: ShareEstimate
+    test: ShareTest
+    equivalence: Equivalence
+    sensitivity: Sensitivity
     verdict: Verdict
     warnings: tuple[str, ...]
+
+    def row(self) -> dict[str, object]:
+        """Return everything by the names that tables and `results.json` keep."""
+        own = {name: getattr(self, name) for name in ("method", "against", "size")}
+        equal = self.equivalence
+        found = own | vars(self.answers) | vars(self.estimate) | vars(self.test)
+        found |= vars(self.sensitivity)
+        found |= {
+            "test": found.pop("name"),
+            "margin": equal.margin,
+            "equivalence_p": equal.p,
+            "equivalence_p_adjusted": equal.p_adjusted,
+            "verdict": self.verdict,
+            "warnings": self.warnings,
+        }
+        return {name: found[name] for name in ROW}
+
+    def adjusted(self, p: float, equivalence_p: float, alpha: float) -> "Preference":
+        """Return it as one of a family, by the p-values adjusted over all."""
+        return replace(
+            self,
+            test=replace(self.test, p_adjusted=p),
+            equivalence=replace(self.equivalence, p_adjusted=equivalence_p),
+            verdict=_verdict(self.estimate.share, p, equivalence_p, alpha),
+        )
+
+
+ROW = (
+    "method",
+    "against",
+    "size",
+    "trials",
+    "chosen",
+    "participants",
+    "scenes",
+    "share",
+    "lower",
+    "upper",
+    "level",
+    "effective_n",
+    "t",
+    "df",
+    "p",
+    "p_adjusted",
+    "test",
+    "sign_flip_p",
+    "sign_flip_floor",
+    "exact_p",
+    "exact_lower",
+    "exact_upper",
+    "cohens_h",
+    "odds_ratio",
+    "odds_lower",
+    "odds_upper",
+    "bayes_factor",
+    "bayes_factor_pooled",
+    "margin",
+    "equivalence_p",
+    "equivalence_p_adjusted",
+    "participant_sd",
+    "verdict",
+    "warnings",
+)
+"""Columns of `preferences.csv`, in order."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +233,7 @@ class PreferenceTable:
 
 
 def preferences(
-    decisions: pd.DataFrame,
+    decisions: pd.DataFrame | Comparisons,
     *,
     pairings: Sequence[tuple[str, str]] | None = None,
     sizes: Sequence[str] | None = None,
@@ -140,7 +248,7 @@ def preferences(
     ----------
     decisions : DataFrame, one row per decision
         Columns ``participant``, ``scene``, ``size``, ``first``, ``second``, ``chosen``, as
-        `analysis.tidy` writes them.
+        `analysis.tidy` writes them; or the same, grouped already.
     pairings : sequence of (method, against), optional
         Their order gives whose share is counted; left out, every pairing found.
     margin : float
@@ -151,15 +259,17 @@ def preferences(
     ValueError
         If columns are missing, or no decision compares any pairing.
     """
-    _require(decisions, ("participant", "scene", "size", "first", "second", "chosen"))
+    if isinstance(decisions, pd.DataFrame):
+        _require(decisions, ("participant", "scene", "size", "first", "second", "chosen"))
+        decisions = Comparisons(decisions)
     if pairings is None:
-        pairings = found_pairings(decisions)
+        pairings = found_pairings(decisions.decisions)
     if sizes is None:
-        sizes = tuple(sorted(map(str, decisions["size"].unique())))
+        sizes = decisions.sizes
     cells, notes = [], []
     for size in sizes:
         for method, against in pairings:
-            rows = pairing_rows(decisions, method, against, size)
+            rows = decisions.rows(method, against, size)
             if rows.empty:
                 notes.append(f"no decision compares {method} with {against} at {size}")
                 continue
@@ -223,35 +333,41 @@ def preference(
         method=method,
         against=against,
         size=size,
-        trials=trials,
-        chosen=wins,
-        participants=len(people),
-        scenes=len(scenes),
-        share=share,
-        lower=lower,
-        upper=upper,
-        level=level,
-        effective_n=judged.effective_n,
-        t=judged.t,
-        df=judged.df,
-        p=p,
-        p_adjusted=p,
-        test=words,
-        sign_flip_p=flip,
-        sign_flip_floor=floor,
-        exact_p=float(exact.pvalue),
-        exact_lower=float(exact_limits.low),
-        exact_upper=float(exact_limits.high),
-        cohens_h=cohens_h(share),
-        odds_ratio=odds_share / (1.0 - odds_share),
-        odds_lower=_odds(lower, trials),
-        odds_upper=_odds(upper, trials),
-        bayes_factor=judged.bayes_factor,
-        bayes_factor_pooled=binomial_bayes_factor(wins, trials),
-        margin=margin,
-        equivalence_p=equivalence,
-        equivalence_p_adjusted=equivalence,
-        participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
+        answers=Answers(
+            trials=trials,
+            chosen=wins,
+            participants=len(people),
+            scenes=len(scenes),
+            participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
+        ),
+        estimate=ShareEstimate(
+            share=share,
+            lower=lower,
+            upper=upper,
+            level=level,
+            effective_n=judged.effective_n,
+            cohens_h=cohens_h(share),
+            odds_ratio=odds_share / (1.0 - odds_share),
+            odds_lower=_odds(lower, trials),
+            odds_upper=_odds(upper, trials),
+        ),
+        test=ShareTest(
+            name=words,
+            p=p,
+            p_adjusted=p,
+            t=judged.t,
+            df=judged.df,
+            bayes_factor=judged.bayes_factor,
+        ),
+        equivalence=Equivalence(margin=margin, p=equivalence, p_adjusted=equivalence),
+        sensitivity=Sensitivity(
+            sign_flip_p=flip,
+            sign_flip_floor=floor,
+            exact_p=float(exact.pvalue),
+            exact_lower=float(exact_limits.low),
+            exact_upper=float(exact_limits.high),
+            bayes_factor_pooled=binomial_bayes_factor(wins, trials),
+        ),
         verdict=_verdict(share, p, equivalence, alpha),
         warnings=tuple(notes),
     )
@@ -318,15 +434,10 @@ def cohens_h(share: float, null: float = 0.5) -> float:
 
 
 def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tuple[Preference, ...]:
-    found = np.array([[cell.p, cell.equivalence_p] for cell in cells]).T
+    found = np.array([[cell.test.p, cell.equivalence.p] for cell in cells]).T
     adjusted = holm(found) if correction == "holm" else found
     return tuple(
-        replace(
-            cell,
-            p_adjusted=float(p),
-            equivalence_p_adjusted=float(equivalence),
-            verdict=_verdict(cell.share, float(p), float(equivalence), alpha),
-        )
+        cell.adjusted(float(p), float(equivalence), alpha)
         for cell, p, equivalence in zip(cells, *adjusted, strict=True)
     )
 

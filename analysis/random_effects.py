@@ -79,6 +79,7 @@ class RandomEffects:
             [code + start for code, start in zip(codes, starts[:-1], strict=True)]
         )
         slot, self._blocks, self._border = _slots(codes, starts)
+        self.factors = len(groups)
         self.size = self._blocks[0] * self._blocks[1] + self._border
         self._kept = [slot[low:high] for low, high in pairwise(starts)]
         self.factor = np.full(self.size, len(groups))
@@ -92,6 +93,10 @@ class RandomEffects:
         count = len(self.members)
         twice = self.times[:, None] * self.times[None, :]
         self._twice = twice.reshape(count * count, -1)
+        # Laid flat once: small studies are fitted hundreds of times.
+        self._flat_index, self._flat_members = self._index.ravel(), self.members.ravel()
+        self._factor_of_pair = self.factor[self._first].ravel()
+        self._units = np.eye(self._blocks[1]), np.eye(self._border)
 
     def scale(self, sd: Floats) -> Floats:
         """Return the deviation of each slot; 0 where a slot fills up a block."""
@@ -104,7 +109,7 @@ class RandomEffects:
     def of_effects(self, values: Floats) -> Floats:
         """Return the sum over each effect's trials of values (trials,) times its multiplier."""
         return np.bincount(
-            self.members.ravel(), weights=(self.times * values).ravel(), minlength=self.size
+            self._flat_members, weights=(self.times * values).ravel(), minlength=self.size
         ).astype(np.float64)
 
     def arrow(self, weight: Floats, scale: Floats) -> Arrow:
@@ -117,23 +122,24 @@ class RandomEffects:
         """
         count, size = self._blocks
         flat: Floats = np.bincount(
-            self._index.ravel(),
+            self._flat_index,
             weights=(self._twice * weight).ravel(),
             minlength=count * size * (size + self._border) + self._border**2,
         ).astype(np.float64)
         inner, outer = scale[: count * size].reshape(count, size), scale[count * size :]
         corner = count * size * size
         edge = corner + count * size * self._border
-        blocks = flat[:corner].reshape(count, size, size) * inner[:, :, None] * inner[
-            :, None, :
-        ] + np.eye(size)
+        blocks = (
+            flat[:corner].reshape(count, size, size) * inner[:, :, None] * inner[:, None, :]
+            + self._units[0]
+        )
         # Each pair of a block's and a border's effect was met twice, once each way round.
         across = 0.5 * flat[corner:edge].reshape(count * size, self._border)
         across *= inner.reshape(-1, 1) * outer
         border = flat[edge:].reshape(self._border, self._border) * outer[:, None] * outer
         inverse = np.asarray(1.0 / blocks if size == 1 else np.linalg.inv(blocks))
         reach = (inverse @ across.reshape(count, size, -1)).reshape(across.shape)
-        left = border + np.eye(self._border) - across.T @ reach
+        left = border + self._units[1] - across.T @ reach
         if np.any(weight < 0):
             np.linalg.cholesky(blocks)
             np.linalg.cholesky(left)
@@ -148,7 +154,7 @@ class RandomEffects:
         inverse = self._twice * arrow.inverse()[self._index]
         half = inverse * scale[self._second]
         trace = np.bincount(
-            self.factor[self._first].ravel(),
+            self._factor_of_pair,
             weights=(half * weight).ravel(),
             minlength=len(self._kept),
         )

@@ -228,6 +228,15 @@ def _looks(protocol: StudyProtocol) -> list[str]:
     return [] if planned is None else planned.plain_sentences(protocol.analysis.alpha)
 
 
+def _times(protocol: StudyProtocol) -> list[str]:
+    if protocol.analysis.reaction == "summary":
+        return []
+    return [
+        "Reaction times are modelled beside: a log-normal mixed model and, where answers are two"
+        " and right or wrong, EZ diffusion. They decide nothing."
+    ]
+
+
 def _analysis(protocol: StudyProtocol) -> Section:
     analysis = protocol.analysis
     rules = analysis.exclusions
@@ -235,7 +244,7 @@ def _analysis(protocol: StudyProtocol) -> Section:
     return Section(
         "Analysis",
         (
-            [*analysis.plain_sentences(protocol), *_looks(protocol)],
+            [*analysis.plain_sentences(protocol), *_looks(protocol), *_times(protocol)],
             "Exclusions, fixed before the data:",
             [
                 f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",

@@ -282,7 +282,7 @@ class Exclusions(Model):
 class Analysis(Grown):
     """What will be tested, fixed before the data: what every kind of analysis has."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("sequential",)
+    added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
 
     kind: str
     """Which analysis: the one that goes with the task."""
@@ -291,6 +291,9 @@ class Analysis(Grown):
     exclusions: Exclusions = Exclusions()
     sequential: Sequential | None = None
     """Planned looks before all participants have come; left out: one test, at the end."""
+    reaction: Literal["summary", "models"] = "summary"
+    """Of reaction times: medians and means; `models` adds a log-normal mixed model and, where
+    answers are two and right or wrong, EZ diffusion."""
 
     def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""

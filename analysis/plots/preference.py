@@ -65,16 +65,23 @@ def preference_bars(
             1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
         )
         for y, cell in rows:
-            axes.barh(y, cell.share, height=0.62, color=BLUE if cell.share > 0.5 else PALE_BLUE)
             axes.barh(
                 y,
-                1.0 - cell.share,
-                left=cell.share,
+                cell.estimate.share,
                 height=0.62,
-                color=PALE_ORANGE if cell.share > 0.5 else ORANGE,
+                color=BLUE if cell.estimate.share > 0.5 else PALE_BLUE,
             )
-            axes.plot([cell.lower, cell.upper], [y, y], color="black", lw=1.1, zorder=4)
-            for end in (cell.lower, cell.upper):
+            axes.barh(
+                y,
+                1.0 - cell.estimate.share,
+                left=cell.estimate.share,
+                height=0.62,
+                color=PALE_ORANGE if cell.estimate.share > 0.5 else ORANGE,
+            )
+            axes.plot(
+                [cell.estimate.lower, cell.estimate.upper], [y, y], color="black", lw=1.1, zorder=4
+            )
+            for end in (cell.estimate.lower, cell.estimate.upper):
                 axes.plot([end, end], [y - 0.13, y + 0.13], color="black", lw=1.1, zorder=4)
             own = np.asarray(shares.get((cell.method, cell.against, cell.size), ()))
             axes.scatter(
@@ -87,9 +94,12 @@ def preference_bars(
                 zorder=5,
                 clip_on=False,
             )
-            numbers.text(0.0, y, share_text(cell.share), va="center", fontweight="bold")
+            numbers.text(0.0, y, share_text(cell.estimate.share), va="center", fontweight="bold")
             numbers.text(
-                0.34, y, f"[{share_text(cell.lower)}, {share_text(cell.upper)}]", va="center"
+                0.34,
+                y,
+                f"[{share_text(cell.estimate.lower)}, {share_text(cell.estimate.upper)}]",
+                va="center",
             )
         axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
         share_axis(axes, f"Share preferring the method on the left ({_level(cells)} % limits)")
@@ -143,21 +153,21 @@ def forest_plot(
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
         )
-        margin = cells[0].margin
+        margin = cells[0].equivalence.margin
         edge = (0.5 + margin) / (0.5 - margin)
         axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
         axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 3)))
         for y, cell in enumerate(cells):
             colour = {"preferred": BLUE, "rejected": ORANGE}.get(cell.verdict, GREY)
-            axes.plot([cell.odds_lower, cell.odds_upper], [y, y], color=colour, lw=1.4)
-            axes.plot(cell.odds_ratio, y, "o", color=colour, ms=4)
-            text = (
-                f"{_short(cell.odds_ratio)} [{_short(cell.odds_lower)}, {_short(cell.odds_upper)}]"
-            )
+            found = cell.estimate
+            axes.plot([found.odds_lower, found.odds_upper], [y, y], color=colour, lw=1.4)
+            axes.plot(found.odds_ratio, y, "o", color=colour, ms=4)
+            limits = f"[{_short(found.odds_lower)}, {_short(found.odds_upper)}]"
+            text = f"{_short(found.odds_ratio)} {limits}"
             numbers.text(0.0, y, text, va="center")
         axes.set_xscale("log")
-        low = min(1 / edge, *(cell.odds_lower for cell in cells)) / 1.4
-        high = max(edge, *(cell.odds_upper for cell in cells)) * 1.4
+        low = min(1 / edge, *(cell.estimate.odds_lower for cell in cells)) / 1.4
+        high = max(edge, *(cell.estimate.odds_upper for cell in cells)) * 1.4
         axes.set_xlim(low, high)
         ticks = _odds_ticks(low, high)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -190,7 +200,7 @@ def _spread(values: Floats) -> Floats:
 
 
 def _level(cells: Sequence[Preference]) -> str:
-    return f"{100 * cells[0].level:g}"
+    return f"{100 * cells[0].estimate.level:g}"
 
 
 def _short(value: float) -> str:

@@ -18,7 +18,7 @@ from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_fig
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
-from analysis.report.looks import look_of, looks_blocks
+from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
@@ -96,7 +96,11 @@ def _write(
             source.decisions, settings, lambda name: say(f"analysing: {name}", 0, 0)
         )
         warnings = (*source.warnings, *analysis.warnings(results))
-        figures = analysis.figures(source.decisions, results, settings, simulated=source.simulated)
+        stand = look_of(source, results)
+        figures = (
+            *analysis.figures(source.decisions, results, settings, simulated=source.simulated),
+            *look_figures(stand, simulated=source.simulated),
+        )
         provenance = source.provenance | {
             "analysed_with": f"{package_version()} ({code_revision()})",
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
@@ -110,7 +114,7 @@ def _write(
         tables = work / "tables"
         tables.mkdir()
         _write_csv(source, results, tables)
-        both, stand = beside(source), look_of(source, results)
+        both = beside(source)
         numbers: dict[str, Json] = {
             "format": 1,
             "simulated": source.simulated,

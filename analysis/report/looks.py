@@ -1,19 +1,33 @@
 """At which planned look a study stands."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+from analysis.plots.sequential import bounds_plot
 from analysis.report.source import Source
+from analysis.report.wording import number
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
-from analysis.tasks.blocks import Block, Box
+from analysis.tasks.base import Estimate
+from analysis.tasks.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
+
+LEAST = 1e-9
+"""Of a bound: limits that leave out less than that are all that can be."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """The plan, and where these data stand in it."""
+    """The plan, and where these data stand in it.
+
+    `limits` are those of the planned comparisons that hold at every look: they invert the test at
+    the look's own bound (repeated confidence intervals, Jennison and Turnbull 1989), so that they
+    leave out the null exactly where the look stops. None where no look is planned, or the rule
+    promises no error.
+    """
 
     plan: SequentialPlan
     standing: Standing
+    limits: tuple[Estimate, ...] = ()
 
 
 def look_of(source: Source, results: object) -> Look | None:
@@ -23,18 +37,68 @@ def look_of(source: Source, results: object) -> Look | None:
         return None
     plan = plan_of(protocol.analysis.sequential, protocol.analysis.alpha)
     people = int(source.decisions["participant"].nunique())
-    return Look(plan, standing(plan, people, source.analysis.planned_p(results)))
+    now = standing(plan, people, source.analysis.planned_p(results))
+    if now.reject_p is None or now.reject_p < LEAST or plan.rule == "bayes-factor":
+        return Look(plan, now)
+    settings: Any = source.settings
+    at_bound = replace(settings, alpha=now.reject_p)
+    return Look(plan, now, tuple(source.analysis.planned_estimates(source.decisions, at_bound)))
+
+
+def look_figures(found: Look | None, *, simulated: bool) -> Sequence[ReportFigure]:
+    """Return the figure of the bounds; none where no looks are planned."""
+    if found is None:
+        return ()
+    stands = found.standing
+    return (
+        ReportFigure(
+            "looks",
+            f"p at which each planned look stops the study ({found.plan.rule}); dashed: alpha"
+            " without looks; star: this study.",
+            lambda width: bounds_plot(
+                found.plan,
+                people=stands.participants,
+                p=stands.p,
+                width_in=width,
+                simulated=simulated,
+            ),
+        ),
+    )
 
 
 def looks_blocks(found: Look | None) -> Sequence[Block]:
     """Return what to read before any p of the page."""
     if found is None:
         return ()
-    return (
+    blocks: list[Block] = [
         Box(
             f"Planned looks: {found.standing.verdict}",
             found.standing.sentence,
             "Other limits and p of this page take no account of looks: until the study has ended,"
             " they decide nothing.",
         ),
-    )
+        Picture("looks"),
+    ]
+    if found.limits:
+        level = 100.0 * (1.0 - (found.standing.reject_p or 0.0))
+        blocks += [
+            Table.of(
+                "Limits that take account of the looks",
+                (("Of", "l c"), ("Value", "strong"), ("Limits", "n")),
+                [
+                    (
+                        one.what,
+                        number(one.value),
+                        f"[{number(one.lower)}, {number(one.upper)}]",
+                    )
+                    for one in found.limits
+                ],
+            ),
+            Paragraph(
+                f"They invert the test at this look's bound ({level:.5g} % at this look), and hold"
+                f" at all looks together with {100 * (1 - found.plan.alpha):g} % or more, whether"
+                " or not the study stops here (Jennison & Turnbull 1989).",
+                muted=True,
+            ),
+        ]
+    return blocks

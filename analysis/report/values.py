@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -10,10 +11,19 @@ import pandas as pd
 from protocols.hashing import Json
 
 
+@runtime_checkable
+class Row(Protocol):
+    """A result that names its own columns."""
+
+    def row(self) -> Mapping[str, object]:
+        """Return values by name."""
+
+
 def as_json(value: object) -> Json:
     """Return any result as JSON; numbers that are not finite become null.
 
-    Mappings with tuple keys get ``a / b / c`` keys; dataclasses become objects by field name.
+    Mappings with tuple keys get ``a / b / c`` keys; dataclasses become objects by field name, or
+    by the names of their `row`, which stay when the classes change.
     """
     if value is None or isinstance(value, bool | str):
         return value
@@ -23,6 +33,8 @@ def as_json(value: object) -> Json:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+    if isinstance(value, Row):
+        return as_json(value.row())
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):

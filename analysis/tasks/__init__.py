@@ -44,6 +44,12 @@ def _which_half() -> AnyAnalysis:
     return WhichHalf()
 
 
+def _ratings() -> AnyAnalysis:
+    from analysis.tasks.ratings import Ratings
+
+    return Ratings()
+
+
 ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
     "analyses",
     {
@@ -52,8 +58,13 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
         "identification": _identification,
         "abx": _abx,
         "which-half": _which_half,
+        "ratings": _ratings,
     },
 )
+
+
+TABLE_TASKS = ("ratings",)
+"""Tasks that no study shows yet, by the kind of their analysis: their data come as tables."""
 
 
 def analysis_of(kind: str) -> AnyAnalysis:
@@ -81,9 +92,12 @@ def analysis_of_task(task: str) -> AnyAnalysis:
     StudyError
         If there is no such task.
     """
+    known = (*TASKS, *TABLE_TASKS)
+    if task in TABLE_TASKS:
+        return analysis_of(task)
     if task not in TASKS:
         raise StudyError(
-            f"task must be one of {', '.join(TASKS)} (got {task!r}){did_you_mean(task, TASKS)}"
+            f"task must be one of {', '.join(known)} (got {task!r}){did_you_mean(task, known)}"
         )
     field = TASKS[task].analysis.model_fields["kind"]
     return analysis_of(str(get_args(field.annotation)[0]))

@@ -191,6 +191,10 @@ class TaskAnalysis(ABC, Generic[S, R]):
         """
         return ()
 
+    def planned_estimates(self, decisions: pd.DataFrame, settings: S) -> Sequence[Estimate]:
+        """Return those of the planned test, whose limits a planned look adjusts."""
+        return self.estimates(decisions, settings)
+
     def planned_p(self, _results: R) -> float | None:
         """Return p of the planned test, which looks at unfinished data test; None: there is none.
 
@@ -282,8 +286,18 @@ class TaskAnalysis(ABC, Generic[S, R]):
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return what a simulation of power takes for true, with values that fit the study."""
 
-    def from_pilot(self, _decisions: pd.DataFrame) -> tuple[Mapping[str, float], Sequence[str]]:
+    def from_pilot(
+        self,
+        _study: StudyProtocol,
+        _decisions: pd.DataFrame,
+        _settings: S,
+    ) -> tuple[Mapping[str, float], Sequence[str]]:
         """Return assumptions by name, as a pilot's decisions have them, and notes on them.
+
+        Parameters
+        ----------
+        settings
+            Of the pilot, which may be a table of another study.
 
         Raises
         ------
@@ -291,8 +305,7 @@ class TaskAnalysis(ABC, Generic[S, R]):
             If they cannot be had from such decisions.
         """
         raise StudyError(
-            "--from: deviations are taken from pilots of pairs only (a study of preferences);"
-            " give those of this task by --set"
+            "--from: deviations cannot be taken from a pilot of this task; give them by --set"
         )
 
     @abstractmethod

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 
+from analysis.diffusion import MEASURES, DiffusionResults
 from analysis.learning import Trend
 from analysis.reaction import ReactionTimes
+from analysis.reaction_model import TimeModel
 from analysis.report.wording import grouped, number, p_number
-from analysis.tasks.blocks import Block, Cautions, Picture, Table
+from analysis.tasks.blocks import Block, Cautions, Paragraph, Picture, Table
 
 
 def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
@@ -78,4 +80,134 @@ def reaction_blocks(
         Cautions(
             "About these times", tuple(grouped([(label(t.condition), t.warnings) for t in times]))
         ),
+    )
+
+
+def time_model_blocks(model: TimeModel | None, label: Callable[[str], str]) -> tuple[Block, ...]:
+    """Return the log-normal mixed model of reaction times; nothing where there is none."""
+    if model is None:
+        return ()
+    level = f"{100 * model.level:g} % limits"
+    spread = ", ".join(
+        f"{name} {number(sd)}"
+        for name, sd in (
+            ("participants", model.participant_sd),
+            ("participants x conditions", model.interaction_sd),
+            ("scenes", model.scene_sd),
+            ("the rest", model.residual_sd),
+        )
+        if sd is not None
+    )
+    return (
+        Table.of(
+            "Typical reaction times by a log-normal mixed model",
+            (("Condition", "l"), ("Answers", ""), ("Typical, s", "strong"), (level, "n")),
+            [
+                (
+                    label(one.condition),
+                    str(one.answers),
+                    number(one.median_s),
+                    f"[{number(one.lower)}, {number(one.upper)}]",
+                )
+                for one in model.times
+            ],
+        ),
+        Table.of(
+            "How many times as long answers take",
+            (
+                ("Conditions", "l c"),
+                ("Ratio", "strong"),
+                (level, "n"),
+                ("df", ""),
+                ("p", "n"),
+                ("p adj.", "n"),
+            ),
+            [
+                (
+                    f"{label(one.first)} / {label(one.second)}",
+                    number(one.ratio),
+                    f"[{number(one.lower)}, {number(one.upper)}]",
+                    f"{one.df:g}",
+                    p_number(one.p),
+                    p_number(one.p_adjusted),
+                )
+                for one in model.ratios
+            ],
+        ),
+        Paragraph(
+            f"Typical: the median answer of the median person. SD of ln s: {spread}. p adj.: Holm.",
+            muted=True,
+        ),
+        Cautions("When not to trust this model of times", model.warnings),
+    )
+
+
+def diffusion_blocks(
+    found: DiffusionResults | None, label: Callable[[str], str]
+) -> tuple[Block, ...]:
+    """Return EZ diffusion by condition, and its differences; nothing where there is none."""
+    if found is None:
+        return ()
+    names = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Other time, s"}
+    return (
+        Table.of(
+            "EZ diffusion: means over participants",
+            (
+                ("Condition", "l"),
+                ("People", ""),
+                *((part, "n") for name in MEASURES for part in (names[name], "limits")),
+            ),
+            [
+                (
+                    label(one.condition),
+                    str(one.participants),
+                    *(
+                        cell
+                        for name in MEASURES
+                        for cell in (
+                            number(one.means[name]),
+                            f"[{number(one.lower[name])}, {number(one.upper[name])}]",
+                        )
+                    ),
+                )
+                for one in found.conditions
+            ],
+        ),
+        *(
+            ()
+            if not found.contrasts
+            else (
+                Table.of(
+                    "Differences, paired over participants",
+                    (
+                        ("Conditions", "l c"),
+                        ("Of", "l"),
+                        ("Difference", "strong"),
+                        ("Limits", "n"),
+                        ("df", ""),
+                        ("p", "n"),
+                        ("p adj.", "n"),
+                    ),
+                    [
+                        (
+                            f"{label(one.first)} - {label(one.second)}",
+                            one.measure,
+                            number(one.difference),
+                            f"[{number(one.lower)}, {number(one.upper)}]",
+                            f"{one.df:g}",
+                            p_number(one.p),
+                            p_number(one.p_adjusted),
+                        )
+                        for one in found.contrasts
+                    ],
+                ),
+            )
+        ),
+        Paragraph(
+            "Drift: how fast evidence comes; boundary: how much of it is asked for; other time:"
+            " for seeing and pressing (Wagenmakers et al. 2007). It takes right and wrong answers"
+            " as equally fast.",
+            muted=True,
+        ),
+        Cautions("When not to trust EZ diffusion", found.warnings),
     )

@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
 
     from analysis.report.build import ReportPaths
     from analysis.report.source import Progress
-    from analysis.tasks.base import PowerReport
+    from analysis.tasks.base import CommonSettings, PowerReport
     from protocols.schema import StudyProtocol
 
 app = typer.Typer(
@@ -191,7 +191,7 @@ def power(
         typer.Option(
             "--from",
             help="A pilot's sittings of this protocol, or a decisions.csv of another: how much"
-            " people and scenes differ is taken from it (pairs only); --set goes before it.",
+            " people and scenes differ is taken from it; --set goes before it.",
         ),
     ] = None,
     participant_sd: Annotated[
@@ -240,7 +240,7 @@ def power(
         with one_line() as progress:
             notes: Sequence[str] = ()
             if pilot is not None:
-                values, notes = analysis.from_pilot(_pilot(pilot, study, progress))
+                values, notes = analysis.from_pilot(study, *_pilot(pilot, study, progress))
                 known = tuple(
                     dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
                 )
@@ -270,7 +270,10 @@ def import_(
     table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
     out: NewFolderOption,
     task: Annotated[
-        str, typer.Option(metavar="|".join(TASKS), help="What participants did in a trial.")
+        str,
+        typer.Option(
+            metavar="|".join((*TASKS, "ratings")), help="What participants did in a trial."
+        ),
     ] = "two-interval",
     columns: Annotated[
         list[str] | None,
@@ -280,8 +283,9 @@ def import_(
             help="Which column holds what; may be given more than once. Pairs need participant,"
             " first, second, and chosen (a method) or chose_first (1/0); also scene, size. Other"
             " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
-            " any columns of your own. All: order, rt_s. Columns that already have our names need"
-            " no --map.",
+            " any columns of your own. Ratings need participant, rating, and the column that --set"
+            " by=COLUMN names, or first and second; also scene. All: order, rt_s. Columns that"
+            " already have our names need no --map.",
         ),
     ] = None,
     options: Annotated[
@@ -292,7 +296,7 @@ def import_(
             help="How to analyse the table, as in a protocol's section on analysis; may be"
             " given more than once: by=method, level=eccentricity_deg, falling=true,"
             " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
-            " rule=independent (abx).",
+            " rule=independent (abx), scale=bad,fair,good (ratings).",
         ),
     ] = None,
     replace: ReplaceOption = False,
@@ -346,8 +350,10 @@ register_tables(app)
 register_sequential(app)
 
 
-def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> pd.DataFrame:
-    """Return the decisions of a pilot: of sittings, or of a table."""
+def _pilot(
+    path: Path, study: StudyProtocol, progress: Progress
+) -> tuple[pd.DataFrame, CommonSettings]:
+    """Return decisions and settings of a pilot: of sittings, or of a table."""
     from analysis.report.source import from_sessions, from_table
 
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
@@ -357,7 +363,7 @@ def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> pd.DataFrame
             f"{path}: must hold decisions of the study's kind of task ({study.analysis.kind})"
             f" (found {found.analysis.kind})"
         )
-    return found.decisions
+    return found.decisions, found.settings
 
 
 def _print_report(made: ReportPaths) -> None:

@@ -93,6 +93,7 @@ def _found(
     import pandas as pd
 
     from analysis.from_csv.found import Found
+    from analysis.plots.sequential import bounds_plot
 
     taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
     lines = [
@@ -149,7 +150,7 @@ def _found(
                 }
             )
         },
-        figures={},
+        figures={"looks": lambda width: bounds_plot(plan, width_in=width)},
         result={"plan": plan, "without_effect": nothing, "with_effect": something},
     )
 

@@ -187,13 +187,14 @@ def ratings(
         metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
     """
     from analysis.from_csv.ratings import ratings_of_csv
+    from analysis.ratings_csv import scale_of
 
     with user_errors():
         found = ratings_of_csv(
             table,
             pairs("--map", columns or ()),
             by=by,
-            scale=_scale(scale),
+            scale=scale_of(scale),
             baseline=baseline,
             link=_one_of("--link", link, LINKS),
             level=confidence,
@@ -273,16 +274,6 @@ def _one_of(option: str, text: str, known: tuple[T, ...]) -> T:
     raise StudyError(
         f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
     )
-
-
-def _scale(text: str | None) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in (text or "").split(",")) if text is not None else ()
-    if text is not None and (len(names) < 2 or "" in names or len(set(names)) < len(names)):
-        raise StudyError(
-            "--scale must name two different ratings or more, from the lowest on, with commas"
-            f" between (got {text!r})"
-        )
-    return names
 
 
 def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:

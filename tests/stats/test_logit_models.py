@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from analysis.clustered import equivalence_p
 from analysis.formula import TILDE_OPERATOR
-from analysis.glmm import _Laplace
+from analysis.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
 from analysis.logit import (
     cluster_covariance,
     fit_logit,
@@ -390,7 +390,7 @@ def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
     theta = np.array([0.2, 0.7, 0.8])
 
     def search(start):
-        model = _Laplace(design, y, [group], [np.ones(rows)], LOGIT)
+        model = _Laplace(design, CountedTrials.of(design, y, [group]), LOGIT)
         model.mode = start
         return model._solve(theta)
 
@@ -400,6 +400,44 @@ def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
 
     for start in (np.zeros(6), np.ones(6), exact + 9e-10, exact - 9e-10):
         np.testing.assert_allclose(search(start).arrow.blocks[:, 0, 0], 1 / by_hand, rtol=1e-11)
+
+
+def one_trial_each(rng, common, spread=1.5, people=11, scenes=4):
+    """One trial of each participant in each scene: design, answers, and both groups."""
+    person, scene = np.indices((people, scenes)).reshape(2, -1)
+    eta = common + rng.normal(0, spread, people)[person] + rng.normal(0, spread, scenes)[scene]
+    y = (rng.random(eta.size) < 1 / (1 + np.exp(-eta))).astype(float)
+    return np.ones((eta.size, 1)), y, [person, scene]
+
+
+def test_the_mode_is_found_where_newtons_steps_alone_swing_for_ever(rng):
+    for _ in range(60):
+        design, y, groups = one_trial_each(rng, 3.0)
+        model = _Laplace(design, CountedTrials.of(design, y, groups), LOGIT)
+        at = model._solve(np.array([2.9, 1.7, 2.8]))
+        slope = at.scale * model.effects.of_effects(at.gap) - at.b
+        assert np.abs(slope).max() < 1e-8
+
+
+def test_a_likelihood_ratio_is_against_the_best_of_the_smaller_models(rng):
+    """Without an intercept either people or scenes may vary more in its place; at 0 none does."""
+    larger, several, boundary = [], 0, 0
+    for common in np.repeat([0.8, 1.5], 12):
+        design, y, groups = one_trial_each(rng, common, 0.4)
+        order = np.where(rng.random(y.size) < 0.5, 0.5, -0.5)[:, None]
+        fit = fit_crossed(np.hstack([design, order]), y, groups)
+        found = reduced_ratio(fit, np.array([1.0, 0.0]), 0, order, y, groups)
+        tried = [
+            fit_crossed(order, y, groups, start=np.array([fit.beta[1], *sd])).log_likelihood
+            for sd in ((0.5, 0.5), (2.0, 0.1), (0.1, 2.0))
+        ]
+        larger.append(found - 2.0 * (fit.log_likelihood - max(tried)))
+        several += max(tried) - min(tried) > 0.01
+        boundary += fit.sd.min() < 1e-3
+
+    assert np.max(larger) < 2e-3
+    assert several >= 3
+    assert boundary >= 3
 
 
 PAIRED = np.array([[0, 1], [1, 2], [2, 0]])
@@ -422,7 +460,7 @@ def test_the_slope_of_the_laplace_likelihood_is_its_derivative(rng, response, pa
         two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, trials)]
         groups, times = [two, scene, person], [np.array([[1.0, -1.0]] * trials), once, x]
     y = (rng.random(trials) < 0.6).astype(float)
-    model = _Laplace(design, y, groups, times, response)
+    model = _Laplace(design, CountedTrials.of(design, y, groups, times), response)
     theta = np.concatenate([[0.3, -0.2], [0.7, -0.4, 0.5][: len(groups)], response.start()])
 
     _, slope = model(theta)

@@ -82,7 +82,7 @@ def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
         results = analyse(table, from_decisions(table, "odd"))
         assert list(not_finite(results)) == []
         for cell in results.table.cells:
-            assert 0 <= cell.lower <= cell.share <= cell.upper <= 1
-            assert 0 <= cell.p <= cell.p_adjusted <= 1
-            if cell.chosen in (0, cell.trials) and cell.participants > 1:
-                assert cell.p < 0.99
+            assert 0 <= cell.estimate.lower <= cell.estimate.share <= cell.estimate.upper <= 1
+            assert 0 <= cell.test.p <= cell.test.p_adjusted <= 1
+            if cell.answers.chosen in (0, cell.answers.trials) and cell.answers.participants > 1:
+                assert cell.test.p < 0.99

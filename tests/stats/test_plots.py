@@ -308,9 +308,12 @@ def test_bars_show_share_limits_and_people_in_numbers(draw, make_decisions):
     texts = [text for text, _ in visible_texts(draw["preference"](width_in=TWO_COLUMNS_IN))]
 
     for cell in cells:
-        assert f"{cell.share:.2f}".lstrip("0") in texts
-        limits = f"[{f'{cell.lower:.2f}'.lstrip('0')}, {f'{cell.upper:.2f}'.lstrip('0')}]"
-        assert limits in texts
+        share, lower, upper = (
+            f"{value:.2f}".lstrip("0")
+            for value in (cell.estimate.share, cell.estimate.lower, cell.estimate.upper)
+        )
+        assert share in texts
+        assert f"[{lower}, {upper}]" in texts
 
 
 def test_long_names_of_twelve_methods_still_fit():

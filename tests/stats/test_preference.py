@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 
 from analysis.bayes import binomial_bayes_factor, t_bayes_factor
 from analysis.clustered import holm, two_way
-from analysis.pairings import counts, pairing_rows
+from analysis.pairings import Comparisons, counts, pairing_rows
 from analysis.preference import cohens_h, preference, preferences
 
 ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())
@@ -40,10 +39,10 @@ def cell_with(chosen: int, people: int = 11, scenes: int = 6, repeats: int = 2) 
 def test_counts_of_the_printed_figure_give_the_p_values_of_r(index):
     found = preference(cell_with(ORACLE["binom_counts"][index]), "ours", "pp")
 
-    assert found.trials == 132
-    assert found.exact_p == pytest.approx(ORACLE["binom_p"][index], rel=1e-9)
-    assert found.exact_lower == pytest.approx(ORACLE["binom_low"][index], abs=1e-9)
-    assert found.exact_upper == pytest.approx(ORACLE["binom_high"][index], abs=1e-9)
+    assert found.answers.trials == 132
+    assert found.sensitivity.exact_p == pytest.approx(ORACLE["binom_p"][index], rel=1e-9)
+    assert found.sensitivity.exact_lower == pytest.approx(ORACLE["binom_low"][index], abs=1e-9)
+    assert found.sensitivity.exact_upper == pytest.approx(ORACLE["binom_high"][index], abs=1e-9)
 
 
 def decisions_of(chosen: np.ndarray, repeats: int = 2) -> pd.DataFrame:
@@ -87,8 +86,10 @@ def test_p_is_small_exactly_where_the_limits_leave_out_one_half(rng, test, desig
                 repeats, 1 / (1 + np.exp(-np.broadcast_to(logit, (people, scenes))))
             )
             found = preference(decisions_of(cells, repeats), "ours", "pp", test=test)
-            assert (found.p < 0.05) == (found.lower > 0.5 or found.upper < 0.5)
-            seen.add(found.p < 0.05)
+            assert (found.test.p < 0.05) == (
+                found.estimate.lower > 0.5 or found.estimate.upper < 0.5
+            )
+            seen.add(found.test.p < 0.05)
     assert len(seen) == 2 or people < 6
 
 
@@ -96,10 +97,10 @@ def test_people_who_agree_by_luck_show_no_more_than_their_trials():
     """Ten of 7 in 12 and one of 6: the variance is next to none, 76 of 132 is no proof."""
     found = preference(decisions_of(scattered([7] * 10 + [6])), "ours", "pp")
 
-    assert found.p > 0.05
-    assert found.bayes_factor < 3
-    assert found.lower < 0.5
-    assert found.p == pytest.approx(found.exact_p, abs=0.03)
+    assert found.test.p > 0.05
+    assert found.test.bayes_factor < 3
+    assert found.estimate.lower < 0.5
+    assert found.test.p == pytest.approx(found.sensitivity.exact_p, abs=0.03)
     assert any("such agreement can be luck" in note for note in found.warnings)
 
 
@@ -114,9 +115,9 @@ def test_people_who_agree_by_luck_show_no_more_than_their_trials():
 )
 def test_more_agreement_is_never_weaker_evidence(studies):
     found = [preference(decisions_of(scattered(counts)), "ours", "pp") for counts in studies]
-    p = np.array([one.p for one in found])
-    evidence = np.array([one.bayes_factor for one in found])
-    lower = np.array([one.lower for one in found])
+    p = np.array([one.test.p for one in found])
+    evidence = np.array([one.test.bayes_factor for one in found])
+    lower = np.array([one.estimate.lower for one in found])
 
     assert np.all(np.diff(p) <= 1e-12)
     assert np.all(np.diff(evidence) >= -1e-9)
@@ -131,17 +132,19 @@ def test_equivalence_is_shown_exactly_where_90_percent_limits_lie_within_the_mar
             rows = decisions_of(rng.binomial(2, 1 / (1 + np.exp(-logit))))
             found = preference(rows, "ours", "pp", margin=0.06)
             wide = preference(rows, "ours", "pp", alpha=0.1, margin=0.06)
-            assert (found.equivalence_p < 0.05) == (wide.lower > 0.44 and wide.upper < 0.56)
-            seen.add(found.equivalence_p < 0.05)
+            assert (found.equivalence.p < 0.05) == (
+                wide.estimate.lower > 0.44 and wide.estimate.upper < 0.56
+            )
+            seen.add(found.equivalence.p < 0.05)
     assert len(seen) == 2
 
 
 def test_p_is_never_less_than_so_many_participants_can_show():
     found = preference(cell_with(106), "ours", "pp")
 
-    assert found.sign_flip_floor == 2 / 2**11
-    assert found.p == found.sign_flip_floor
-    assert found.test == "participants as votes"
+    assert found.sensitivity.sign_flip_floor == 2 / 2**11
+    assert found.test.p == found.sensitivity.sign_flip_floor
+    assert found.test.name == "participants as votes"
     assert any(
         "held at 0.00098, the least that 11 participants can show" in n for n in found.warnings
     )
@@ -151,15 +154,15 @@ def test_p_is_never_less_than_so_many_participants_can_show():
 def test_unanimous_cells_are_finite_and_significant(chosen):
     found = preference(cell_with(chosen), "ours", "pp")
 
-    assert found.p == 2 / 2**11
-    assert found.test == "participants as votes"
+    assert found.test.p == 2 / 2**11
+    assert found.test.name == "participants as votes"
     assert any("all answers agree" in note for note in found.warnings)
-    for name, value in dataclasses.asdict(found).items():
+    for name, value in found.row().items():
         if isinstance(value, float):
             assert math.isfinite(value), name
     assert found.verdict == ("preferred" if chosen else "rejected")
-    assert found.equivalence_p == 1.0
-    assert (found.lower > 0.6) if chosen else (found.upper < 0.4)
+    assert found.equivalence.p == 1.0
+    assert (found.estimate.lower > 0.6) if chosen else (found.estimate.upper < 0.4)
 
 
 def test_a_study_of_answers_by_coin_is_undecided_or_equivalent(make_decisions):
@@ -180,18 +183,18 @@ def test_known_preferences_lie_within_their_limits(make_decisions):
         for cell in preferences(make_decisions(seed=seed)).cells:
             gap = quality[cell.method] - quality[cell.against]
             truth = float(np.mean(1 / (1 + np.exp(-(gap + noise)))))
-            hits.append(cell.lower <= truth <= cell.upper)
+            hits.append(cell.estimate.lower <= truth <= cell.estimate.upper)
 
     assert np.mean(hits) >= 0.9
 
 
 def test_holm_counts_every_pairing_at_every_size(make_decisions):
     table = preferences(make_decisions())
-    p = np.array([cell.p for cell in table.cells])
+    p = np.array([cell.test.p for cell in table.cells])
 
     assert len(table.cells) == 6
-    assert min(c.p_adjusted for c in table.cells) == pytest.approx(6 * p.min())
-    assert all(cell.p_adjusted >= cell.p for cell in table.cells)
+    assert min(c.test.p_adjusted for c in table.cells) == pytest.approx(6 * p.min())
+    assert all(cell.test.p_adjusted >= cell.test.p for cell in table.cells)
 
 
 def test_the_protocols_test_decides_p(make_decisions):
@@ -201,9 +204,9 @@ def test_the_protocols_test_decides_p(make_decisions):
         for name in ("participant-scene", "participant", "pooled")
     }
 
-    assert by_test["pooled"].p == by_test["pooled"].exact_p
-    assert by_test["participant"].df == 10.0
-    assert by_test["pooled"].lower == by_test["pooled"].exact_lower
+    assert by_test["pooled"].test.p == by_test["pooled"].sensitivity.exact_p
+    assert by_test["participant"].test.df == 10.0
+    assert by_test["pooled"].estimate.lower == by_test["pooled"].sensitivity.exact_lower
     assert any("independent" in note for note in by_test["pooled"].warnings)
 
 
@@ -214,10 +217,10 @@ def test_swapping_the_methods_mirrors_the_result(make_decisions):
         preference(rows, "push-pull", "metameric"),
     )
 
-    assert one.share == pytest.approx(1 - other.share)
-    assert one.p == pytest.approx(other.p)
-    assert one.odds_ratio == pytest.approx(1 / other.odds_ratio)
-    assert one.cohens_h == pytest.approx(-other.cohens_h)
+    assert one.estimate.share == pytest.approx(1 - other.estimate.share)
+    assert one.test.p == pytest.approx(other.test.p)
+    assert one.estimate.odds_ratio == pytest.approx(1 / other.estimate.odds_ratio)
+    assert one.estimate.cohens_h == pytest.approx(-other.estimate.cohens_h)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +236,7 @@ def test_results_say_when_not_to_trust_them(people, scenes, wanted):
     found = preference(cell_with(people * scenes, people, scenes), "ours", "pp")
 
     assert any(wanted in note for note in found.warnings)
-    assert math.isfinite(found.p)
+    assert math.isfinite(found.test.p)
 
 
 def test_unbalanced_designs_are_flagged():
@@ -248,7 +251,7 @@ def test_a_participant_with_three_trials_is_flagged_and_breaks_nothing():
     found = preference(pd.concat([rows[rows["participant"] != "P00"], few]), "ours", "pp")
 
     assert any("fewer than 4 trials" in note for note in found.warnings)
-    assert math.isfinite(found.p)
+    assert math.isfinite(found.test.p)
 
 
 def test_missing_columns_and_pairings_are_refused_in_words():
@@ -258,6 +261,31 @@ def test_missing_columns_and_pairings_are_refused_in_words():
         preferences(cell_with(3).head(0))
     with pytest.raises(ValueError, match="at least one of the pairings"):
         preferences(cell_with(3), pairings=[("x", "y")])
+
+
+def test_comparisons_grouped_once_hold_the_rows_of_each(make_decisions):
+    rows = make_decisions()
+    grouped = Comparisons(rows)
+
+    for pair in (("metameric", "push-pull"), ("push-pull", "metameric")):
+        for size in (*grouped.sizes, "all"):
+            found, wanted = grouped.rows(*pair, size), pairing_rows(rows, *pair, size)
+            assert list(found.index) == list(wanted.index)
+            assert list(found["chosen"]) == list(wanted["chosen"])
+    for nothing in (("metameric", "nobody", "small"), ("metameric", "push-pull", "huge")):
+        assert grouped.rows(*nothing).empty
+
+
+def test_a_comparisons_row_names_every_number_of_its_parts_once():
+    found = preference(cell_with(80), "ours", "pp")
+    parts = (found.answers, found.estimate, found.test, found.equivalence, found.sensitivity)
+    numbers = [value for part in parts for value in vars(part).values()]
+
+    row = found.row()
+
+    assert len(row) == len(numbers) + 5  # method, against, size, verdict, warnings
+    assert [value for value in numbers if value not in row.values()] == []
+    assert (row["p"], row["equivalence_p"]) == (found.test.p, found.equivalence.p)
 
 
 def test_counts_lay_people_and_scenes_out():
@@ -291,12 +319,12 @@ def test_verdicts_of_equivalence_are_adjusted_like_the_tests(make_decisions):
     rows = make_decisions(quality={"a": 0.0, "b": 0.0, "c": 0.0}, people=40, participant_sd=0.1)
     table = preferences(rows, margin=0.06)
     alone = preferences(rows, margin=0.06, correction="none")
-    p = np.array([cell.equivalence_p for cell in table.cells])
+    p = np.array([cell.equivalence.p for cell in table.cells])
 
-    np.testing.assert_allclose([cell.equivalence_p_adjusted for cell in table.cells], holm(p))
-    assert [cell.equivalence_p_adjusted for cell in alone.cells] == list(p)
+    np.testing.assert_allclose([cell.equivalence.p_adjusted for cell in table.cells], holm(p))
+    assert [cell.equivalence.p_adjusted for cell in alone.cells] == list(p)
     for cell in table.cells:
-        shown = cell.p_adjusted >= 0.05 and cell.equivalence_p_adjusted < 0.05
+        shown = cell.test.p_adjusted >= 0.05 and cell.equivalence.p_adjusted < 0.05
         assert (cell.verdict == "equivalent") == shown
     assert sum(cell.verdict == "equivalent" for cell in table.cells) < sum(
         cell.verdict == "equivalent" for cell in alone.cells

@@ -12,6 +12,9 @@ from typer.testing import CliRunner
 
 from analysis.diffusion import diffusion_by_condition, ez_diffusion
 from analysis.reaction_model import time_model
+from analysis.report.build import report_decisions
+from analysis.tasks import analysis_of
+from analysis.tasks.note import write_note
 from study_app.cli import app
 
 FOLDER = Path(__file__).parent / "oracles"
@@ -200,3 +203,25 @@ def test_a_baseline_that_is_none_is_refused(times, tmp_path):
 
     assert result.exit_code == 2
     assert "must be a value of 'cond' (a, b, c)" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("asked", ["summary", "models"])
+def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, asked):
+    file = tmp_path / "times.csv"
+    times.drop(columns="rating").to_csv(file, index=False)
+    options = analysis_of("identification").options(by="cond", alternatives=2, reaction=asked)
+    write_note(file, "identification", options)
+    made = report_decisions(file, tmp_path / "r", figure_files=False)
+    found = json.loads(made.json.read_text())["results"]
+
+    page = made.html.read_text()
+    assert ("log-normal mixed model" in page) == (asked == "models")
+    assert ("EZ diffusion" in page) == (asked == "models")
+    if asked == "summary":
+        assert (found["times"], found["diffusion"]) == (None, None)
+        return
+    wanted = time_model(times, ("cond",), reference="a")
+    assert [one["ratio"] for one in found["times"]["ratios"]] == pytest.approx(
+        [one.ratio for one in wanted.ratios], rel=1e-6
+    )
+    assert len(found["diffusion"]["people"]) > 0

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
 from analysis.bayes import t_bayes_factor
+from analysis.plots.sequential import bounds_plot
 from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
@@ -223,6 +226,48 @@ def test_the_report_says_at_which_look_it_stands(write_journals, demo_protocol, 
     assert noted["sequential"]["standing"]["p"] == noted["results"]["primary"]["p"]
     assert "Planned looks: " in made.html.read_text()
     assert "Look 1 of 2 (4 participants)" in made.html.read_text()
+    assert "Limits that take account of the looks" in made.html.read_text()
+    (limits,), plain = noted["sequential"]["limits"], noted["results"]["primary"]
+    assert limits["value"] == plain["share"]
+    assert limits["lower"] < plain["lower"] < plain["upper"] < limits["upper"]
+
+
+def test_the_figure_shows_every_bound_and_the_study():
+    plan = plan_of(Sequential(rule="bayes-factor", looks=(8, 16, 24), bayes_factor=3.0), 0.05)
+    (axes,) = bounds_plot(plan, people=16, p=0.02).axes
+    drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
+
+    np.testing.assert_allclose(drawn["significant"], plan.reject_p)
+    kept = [bound for bound in plan.accept_p if bound is not None]
+    np.testing.assert_allclose(drawn["no difference"], kept)
+    assert list(drawn["this study"]) == [0.02]
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # small p above
+
+
+@pytest.mark.parametrize("people", [8, 16, 24])
+def test_limits_at_a_look_leave_out_one_half_exactly_where_it_stops(demo_protocol, people):
+    """Shares of all strengths: the look's bound, and the limits that invert the test there."""
+    plan = plan_of(Sequential(rule="pocock", looks=(8, 16, 24)), 0.05)
+    bound = plan.reject_p[plan.looks.index(people)]
+    settings = replace(analysis_of("preference").settings(demo_protocol), alpha=bound)
+    method, against, size = settings.primary
+    stopped = set()
+    for each in range(4, 13):
+        wins = np.arange(12) < each
+        rows = pd.DataFrame(
+            [
+                (f"P{who}", f"s{k % 6}", settings.sizes[0] if size == "all" else size, method,
+                 against, method if wins[(k + who) % 12] else against)
+                for who in range(people)
+                for k in range(12)
+            ],
+            columns=["participant", "scene", "size", "first", "second", "chosen"],
+        )  # fmt: skip
+        (one,) = analysis_of("preference").planned_estimates(rows, settings)
+        assert (one.p < bound) == (one.lower > 0.5 or one.upper < 0.5)
+        stopped.add(one.p < bound)
+
+    assert stopped == {True, False}
 
 
 def run(*arguments: object) -> Result:
@@ -245,5 +290,6 @@ def test_the_command_prints_bounds_and_error(tmp_path, demo_protocol):
     assert "rate 0.8" in result.output
     assert "Without an effect" in result.output
     assert (tmp_path / "out" / "looks.csv").is_file()
+    assert (tmp_path / "out" / "looks-1-column.pdf").is_file()
     assert without.exit_code == 2
     assert "add [analysis.sequential]" in " ".join(without.output.split())

@@ -50,8 +50,8 @@ def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict
             decisions.reset_index(drop=True), pairings=settings.pairings, sizes=settings.sizes,
             alpha=settings.alpha, margin=settings.margin, test=settings.test,
         ).cells  # fmt: skip
-        assert [one.value for one in column] == [cell.share for cell in cells]
-        assert [one.p for one in column] == [cell.p_adjusted for cell in cells]
+        assert [one.value for one in column] == [cell.estimate.share for cell in cells]
+        assert [one.p for one in column] == [cell.test.p_adjusted for cell in cells]
         assert sum(one.decisions for one in column) == len(decisions)
 
 

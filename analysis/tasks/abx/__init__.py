@@ -1,5 +1,6 @@
 """The analyses of `abx` and `which-half`: d', and critical scalings."""
 
+from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 import pandas as pd
@@ -8,7 +9,7 @@ from analysis.detection import DiscriminationResults, abx
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
+from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares, tabulated
 from analysis.tasks.rates.settings import RateSettings, RatesOptions, common_settings
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
@@ -74,8 +75,12 @@ class Abx(RatesTask):
 
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance of a right answer, by the study's decision rule."""
-        share = tabulated(lambda d: abx_share(d, settings.rule))
+        share = self.share_of(settings)
         return lambda d_prime, _criterion, _design, _typical: share(d_prime)
+
+    def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
+        """Return the chance of a right answer by d', by the study's decision rule."""
+        return tabulated(lambda d: abx_share(d, settings.rule))
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

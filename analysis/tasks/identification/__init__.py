@@ -1,5 +1,6 @@
 """The analysis of identification among m answers, kind `identification`."""
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
 import pandas as pd
@@ -9,7 +10,7 @@ from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Judge, judge_shares, tabulated
+from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares, tabulated
 from analysis.tasks.rates.settings import RateSettings, RatesOptions
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.errors import StudyError
@@ -72,8 +73,12 @@ class Identification(RatesTask):
 
     def draw(self, settings: RateSettings) -> Draw:
         """Return the chance of picking the right one of m."""
-        share = tabulated(lambda d: forced_choice_share(d, settings.alternatives))
+        share = self.share_of(settings)
         return lambda d_prime, _criterion, _design, _typical: share(d_prime)
+
+    def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
+        """Return the chance of picking the right one of m by d'."""
+        return tabulated(lambda d: forced_choice_share(d, settings.alternatives))
 
     def judge(self) -> Judge:
         """Return the test of differences of shares."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.exclusions import FlowStep
-from analysis.pairings import pairing_rows
+from analysis.pairings import Comparisons, pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot
-from analysis.preference import preferences
+from analysis.preference import Preference, preferences
 from analysis.seed import SEED
 from analysis.tasks.base import (
     Assumption,
@@ -38,7 +38,7 @@ from analysis.tasks.preference.power import (
 )
 from analysis.tasks.preference.sections import lead, sections
 from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
-from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse
+from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse, primary_of
 from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
 from analysis.tidy import pwcmp_table
 from protocols.columns import Column
@@ -55,6 +55,8 @@ class PreferenceOptions(TableOptions):
     """Level of every test."""
     margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     """Smallest effect of interest, as a distance from one half."""
+    reaction: Literal["summary", "models"] = "summary"
+    """Of reaction times: medians and means, or a model of them too."""
 
 
 class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
@@ -70,11 +72,14 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> Settings:
         """Return every pairing found, and no primary comparison."""
-        return from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
+        found = from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
+        return replace(found, reaction=options.reaction)
 
     def options_of(self, settings: Settings) -> PreferenceOptions:
         """Return alpha and margin."""
-        return PreferenceOptions(alpha=settings.alpha, margin=settings.margin)
+        return PreferenceOptions(
+            alpha=settings.alpha, margin=settings.margin, reaction=settings.reaction
+        )
 
     def read(self, path: Path, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""
@@ -114,21 +119,16 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             test=settings.test,
             correction="holm" if settings.correction == "holm" else "none",
         )
-        return tuple(
-            Estimate(
-                f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
-                cell.share,
-                cell.lower,
-                cell.upper,
-                cell.p_adjusted,
-                cell.trials,
-            )
-            for cell in table.cells
-        )
+        return tuple(_estimate(cell, settings) for cell in table.cells)
+
+    def planned_estimates(self, decisions: pd.DataFrame, settings: Settings) -> Sequence[Estimate]:
+        """Return the share of choices in the primary comparison."""
+        found = primary_of(Comparisons(decisions), settings)
+        return () if found is None else (_estimate(found, settings),)
 
     def planned_p(self, results: StudyResults) -> float | None:
         """Return p of the primary comparison."""
-        return None if results.primary is None else results.primary.p
+        return None if results.primary is None else results.primary.test.p
 
     def simulated_p(
         self,
@@ -158,7 +158,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     def tables(self, _decisions: pd.DataFrame, results: StudyResults) -> Mapping[str, pd.DataFrame]:
         """Return every comparison."""
-        rows = [vars(cell) | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
+        rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
         return {"preferences.csv": pd.DataFrame(rows)}
 
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
@@ -242,7 +242,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             ),
         )
 
-    def from_pilot(self, decisions: pd.DataFrame) -> tuple[Mapping[str, float], Sequence[str]]:
+    def from_pilot(
+        self, _study: StudyProtocol, decisions: pd.DataFrame, _settings: Settings
+    ) -> tuple[Mapping[str, float], Sequence[str]]:
         """Return the deviations of a pilot's participants and scenes."""
         found = pilot_deviations(decisions)
         values = {
@@ -271,6 +273,17 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             progress=progress,
         )
         return _power_report(curve)
+
+
+def _estimate(cell: Preference, settings: Settings) -> Estimate:
+    return Estimate(
+        f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
+        cell.estimate.share,
+        cell.estimate.lower,
+        cell.estimate.upper,
+        cell.test.p_adjusted,
+        cell.answers.trials,
+    )
 
 
 def _assumptions(assumed: Mapping[str, float]) -> Assumptions:

@@ -25,7 +25,7 @@ def report_figures(
 ) -> tuple[ReportFigure, ...]:
     """Return every figure these results allow, in reading order."""
     cells, label = results.table.cells, settings.label
-    level = f"{100 * cells[0].level:g} %"
+    level = f"{100 * cells[0].estimate.level:g} %"
     dots = {key: [value for _, value in pairs] for key, pairs in results.participant_shares.items()}
     made = [
         ReportFigure(

@@ -17,7 +17,7 @@ from analysis.tasks.blocks import (
     Table,
     strong,
 )
-from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
+from analysis.tasks.common_blocks import learning_blocks, reaction_blocks, time_model_blocks
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale, StudyResults
 from analysis.tasks.preference.wording import (
@@ -43,11 +43,11 @@ def lead(results: StudyResults, settings: Settings) -> list[Block]:
         "Sign-flip test of participants: {} (no smaller than {:.2g} with {} participants)."
     ).format(
         strong(verdict(primary, settings)),
-        share(primary.margin),
-        p_text(primary.equivalence_p),
-        p_text(primary.sign_flip_p),
-        primary.sign_flip_floor,
-        primary.participants,
+        share(primary.equivalence.margin),
+        p_text(primary.equivalence.p),
+        p_text(primary.sensitivity.sign_flip_p),
+        primary.sensitivity.sign_flip_floor,
+        primary.answers.participants,
     )
     return [
         Box("Primary comparison", apa_preference(primary, settings, adjusted=False), text),
@@ -80,7 +80,7 @@ def _name(cell: Preference, settings: Settings) -> str:
 def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
     table = results.table
     cells = table.cells
-    level = f"{100 * cells[0].level:g} % limits"
+    level = f"{100 * cells[0].estimate.level:g} % limits"
     adjusted = f", Holm-adjusted over {len(cells)}" if table.correction == "holm" else ""
     margin = share(settings.margin)
     shares = Table.of(
@@ -101,15 +101,17 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         [
             (
                 _name(c, settings),
-                f"{c.chosen} / {c.trials}",
-                share(c.share),
-                share_range(c.lower, c.upper),
-                "none" if c.t is None or c.df is None else f"{number(c.t)} ({number(c.df, 1)})",
-                p_number(c.p),
-                p_number(c.p_adjusted),
-                number(c.cohens_h),
-                big(c.odds_ratio),
-                big(c.bayes_factor),
+                f"{c.answers.chosen} / {c.answers.trials}",
+                share(c.estimate.share),
+                share_range(c.estimate.lower, c.estimate.upper),
+                "none"
+                if c.test.t is None or c.test.df is None
+                else f"{number(c.test.t)} ({number(c.test.df, 1)})",
+                p_number(c.test.p),
+                p_number(c.test.p_adjusted),
+                number(c.estimate.cohens_h),
+                big(c.estimate.odds_ratio),
+                big(c.test.bayes_factor),
                 verdict(c, settings),
             )
             for c in cells
@@ -131,14 +133,14 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         [
             (
                 _name(c, settings),
-                f"{c.effective_n:.0f}",
-                p_number(c.sign_flip_p),
-                f"{c.sign_flip_floor:.2g}",
-                p_number(c.equivalence_p_adjusted),
-                share(c.participant_sd),
-                p_number(c.exact_p),
-                share_range(c.exact_lower, c.exact_upper),
-                big(c.bayes_factor_pooled),
+                f"{c.estimate.effective_n:.0f}",
+                p_number(c.sensitivity.sign_flip_p),
+                f"{c.sensitivity.sign_flip_floor:.2g}",
+                p_number(c.equivalence.p_adjusted),
+                share(c.answers.participant_sd),
+                p_number(c.sensitivity.exact_p),
+                share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
+                big(c.sensitivity.bayes_factor_pooled),
             )
             for c in cells
         ],
@@ -389,5 +391,6 @@ def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ),
         *learning_blocks(results.learning),
         *reaction_blocks(results.reaction, "Size", settings.label),
+        *time_model_blocks(results.times, settings.label),
     ]
     return tuple(blocks)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import pandas as pd
 
@@ -30,7 +31,8 @@ class Settings:
 
     `primary` is (method, against, size), size "all" for all together, or None where a plain
     table declares no primary comparison. `margin` is the smallest effect of interest as a
-    distance from one half. `pairings` give whose share is counted.
+    distance from one half. `pairings` give whose share is counted. `reaction` "models": of
+    reaction times too.
     """
 
     study: str
@@ -48,6 +50,7 @@ class Settings:
     planned_participants: int | None
     planned_trials: int | None
     protocol_sha256: str | None
+    reaction: Literal["summary", "models"] = "summary"
 
     @property
     def sized(self) -> bool:
@@ -110,6 +113,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
             len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
         ),
         protocol_sha256=protocol.sha256,
+        reaction=analysis.reaction,
     )
 
 

@@ -22,9 +22,10 @@ from analysis.learning import Trend, trend
 from analysis.models import ModelFit, glmm_logit
 from analysis.observers import ObserverCheck, check_observers
 from analysis.paired_model import PairedModel, paired_model
-from analysis.pairings import ALL_SIZES, as_numbers, counts, numbered, pairing_rows
+from analysis.pairings import ALL_SIZES, Comparisons, counts, numbered
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.reaction import ReactionTimes, reaction_times
+from analysis.reaction_model import TimeModel, time_model
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from analysis.tasks.base import Step
@@ -66,6 +67,7 @@ class StudyResults:
     participant_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     scene_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
+    times: TimeModel | None = None
 
 
 def analyse(
@@ -82,10 +84,11 @@ def analyse(
     """
     say = step or (lambda _name: None)
     notes: list[str] = []
-    decisions = as_numbers(decisions)
+    grouped = Comparisons(decisions)
+    decisions = grouped.decisions
     say("preferences")
     table = preferences(
-        decisions,
+        grouped,
         pairings=settings.pairings,
         sizes=settings.sizes,
         alpha=settings.alpha,
@@ -94,10 +97,13 @@ def analyse(
         correction="holm" if settings.correction == "holm" else "none",
     )
     notes += table.warnings
-    primary = _primary(decisions, settings, notes)
+    primary = primary_of(grouped, settings)
+    if settings.primary is not None and primary is None:
+        method, against, _ = settings.primary
+        notes.append(f"the primary comparison ({method} with {against}) has no decisions")
     say("mixed models")
     models = tuple(
-        (cell.method, cell.against, cell.size, _mixed(decisions, cell)) for cell in table.cells
+        (cell.method, cell.against, cell.size, _mixed(grouped, cell)) for cell in table.cells
     )
     paired = _all_pairings(decisions, settings, notes)
     scales = []
@@ -107,6 +113,7 @@ def analyse(
         if made is not None:
             scales.append(made)
     say("bias, learning, reaction times")
+    times = _time_model(decisions, settings, notes)
     return StudyResults(
         primary=primary,
         table=table,
@@ -115,12 +122,24 @@ def analyse(
         scales=tuple(scales),
         order=order_bias(decisions, alpha=settings.alpha),
         side=side_bias(decisions, alpha=settings.alpha),
-        learning=tuple(_learning(decisions, settings)),
+        learning=tuple(_learning(grouped, settings)),
         reaction=reaction_times(decisions, ("size",)),
-        participant_shares=_shares(decisions, table, by_scene=False),
-        scene_shares=_shares(decisions, table, by_scene=True),
+        participant_shares=_shares(grouped, table, by_scene=False),
+        scene_shares=_shares(grouped, table, by_scene=True),
         warnings=tuple(notes),
+        times=times,
     )
+
+
+def _time_model(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> TimeModel | None:
+    """Return the model of reaction times by size, where the study asks for it."""
+    if settings.reaction != "models":
+        return None
+    try:
+        return time_model(decisions[decisions["rt_s"] > 0], ("size",), level=1.0 - settings.alpha)
+    except ValueError as problem:
+        notes.append(f"no model of reaction times: {problem}")
+        return None
 
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -135,13 +154,13 @@ def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floa
     return votes, list(people)
 
 
-def _primary(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> Preference | None:
+def primary_of(grouped: Comparisons, settings: Settings) -> Preference | None:
+    """Return the primary comparison; None where there is none, or no decision makes it."""
     if settings.primary is None:
         return None
     method, against, size = settings.primary
-    rows = pairing_rows(decisions, method, against, size)
+    rows = grouped.rows(method, against, size)
     if rows.empty:
-        notes.append(f"the primary comparison ({method} with {against}) has no decisions")
         return None
     return preference(
         rows,
@@ -154,9 +173,9 @@ def _primary(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> P
     )
 
 
-def _mixed(decisions: pd.DataFrame, cell: Preference) -> ModelFit:
+def _mixed(grouped: Comparisons, cell: Preference) -> ModelFit:
     """Mixed model of one comparison; the intercept is the preference without order bias."""
-    rows = pairing_rows(decisions, cell.method, cell.against, cell.size)
+    rows = grouped.rows(cell.method, cell.against, cell.size)
     table = pd.DataFrame(
         {
             "preferred": (rows["chosen"] == cell.method).astype(int),
@@ -168,7 +187,7 @@ def _mixed(decisions: pd.DataFrame, cell: Preference) -> ModelFit:
     groups = [column for column in ("participant", "scene") if table[column].nunique() > 1]
     terms = "1 + shown_first" if table["shown_first"].nunique() > 1 else "1"
     return glmm_logit(
-        f"preferred ~ {terms}", table, groups=groups or ["participant"], level=cell.level
+        f"preferred ~ {terms}", table, groups=groups or ["participant"], level=cell.estimate.level
     )
 
 
@@ -268,15 +287,16 @@ def _clustered(
     )
 
 
-def _learning(decisions: pd.DataFrame, settings: Settings) -> list[tuple[str, Trend]]:
+def _learning(grouped: Comparisons, settings: Settings) -> list[tuple[str, Trend]]:
     found = []
     for method, against in settings.pairings:
-        rows = pairing_rows(decisions, method, against).copy()
+        rows = grouped.rows(method, against).copy()
         if rows.empty or rows["order"].isna().all():
             continue
         rows["preferred"] = (rows["chosen"] == method).astype(float)
         name = f"choosing {settings.label(method)} over {settings.label(against)}"
         found.append((name, trend(rows, "preferred", within=("size",), level=1 - settings.alpha)))
+    decisions = grouped.decisions
     timed = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)].copy()
     if not timed.empty and timed["order"].notna().any():
         timed["log_rt"] = np.log(timed["rt_s"].astype(float))
@@ -290,11 +310,11 @@ def _learning(decisions: pd.DataFrame, settings: Settings) -> list[tuple[str, Tr
 
 
 def _shares(
-    decisions: pd.DataFrame, table: PreferenceTable, *, by_scene: bool
+    grouped: Comparisons, table: PreferenceTable, *, by_scene: bool
 ) -> dict[tuple[str, str, str], tuple[tuple[str, float], ...]]:
     result = {}
     for cell in table.cells:
-        rows = pairing_rows(decisions, cell.method, cell.against, cell.size)
+        rows = grouped.rows(cell.method, cell.against, cell.size)
         chosen, shown, people, scenes = counts(rows, cell.method)
         axis, names = (0, scenes) if by_scene else (1, people)
         share = chosen.sum(axis=axis) / shown.sum(axis=axis)

@@ -65,28 +65,29 @@ def size_text(size: str, settings: Settings, whole: str = "all sizes together") 
 
 def apa_preference(cell: Preference, settings: Settings, *, adjusted: bool) -> str:
     """Return one comparison as an APA sentence."""
-    p = cell.p_adjusted if adjusted else cell.p
+    found, decided = cell.estimate, cell.test
+    p = decided.p_adjusted if adjusted else decided.p
     correction = (
         f" ({settings.correction.title()}-adjusted)"
         if (adjusted and settings.correction != "none")
         else ""
     )
-    level = f"{100 * cell.level:g}% CI {share_range(cell.lower, cell.upper)}"
-    if cell.t is not None and cell.df is not None and "t" in cell.test.split():
-        test = f"t({cell.df:.1f}) = {cell.t:.2f}, {p_text(p)}{correction}"
+    level = f"{100 * found.level:g}% CI {share_range(found.lower, found.upper)}"
+    if decided.t is not None and decided.df is not None and "t" in decided.name.split():
+        test = f"t({decided.df:.1f}) = {decided.t:.2f}, {p_text(p)}{correction}"
     else:
-        test = f"{cell.test}, {p_text(p)}{correction}"
+        test = f"{decided.name}, {p_text(p)}{correction}"
     text = (
         f"{settings.label(cell.method)} was chosen over {settings.label(cell.against)}"
-        f"{size_text(cell.size, settings)} in {cell.chosen} of {cell.trials} trials,"
-        f" {share(cell.share)}, {level}, {test}, Cohen's h = {cell.cohens_h:.2f},"
-        f" OR = {big(cell.odds_ratio)} [{big(cell.odds_lower)}, {big(cell.odds_upper)}],"
-        f" BF10 = {big(cell.bayes_factor)}."
+        f"{size_text(cell.size, settings)} in {cell.answers.chosen} of {cell.answers.trials}"
+        f" trials, {share(found.share)}, {level}, {test}, Cohen's h = {found.cohens_h:.2f},"
+        f" OR = {big(found.odds_ratio)} [{big(found.odds_lower)}, {big(found.odds_upper)}],"
+        f" BF10 = {big(decided.bayes_factor)}."
     )
     if cell.verdict == "equivalent":
-        equivalence = cell.equivalence_p_adjusted if adjusted else cell.equivalence_p
+        equivalence = cell.equivalence.p_adjusted if adjusted else cell.equivalence.p
         text += (
-            f" The share was equivalent to .5 within ±{share(cell.margin)} (TOST,"
+            f" The share was equivalent to .5 within ±{share(cell.equivalence.margin)} (TOST,"
             f" {p_text(equivalence)}{correction})."
         )
     return text

@@ -18,7 +18,12 @@ from analysis.tasks.blocks import (
     Section,
     Table,
 )
-from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
+from analysis.tasks.common_blocks import (
+    diffusion_blocks,
+    learning_blocks,
+    reaction_blocks,
+    time_model_blocks,
+)
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import NOT_IDENTIFIED, column_in_words, sd_digits
@@ -581,6 +586,8 @@ def _checks(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
     if results.learning:
         blocks += learning_blocks(results.learning)
     blocks += reaction_blocks(results.reaction, "Condition", settings.label)
+    blocks += time_model_blocks(results.times, settings.label)
+    blocks += diffusion_blocks(results.diffusion, settings.label)
     return tuple(blocks) or (Paragraph("The table holds neither order nor reaction times."),)
 
 

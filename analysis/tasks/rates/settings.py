@@ -43,6 +43,8 @@ class RatesOptions(TableOptions):
     """Level of every test."""
     shape: Shape = "gauss"
     """Of psychometric functions; `weibull` where levels are above 0."""
+    reaction: Literal["summary", "models"] = "summary"
+    """Of reaction times: medians and means, or models of them too."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,8 @@ class RateSettings:
         Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``.
     rule : str
         ABX: how participants are taken to decide.
+    reaction : str
+        ``models``: of reaction times too.
     """
 
     study: str
@@ -85,6 +89,7 @@ class RateSettings:
     protocol_sha256: str | None
     rule: AbxRule = "differencing"
     shape: Shape = "gauss"
+    reaction: Literal["summary", "models"] = "summary"
 
     @property
     def baseline(self) -> str:
@@ -163,6 +168,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         planned_trials=rule.trials_of(study) if rule else len(cells) * study.design.repeats,
         protocol_sha256=study.sha256,
         shape=shape,
+        reaction=analysis.reaction,
     )
 
 
@@ -217,6 +223,7 @@ def common_settings_of_table(
         planned_trials=None,
         protocol_sha256=None,
         shape=options.shape,
+        reaction=options.reaction,
     )
 
 

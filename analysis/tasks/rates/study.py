@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from analysis.cells import grid
 from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.detection import DiscriminationResults, YesNoResults
+from analysis.diffusion import DiffusionResults, diffusion_by_condition
 from analysis.ideal_observer import AbxRule
 from analysis.learning import Trend, trend
 from analysis.models import ModelFit, ModelsBeside, glmm_probit, models_beside
 from analysis.psychometric import Psychometric, fit_psychometric
 from analysis.rates import Difference, Rate, correct_rates, rate, rate_contrasts
 from analysis.reaction import ReactionTimes, reaction_times
+from analysis.reaction_model import TimeModel, time_model
 from analysis.tasks.base import Step
 from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.thresholds import ThresholdModel, fit_thresholds
@@ -64,6 +66,8 @@ class RateResults:
         Of ABX by scaling.
     models : ModelsBeside or None
         ``logit(correct) ~ 1 + level + by``.
+    times, diffusion
+        Models of reaction times, where the study asks for them; EZ diffusion of two answers.
     """
 
     rates: tuple[Rate, ...]
@@ -84,6 +88,8 @@ class RateResults:
     participant_shares: Mapping[str, tuple[tuple[str, float], ...]]
     scene_shares: Mapping[str, tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
+    times: TimeModel | None = None
+    diffusion: DiffusionResults | None = None
 
     @property
     def by_scene(self) -> bool:
@@ -182,6 +188,7 @@ def analyse_rates(
     models = _tried(lambda: _models(rows, settings, reference), "no models", notes)
     typical = _typical(tabled, signal, shown, level, notes) if signal is not None else ()
     step("learning, reaction times")
+    times, diffusion = _time_models(rows, settings, reference, notes)
     answered = None
     answers = _answers(rows, settings)
     if scaling is not None and answers:
@@ -223,6 +230,29 @@ def analyse_rates(
         participant_shares=_shares(rows, shown, "participant"),
         scene_shares=_shares(rows, shown, "scene") if "scene" in rows else {},
         warnings=tuple(notes),
+        times=times,
+        diffusion=diffusion,
+    )
+
+
+def _time_models(
+    rows: pd.DataFrame, settings: RateSettings, reference: str | None, notes: list[str]
+) -> tuple[TimeModel | None, DiffusionResults | None]:
+    """Return the models of reaction times that a study asks for."""
+    if settings.reaction != "models":
+        return None, None
+    timed = rows[rows["rt_s"] > 0].reset_index(drop=True)
+    times = _tried(
+        lambda: time_model(timed, BY, reference=reference, level=settings.confidence),
+        "no model of reaction times",
+        notes,
+    )
+    if settings.alternatives != 2:
+        return times, None
+    return times, _tried(
+        lambda: diffusion_by_condition(timed, BY, reference=reference, level=settings.confidence),
+        "no diffusion model",
+        notes,
     )
 
 

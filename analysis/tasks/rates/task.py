@@ -1,7 +1,7 @@
 """What the analyses of tasks with right answers share, as a base class."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -25,6 +25,7 @@ from analysis.tasks.base import (
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.rates.estimates import rate_estimates
 from analysis.tasks.rates.figures import rate_figures
+from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
 from analysis.tasks.rates.power import Draw, Judge, assumptions, looked_p_values, rate_power
 from analysis.tasks.rates.sections import lead, sections
 from analysis.tasks.rates.settings import (
@@ -48,10 +49,13 @@ from analysis.tasks.rates.wording import (
     methods_discrimination,
     methods_yes_no,
 )
+from protocols.adaptive.section import AdaptiveLevels
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import name_of
+
+Floats = NDArray[np.float64]
 
 
 class RatesTask(TaskAnalysis[RateSettings, RateResults]):
@@ -140,6 +144,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             "correction": settings.correction,
             "alpha": settings.alpha,
             "shape": settings.shape,
+            "reaction": settings.reaction,
         }
 
     def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
@@ -303,6 +308,26 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         """Return d' of the baseline, what the others have more, and how people differ."""
         scenes = {cell.scene for cell in study.task.cells(study, study.main_scenes())}
         return assumptions(self.settings(study), len(scenes))
+
+    def from_pilot(
+        self, study: StudyProtocol, decisions: pd.DataFrame, settings: RateSettings
+    ) -> tuple[Mapping[str, float], Sequence[str]]:
+        """Return how much d' of a pilot's participants and scenes differs, or their thresholds."""
+        own = self.settings(study)
+        if own.adaptive != settings.adaptive:
+            raise StudyError(
+                "--from: must hold levels chosen as the study chooses them"
+                f" ({'adaptive' if own.adaptive else 'constant'}); give deviations by --set"
+            )
+        if own.adaptive:
+            levels = study.task.adaptation
+            assert isinstance(levels, AdaptiveLevels)
+            return threshold_deviations(decisions, settings, float(np.ptp(levels.levels(study))))
+        return sensitivity_deviations(decisions, settings, self.share_of(settings))
+
+    def share_of(self, _settings: RateSettings) -> Callable[[Floats], Floats] | None:
+        """Return the chance of a right answer by d'; None where answers have a criterion."""
+        return None
 
     def beside(self) -> tuple[str, Judge] | None:
         """Return a further measure that power is simulated of, and its test; by default none."""

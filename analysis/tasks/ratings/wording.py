@@ -1,0 +1,47 @@
+"""Ratings in words and tables."""
+
+import pandas as pd
+
+from analysis.ordinal import RatingDifference, RatingModel
+from analysis.report.wording import leading, p_number, p_text
+
+
+def apa_rating(one: RatingDifference, model: RatingModel) -> str:
+    """Return how much higher one condition is rated as a sentence."""
+    unit = "SD" if model.link == "probit" else "logits"
+    return (
+        f"{one.first} was rated {one.difference:.2f} {unit} above {one.second},"
+        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.0f}),"
+        f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
+        f" {model.link} mixed model); one showing of it is rated higher with a chance of"
+        f" {leading(f'{one.superiority:.2f}')}."
+    )
+
+
+def rating_tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]:
+    """Return conditions, comparisons and thresholds, by file name."""
+    lines: list[dict[str, object]] = []
+    for one in model.conditions:
+        line: dict[str, object] = {"condition": one.condition, "ratings": one.ratings}
+        line |= {"place": one.place, "lower": one.lower, "upper": one.upper}
+        if not pairs:
+            line["mean_rating"] = one.mean_rating
+            line |= {
+                f"share_{name}": value
+                for name, value in zip(model.categories, one.shares, strict=True)
+            }
+        lines.append(line)
+    return {
+        "ratings.csv": pd.DataFrame(lines),
+        "comparisons.csv": pd.DataFrame(
+            [vars(one) for one in model.contrasts],
+            columns=list(RatingDifference.__dataclass_fields__),
+        ),
+        "thresholds.csv": pd.DataFrame(
+            {
+                "below": model.categories[:-1],
+                "above": model.categories[1:],
+                "threshold": model.thresholds,
+            }
+        ),
+    }
