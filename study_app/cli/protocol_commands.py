@@ -31,6 +31,7 @@ from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
+from study_app.cli.preview_command import preview
 from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
@@ -46,6 +47,8 @@ app = typer.Typer(
         metamerlab protocol check demo
 
         metamerlab protocol show inpainting-2afc
+
+        metamerlab protocol preview my-study.toml --out preview.html
 
         metamerlab protocol preregister my-study.toml --out preregistration.html
     """,
@@ -127,6 +130,9 @@ def show(
         console.print(_feasibility_table(study, screen))
         if slot is not None:
             console.print(_trial_table(plan))
+
+
+app.command()(preview)
 
 
 @app.command()
