@@ -41,7 +41,7 @@ def bars(table: Table) -> Figure:
     Where 1 is right, as for a ratio, bars begin there, and the shorter are the better.
     """
     metric, count = table.metric, len(table.methods)
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count)))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -98,7 +98,7 @@ def trade_off(
             points.append((index, method, times_ms[method], float(np.mean(values))))
     if len(points) < 2:
         return None
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(5.2, 3.2))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -135,7 +135,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
         return None
     columns = min(3, len(items))
     rows = math.ceil(len(items) / columns)
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(1.2 + 2.0 * columns, 0.7 + 1.7 * rows))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -238,7 +238,7 @@ def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple
 
 def colour_bar(top: float, label: str) -> Figure:
     """Draw the scale of the error maps."""
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(3.6, 0.62))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -255,7 +255,7 @@ def colour_bar(top: float, label: str) -> Figure:
 def inline_svg(figure: Figure, name: str, title: str) -> str:
     """Return a figure as an SVG element with names of its own and a title for screen readers."""
     buffer = io.BytesIO()
-    with _style():
+    with figure_style():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "metamerlab"})
     text = buffer.getvalue().decode("utf-8")
     text = text[text.index("<svg") :]
@@ -270,7 +270,7 @@ def inline_svg(figure: Figure, name: str, title: str) -> str:
 def png_bytes(figure: Figure) -> bytes:
     """Return a figure as PNG, without a date."""
     buffer = io.BytesIO()
-    with _style():
+    with figure_style():
         figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
     return buffer.getvalue()
 
@@ -279,7 +279,7 @@ def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
     """Return a figure as vectors with text as text, without a date."""
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    with _style():
+    with figure_style():
         figure.savefig(buffer, format=kind, metadata=dates[kind])
     return buffer.getvalue()
 
@@ -296,7 +296,8 @@ def pictured(table: Table) -> bool:
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
+    """Apply the look of figures of clips and their scores."""
     with mpl.rc_context(_STYLE):
         yield
 

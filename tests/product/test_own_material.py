@@ -83,7 +83,9 @@ def study(own, tmp_path_factory, shared_gl_context) -> Path:  # noqa: ARG001
     return folder
 
 
-def test_from_files_to_a_first_report_in_six_commands(study, metamerlab, tmp_path, monkeypatch):
+def test_from_files_to_a_first_report_and_its_figure_in_seven_commands(
+    study, metamerlab, tmp_path, monkeypatch
+):
     monkeypatch.chdir(shutil.copytree(study, tmp_path / "mine"))
     commands = (
         "protocol check study.toml",
@@ -91,6 +93,7 @@ def test_from_files_to_a_first_report_in_six_commands(study, metamerlab, tmp_pat
         "stimuli check clips",
         "session simulate study.toml --stimuli clips --out pilot --participants 2",
         "analysis report pilot --protocol study.toml --out report2 --no-figures",
+        "figure study.toml --report report2 --size large --scene hall --out teaser.svg",
     )
     for command in commands:
         done = metamerlab(*command.split())
@@ -102,6 +105,12 @@ def test_from_files_to_a_first_report_in_six_commands(study, metamerlab, tmp_pat
     clips = {path.name for path in Path("clips").iterdir() if "__" in path.name}
     assert len(clips) == 3 * 2 * 3
     assert "pair__large__reference" in clips
+    drawn = Path("teaser.svg").read_text(encoding="utf-8")
+    for text in ("Telea", "Push-pull", "Reference", "JOD", "SIMULATED DATA", "Hall, large"):
+        assert text in drawn, text
+    done = metamerlab("figure", "study.toml", "--report", "report2", "--frame", "99")
+    assert done.exit_code == 2
+    assert "--frame: must be 0 to 9" in " ".join(done.stderr.split())
 
 
 def test_files_are_copied_with_all_that_they_name_and_each_has_views(study, own):
