@@ -101,7 +101,7 @@ def report(
     with user_errors():
         study = load_protocol(protocol) if protocol else None
         with one_line() as progress:
-            if sessions.suffix.lower() in (".csv", ".tsv") and not sessions.is_dir():
+            if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
                 made = report_decisions(
                     sessions,
                     out,
@@ -267,7 +267,7 @@ def power(
 
 @app.command("import")
 def import_(
-    table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
+    table: Annotated[Path, typer.Argument(help="CSV or .xlsx of any tool, one decision per row.")],
     out: NewFolderOption,
     task: Annotated[
         str, typer.Option(metavar="|".join(TASKS), help="What participants did in a trial.")
@@ -306,6 +306,9 @@ def import_(
 
         metamerlab analysis report imported/decisions.csv --out report
 
+    Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen of two, and rows
+    without an answer are understood, and each is said.
+
     A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
     holds scene and size, as pwcmp wants it.
 
@@ -316,6 +319,7 @@ def import_(
     """
     from analysis.columns import dictionary
     from analysis.csv_table import write_table
+    from analysis.foreign_table import in_plain_form
     from analysis.report.folder import whole_folder
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
@@ -323,7 +327,9 @@ def import_(
     with user_errors():
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        decisions = analysis.read(table, pairs("--map", columns or ()), chosen)
+        mapping = pairs("--map", columns or ())
+        with in_plain_form(table, mapping) as plain:
+            decisions = analysis.read(plain.path, mapping, chosen)
         analysis.settings_of_table(decisions, table.stem, chosen)  # refuses what does not fit
         with whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = {
@@ -334,6 +340,8 @@ def import_(
             for name, frame in tables.items():
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
+    for note in plain.notes:
+        say(f"note: {note}")
     people = decisions["participant"].nunique()
     counted = f"{len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
     say(f"{out / 'decisions.csv'}: {counted}")
