@@ -199,7 +199,7 @@ def parse_view(text: str) -> View:
     table = re.sub(r"^\s*(\d+:)?\s*(view\s*=)?\s*", "", text)
     must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
     try:
-        raw = {key: _tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
+        raw = {key: with_tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
     except (ValueError, RecursionError) as error:
         raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
     try:
@@ -255,14 +255,14 @@ def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
     with reading(path, "valid TOML"):
-        return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
+        return {key: with_tuples(value) for key, value in tomllib.loads(text).items()}
 
 
-def _tuples(value: object) -> object:
+def with_tuples(value: object) -> object:
     """Return `value` with lists as tuples: our models are frozen through and through."""
     if isinstance(value, dict):
-        return {key: _tuples(entry) for key, entry in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+        return {key: with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
 def _valid_sections(raw: dict[str, object]) -> dict[str, object]:

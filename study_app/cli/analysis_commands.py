@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,6 @@ from study_app.cli.export_commands import register
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     NewFolderOption,
-    ProtocolArgument,
     ReplaceOption,
     SessionsArgument,
     SessionsProtocolOption,
@@ -173,7 +172,23 @@ def tidy(
 
 @app.command()
 def power(
-    protocol: ProtocolArgument,
+    protocol: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Protocol file (.toml), or the name of a shipped study; left out: --pairs,"
+            " --scenes, --repeats and --people say the design.",
+            show_default=False,
+        ),
+    ] = None,
+    pair_count: Annotated[
+        int | None, typer.Option("--pairs", help="Without a protocol: pairs of methods.")
+    ] = None,
+    scenes: Annotated[int | None, typer.Option(help="Without a protocol: scenes.")] = None,
+    repeats: Annotated[
+        int | None,
+        typer.Option(help="Without a protocol: decisions of a person on a pair in a scene."),
+    ] = None,
+    people: Annotated[int | None, typer.Option(help="Without a protocol: participants.")] = None,
     rate: Annotated[
         float | None, typer.Option(help="Short for --set rate=..., of preferences.")
     ] = None,
@@ -221,6 +236,8 @@ def power(
         metamerlab analysis power demo --rate 0.65 --from pilot-sessions --out power
 
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
+
+        metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65
     """
     import numpy as np
 
@@ -231,7 +248,13 @@ def power(
     from protocols.load import load_protocol
 
     with user_errors():
-        study = load_protocol(protocol)
+        numbers = {"pairs": pair_count, "scenes": scenes, "repeats": repeats, "people": people}
+        study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
+        if protocol is not None and any(value is not None for value in numbers.values()):
+            raise StudyError(
+                "--pairs, --scenes, --repeats and --people are for a design without a protocol (got"
+                f" {protocol} too); leave one of both out"
+            )
         analysis = analysis_of(study.analysis.kind)
         given = pairs("--set", assume or ())
         shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
@@ -352,6 +375,18 @@ def import_(
 register(app)
 register_tables(app)
 register_sequential(app)
+
+
+def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
+    from protocols.from_numbers import preferences_of
+
+    missing = [f"--{name}" for name, value in numbers.items() if value is None]
+    if missing:
+        raise StudyError(
+            f"power needs a protocol, or all numbers of a design (missing: {', '.join(missing)});"
+            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65"
+        )
+    return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
 def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> pd.DataFrame:

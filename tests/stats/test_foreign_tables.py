@@ -129,8 +129,7 @@ def test_other_encodings_separators_and_decimals_give_the_same_decisions(
 @pytest.mark.parametrize("words", [("left", "right"), ("First", "SECOND"), ("1", "2")])
 def test_an_answer_by_place_becomes_the_name_that_stood_there(tmp_path, expected, words):
     rows = [PLAIN[0]]
-    for row in PLAIN[1:]:
-        rows.append((*row[:3], words[0] if row[3] == row[1] else words[1], *row[4:]))
+    rows += [(*row[:3], words[row[3] != row[1]], *row[4:]) for row in PLAIN[1:]]
     (tmp_path / "old.csv").write_text(text_of(rows), encoding="utf-8")
     found, said = imported(tmp_path / "old.csv")
     pd.testing.assert_frame_equal(found, expected)
