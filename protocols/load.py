@@ -93,6 +93,12 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
             f"{path}: must be a study (this is a display); 'metamerlab protocol check' checks"
             " displays too, and a study names its display in [display], or takes it by --display"
         )
+    if not ({"format", *StudyProtocol.model_fields} - {"display"}) & set(raw):
+        keys = ", ".join(map(str, raw)) or "nothing"
+        raise StudyError(
+            f"{path}: must be a study, with [study], [stimuli], [task] and so on, or a display (has"
+            f" {keys}); 'metamerlab new-study' makes both, with every key explained"
+        )
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
@@ -181,8 +187,9 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
 
 
 def is_display(raw: Mapping[str, object]) -> bool:
-    """Whether a parsed file is meant as a display."""
-    return "refresh_hz" in raw and not {"study", "stimuli", "scenes"} & set(raw)
+    """Whether a parsed file is meant as a display, also where most of its keys are misspelt."""
+    own = set(Display.model_fields) - {"name", "description"}
+    return bool(own & set(raw)) and not {"study", "stimuli", "scenes"} & set(raw)
 
 
 def load_toml(path: Path, model: type[M]) -> M:
