@@ -23,6 +23,7 @@ from rich.console import Console
 
 from benchmarks import foveate_report as report
 from benchmarks import machine
+from benchmarks.copying import Copy
 from benchmarks.foveate_report import Line
 from benchmarks.odak_library import perception
 from benchmarks.output import PagePart, file_to_write
@@ -46,18 +47,6 @@ PULL = "pull.comp.glsl"  # the shader of the analysis
 SHARED_RUNS = 3  # of which the least time of each dispatch counts
 TILE = 8
 
-_COPY = """\
-#version 430
-layout(local_size_x = 8, local_size_y = 8) in;
-layout(rgba32f, binding = 0) uniform readonly image2D source;
-layout(rgba32f, binding = 1) uniform writeonly image2D target;
-void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, imageSize(target)))) return;
-    imageStore(target, pixel, imageLoad(source, pixel));
-}
-"""
-
 
 def picture(edge_px: int) -> np.ndarray:
     """A random picture with some structure, (H, W, 3) in [0, 1]."""
@@ -79,13 +68,7 @@ def time_gpu(
     size = (edge_px, edge_px)
     source = texture_from(ctx, np.dstack([shown, shown[..., :1]]), "rgba32f")
     target = create_texture(ctx, size, "rgba32f")
-    shader = ctx.compute_shader(_COPY)
-
-    def copy() -> None:
-        source.bind_to_image(0)
-        target.bind_to_image(1)
-        shader.run(-(-edge_px // TILE), -(-edge_px // TILE))
-        ctx.memory_barrier()
+    copy = Copy(ctx, "rgba32f")
 
     made: dict[str, FoveationPass] = {}
     foveators = []
@@ -95,7 +78,7 @@ def time_gpu(
             made[name] = foveator.passes
             foveators.append(foveator)
     middle = (edge_px / 2, edge_px / 2)
-    works: dict[str, Callable[[], None]] = {"copy": copy}
+    works: dict[str, Callable[[], None]] = {"copy": lambda: copy((source, target))}
     for name, passes in made.items():
         works[name] = lambda passes=passes: passes(source, target, middle)  # type: ignore[misc]
     software = describe(ctx).software
@@ -146,7 +129,7 @@ def time_gpu(
         )
     for foveator in foveators:
         foveator.release()
-    for thing in (source, target, shader):
+    for thing in (source, target, copy):
         thing.release()
     return lines
 

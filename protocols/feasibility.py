@@ -37,6 +37,7 @@ def check_feasible(
         problems += _memory(protocol, display)
     if not problems:
         problems += _places(protocol, display)
+    if problems == size:  # also where stimuli are too large: what a smaller screen would show
         problems += protocol.stimuli.unseen(display)
     if manifest is not None:
         problems += _built_size(protocol, display, manifest)

@@ -59,7 +59,7 @@ def look_around(
         If the scene cannot be read, or cannot be lit so.
     """
     light = _light_lines(lighting, sun_direction)
-    world = _world(scene, scale, seed, lighting, sun_direction)
+    world = world_of(scene, scale, seed, lighting, sun_direction)
     renderer = Renderer(ctx, world)
     try:
         views = [viewpoint_of(view, world) for view in chosen] or _best(
@@ -133,9 +133,20 @@ def _is_built_in(scene: str) -> bool:
     return scene in scene_names() and not Path(scene).exists()
 
 
-def _world(
-    scene: str, scale: float, seed: int, lighting: Lighting | None, sun_direction: Vector | None
+def world_of(
+    scene: str,
+    scale: float,
+    seed: int,
+    lighting: Lighting | None = None,
+    sun_direction: Vector | None = None,
 ) -> World:
+    """Return a built-in scene, or a file's, with metres per unit and a light of its own.
+
+    Raises
+    ------
+    InputError, OSError
+        If the scene cannot be read, or cannot be lit so.
+    """
     if _is_built_in(scene):
         if lighting or sun_direction:
             raise InputError(

@@ -21,7 +21,7 @@ from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import (
     TILE,
-    Holder,
+    PicturePass,
     Pooled,
     finish_constants,
     halved,
@@ -30,20 +30,22 @@ from pipeline.foveation.gpu import (
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
-from pipeline.gl.shader import compile_compute, set_array
+from pipeline.gl.compute import Shader
+from pipeline.gl.shader import Constant
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
 from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
 from pipeline.noise.mixing import fitted_mixing
 
 
-class DecompressPass(Holder):
+class DecompressPass(PicturePass):
     """Makes pictures of one file, or of files with the same grid and levels.
 
     Compiles and allocates on construction. `load` uploads a frame; a call binds and dispatches.
     """
 
     def __init__(self, ctx: moderngl.Context, like: Compressed) -> None:
-        super().__init__(ctx, like.grid.size)
+        self._eye = Pooled(Flat().of(*like.grid.size), Pooling(fovea_deg=0))
+        super().__init__(ctx, like.grid.size, self._eye)
         self._grid, self._maps = like.grid, like.map_grids()
         self.levels = len(self._maps)
         rows, columns = self._grid.shape
@@ -56,8 +58,8 @@ class DecompressPass(Holder):
             "TILE": TILE,
         }
         self._cells = self._texture((rows, columns), "rgba8")
-        self._unfold = self._compile(
-            "compression/unfold.comp.glsl",
+        self._unfold = self._polar_shader(
+            "unfold",
             CUBIC=CUBIC,
             START_PX=density.start_px,
             TURN_PX=density.turn_px,
@@ -92,41 +94,43 @@ class DecompressPass(Holder):
             upload(
                 self._atlas, image_codecs.decode(held.atlas, compressed.codec, shape, "the maps")
             )
-            set_array(self._weigh, "scales", held.scales)
+            self._weigh["scales"] = held.scales
 
     def __call__(self, target: moderngl.Texture, *, seed: int = 0) -> None:
         """Make the frame that was loaded, into `target`: rgba32f of the picture's size."""
         check_texture(target, "target", self.size, "rgba32f")
-        self._cells.use(0)
-        (target if self._base is None else self._base).bind_to_image(0, read=False, write=True)
-        self._run(self._unfold, self.size)
+        picture = target if self._base is None else self._base
+        self._unfold.run_over(self.size, cells=self._cells, picture=picture)
         if self._base is None:
             return
         self._set_seed(seed)
-        self._atlas.use(0)
-        self._weights.bind_to_image(0, read=False, write=True)
-        self._overlap.bind_to_uniform_block(0)
-        self._run(self._weigh, halved((self._weights.width, self._weights.height)))
-        self._base.use(0)
-        self._weights.use(2)
-        self._noise.use(3)
-        target.bind_to_image(0, read=False, write=True)
-        self._run(self._finish, halved(self.size))
+        self._weigh.run_over(
+            halved((self._weights.width, self._weights.height)),
+            atlas=self._atlas,
+            weights=self._weights,
+        )
+        self._finish.run_over(
+            halved(self.size),
+            source=self._base,
+            weights=self._weights,
+            noise=self._noise,
+            target=target,
+        )
 
     def apply(
         self, compressed: Compressed, *, seed: int = 0, frame: int = 0
     ) -> NDArray[np.float32]:
         """Load, work, read back: for callers without textures."""
         self.load(compressed, frame)
-        target = create_texture(self.ctx, self.size, "rgba32f")
+        target = create_texture(self._ctx, self.size, "rgba32f")
         try:
             self(target, seed=seed)
             return np.ascontiguousarray(read_back(target)[..., :3])
         finally:
             target.release()
 
-    def _compile(self, path: str, **constants: int | float | bool) -> moderngl.ComputeShader:
-        shader = self._keep(compile_compute(self.ctx, path, **self._polar, **constants))
+    def _polar_shader(self, name: str, **constants: Constant) -> Shader:
+        shader = self._shader(f"compression/{name}.comp.glsl", **self._polar, **constants)
         shader["gaze_px"] = self._grid.gaze_px
         return shader
 
@@ -136,8 +140,8 @@ class DecompressPass(Holder):
         width, height = self.size
         blocks = -(-width // 4), -(-height // 4)
         self._weights = self._array(blocks, self.levels + -(-self.levels // 4), "rgba16f")
-        self._weigh = self._compile(
-            "compression/weights.comp.glsl",
+        self._weigh = self._polar_shader(
+            "weights",
             LEVELS=self.levels,
             MAP_ROWS=self._maps[0].shape[0],
             MAP_KNEE=self._maps[0].density.knee_px,
@@ -149,27 +153,23 @@ class DecompressPass(Holder):
             (first, grid.shape[1], grid.density.start_px)
             for first, grid in zip(ends[:-1], self._maps, strict=True)
         ]
-        set_array(self._weigh, "places", np.array(places, np.float32))
-        self._overlap = self.ctx.buffer(overlap_by_levels(fitted_mixing(self.levels).overlap))
-        self._others.append(self._overlap)
+        self._weigh["places"] = np.array(places, np.float32)
+        overlap = overlap_by_levels(fitted_mixing(self.levels).overlap)
+        self._weigh.hold(overlap=self._buffer(overlap.tobytes()))
         edge = tile_edge(height, width) // 2
-        pooled = Pooled(Flat().of(width, height), Pooling(fovea_deg=0))
-        self._finish = self._keep(
-            pooled.compile(
-                self.ctx,
-                "foveation/finish.comp.glsl",
-                **finish_constants(
-                    NOISE=True,
-                    BASE=False,
-                    LEVELS=self.levels,
-                    NOISE_ROWS=edge,
-                    NOISE_COLUMNS=edge,
-                    NOISE_SCALE=MOST_STEPS * GRAIN,
-                ),
-            )
+        self._finish = self._compile(
+            "finish",
+            **finish_constants(
+                NOISE=True,
+                BASE=False,
+                LEVELS=self.levels,
+                NOISE_ROWS=edge,
+                NOISE_COLUMNS=edge,
+                NOISE_SCALE=MOST_STEPS * GRAIN,
+            ),
         )
         self._finish["noise_scale"] = 1.0
-        pooled.look(self._grid.gaze_px)
+        self._eye.look(self._grid.gaze_px)
         self._seed = -1
 
     def _set_seed(self, seed: int) -> None:

@@ -11,8 +11,8 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D cells;  // columns are angles, rows radii
-layout(rgba32f, binding = 0) uniform writeonly image2D picture;
+uniform sampler2D cells;  // columns are angles, rows radii
+layout(rgba32f) uniform writeonly image2D picture;
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);

@@ -14,10 +14,10 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // As gains.comp.glsl has it: a layer a level, weights of high, along x, along y; a: Cb that goes with
 // luma. Then Cr of the levels, four a layer.
-layout(rgba16f, binding = 0) uniform writeonly image2DArray weights;
+layout(rgba16f) uniform writeonly image2DArray weights;
 // Maps of a level below one another: deviations in three bands, slopes of Cb and Cr; levels beside
 // one another.
-layout(binding = 0) uniform sampler2D atlas;
+uniform sampler2D atlas;
 uniform vec3 scales[LEVELS];
 uniform vec3 places[LEVELS];  // first column, columns, where the map starts in pixels
 

@@ -9,8 +9,8 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D panorama;
-layout(rgba32f, binding = 0) uniform writeonly image2D cap;
+uniform sampler2D panorama;
+layout(rgba32f) uniform writeonly image2D cap;
 
 // A row that may lie beyond a pole, where the other meridian comes back.
 vec3 row_over(ivec4 x, int y, ivec2 size, vec4 w) {

@@ -10,11 +10,11 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D source;
-layout(binding = 1) uniform sampler2D belt;
-layout(binding = 2) uniform sampler2D upper;
-layout(binding = 3) uniform sampler2D lower;
-layout(rgba32f, binding = 0) uniform writeonly image2D target;
+uniform sampler2D source;
+uniform sampler2D belt;
+uniform sampler2D upper;
+uniform sampler2D lower;
+layout(rgba32f) uniform writeonly image2D target;
 uniform float cap_radian_px;
 
 vec3 cap_at(sampler2D cap, vec3 ray) {

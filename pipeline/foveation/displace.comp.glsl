@@ -12,10 +12,10 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D source;
-layout(binding = 1) uniform sampler2D noise;         // white
-layout(binding = 2) uniform sampler2D coarse_field;  // chosen, of resolution 1; linear
-layout(rgba32f, binding = 0) uniform writeonly image2D warped;
+uniform sampler2D source;
+uniform sampler2D noise;         // white
+uniform sampler2D coarse_field;  // chosen, of resolution 1; linear
+layout(rgba32f) uniform writeonly image2D warped;
 uniform float reach, smoothness;
 // Variance of a level's noise, covariance with and variance of the next one's; see white_energies().
 uniform vec3 energies[HALVINGS + 2];

@@ -10,8 +10,8 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D source;
-layout(rgba32f, binding = 0) uniform writeonly image2D warped;
+uniform sampler2D source;
+layout(rgba32f) uniform writeonly image2D warped;
 uniform float reach, smoothness;
 uniform uvec3 key;
 

@@ -26,6 +26,7 @@ from pipeline.foveation.gpu import (
     Call,
     ChainPass,
     FoveationPass,
+    PicturePass,
     Pooled,
     halved,
     resolutions,
@@ -34,9 +35,10 @@ from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.sphere import FINEST, noise_key
-from pipeline.gl.shader import set_array
+from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.shader import Constant
 
-MATCH_CONSTANTS: dict[str, int | float | bool] = {
+MATCH_CONSTANTS: dict[str, Constant] = {
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
     "LEAST_MATCH": LEAST_MATCH,
     "MOST_MATCH": MOST_MATCH,
@@ -69,8 +71,13 @@ class DisplacementPass(FoveationPass):
         self._join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
         self._warped = self._texture(self.size)
         kind = _SphereField if geometry.on_sphere else _FlatField
-        self._field = kind(self, self._field_pooled, settings)
-        self._match: _Match | None = _Match(self, self._pooled, self._levels) if match else None
+        self._field: _SphereField | _FlatField = self._part(
+            kind(ctx, self.size, self._field_pooled, settings)
+        )
+        self._match: _Match | None = None
+        if match:
+            self._match = self._part(_Match(ctx, self._eye, self._levels))
+            self.chains = self._match.chains
 
     @property
     def dispatches(self) -> int:
@@ -84,39 +91,38 @@ class DisplacementPass(FoveationPass):
         self.set_seed(call.seed)
         self._field_pooled.look(call.field_gaze_px)
         self._field.displace(source, self._warped)
+        lacks: dict[str, Resource] = {}
         if self._match:
-            self._match(source, self._warped)
-            self._match.lend(self._join)
-        self._draw(self._join, target, (source, self._warped), halved(self.size))
+            lacks = self._match(source, self._warped)
+            self._join["has_coarse_change"] = self._match.has_change
+        self._join.run_over(
+            halved(self.size), source=source, warped=self._warped, target=target, **lacks
+        )
 
 
-class _FlatField:
+class _FlatField(PicturePass):
     """The field of a flat picture: noise, halved once per seed, and pushed for a gaze."""
 
     def __init__(
-        self, owner: DisplacementPass, pooled: Pooled, settings: DisplacementSettings
+        self,
+        ctx: moderngl.Context,
+        size: tuple[int, int],
+        pooled: Pooled,
+        settings: DisplacementSettings,
     ) -> None:
-        self._owner = owner
-        self._count = count = chain_length(*owner.size)
+        super().__init__(ctx, size, pooled)
+        self._count = count = chain_length(*size)
         least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
-        self._push = owner._keep(pooled.compile(owner.ctx, "foveation/field.comp.glsl", **least))
-        self._displace = owner._keep(
-            pooled.compile(
-                owner.ctx,
-                "foveation/displace.comp.glsl",
-                REACH=REACH,
-                CUBIC=CUBIC,
-                HALVINGS=count,
-                **least,
-            )
+        self._push = self._compile("field", **least)
+        self._displace = self._compile(
+            "displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least
         )
-        self._push["smoothness"] = self._displace["smoothness"] = settings.smoothness
-        self._displace["reach"] = settings.reach
-        set_array(self._displace, "energies", np.array(white_energies(count + 2), np.float32))
-        self._sizes = resolutions(owner.size, count)
-        self._noise = [owner._texture(size, "rg32f") for size in self._sizes]
+        self._set(smoothness=settings.smoothness, reach=settings.reach)
+        self._displace["energies"] = np.array(white_energies(count + 2), np.float32)
+        self._sizes = resolutions(size, count)
+        self._noise = [self._texture(size, "rg32f") for size in self._sizes]
         # By resolution less 1: the finest is the look-up's.
-        self._chosen = [owner._texture(size, "rg32f") for size in self._sizes[1:-1]]
+        self._chosen = [self._texture(size, "rg32f") for size in self._sizes[1:-1]]
         self._seed: int | None = None
 
     @property
@@ -126,7 +132,7 @@ class _FlatField:
     def set_seed(self, seed: int) -> None:
         if seed == self._seed:
             return
-        white = field_noise(self._owner.size[::-1], seed)
+        white = field_noise(self.size[::-1], seed)
         for texture, noise in zip(
             self._noise, chain_of(white, self._count, wraps=False), strict=True
         ):
@@ -137,104 +143,113 @@ class _FlatField:
         for r in reversed(range(1, self._count)):
             coarse = self._chosen[r] if r + 1 < self._count else self._noise[r + 1]
             self._push["halvings"] = r
-            read = [self._noise[r], coarse]
-            self._owner._draw(self._push, self._chosen[r - 1], read, self._sizes[r])
-        read = [source, self._noise[0], self._chosen[0]]
-        self._owner._draw(self._displace, warped, read, self._owner.size)
+            self._push.run_over(
+                self._sizes[r], own=self._noise[r], coarse=coarse, chosen=self._chosen[r - 1]
+            )
+        field = {"noise": self._noise[0], "coarse_field": self._chosen[0]}
+        self._displace.run_over(self.size, source=source, warped=warped, **field)
 
 
-class _SphereField:
+class _SphereField(PicturePass):
     """The field of a panorama, or of its pole: worked out where it is wanted, see sphere.py."""
 
     dispatches = 1
 
     def __init__(
-        self, owner: DisplacementPass, pooled: Pooled, settings: DisplacementSettings
+        self,
+        ctx: moderngl.Context,
+        size: tuple[int, int],
+        pooled: Pooled,
+        settings: DisplacementSettings,
     ) -> None:
-        self._owner = owner
-        self._displace = owner._keep(
-            pooled.compile(
-                owner.ctx, "foveation/displace_sphere.comp.glsl", CUBIC=CUBIC, FINEST=FINEST
-            )
-        )
-        self._displace["smoothness"], self._displace["reach"] = settings.smoothness, settings.reach
+        super().__init__(ctx, size, pooled)
+        self._displace = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
+        self._set(smoothness=settings.smoothness, reach=settings.reach)
 
     def set_seed(self, seed: int) -> None:
         self._displace["key"] = noise_key(seed)
 
     def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
-        self._owner._draw(self._displace, warped, (source,), self._owner.size)
+        self._displace.run_over(self.size, source=source, warped=warped)
 
 
-class _Match:
+class _Match(PicturePass):
     """What the displaced picture lacks of the pooled moments of the picture."""
 
-    def __init__(self, owner: DisplacementPass, pooled: Pooled, levels: int) -> None:
-        self._owner = owner
+    def __init__(self, ctx: moderngl.Context, pooled: Pooled, levels: int) -> None:
+        geometry = pooled.geometry
+        size = geometry.width_px, geometry.height_px
+        super().__init__(ctx, size, pooled, wraps=geometry.wraps)
         self._true, self._own = (
-            ChainPass(owner, pooled, levels, 0, chroma=False) for _ in range(2)
+            self._part(ChainPass(ctx, pooled, levels, 0, chroma=False)) for _ in range(2)
         )
+        self.chains = [self._true, self._own]
         self._count, self._levels = self._true.count, levels
         # By resolution less 1: the finest is the join's.
-        self._difference = [owner._texture(size) for size in self._true.sizes[1:]]
-        self._change = [owner._texture(size) for size in self._true.sizes[1:levels]]
+        self._difference = [self._texture(size) for size in self._true.sizes[1:]]
+        self._change = [self._texture(size) for size in self._true.sizes[1:levels]]
         taps = band_constants()
-        self._shaders: dict[tuple[bool, bool], moderngl.ComputeShader] = {}
-        for r in range(1, self._count + 1):
-            key = (r < levels, r == self._count)
-            if key not in self._shaders:
-                self._shaders[key] = owner._keep(
-                    pooled.compile(
-                        owner.ctx,
-                        "foveation/match.comp.glsl",
-                        LEVEL=key[0],
-                        DEEPEST=key[1],
-                        WRAPS=owner.geometry.wraps,
-                        **MATCH_CONSTANTS,
-                        ORIENTED_EDGE=taps["ORIENTED_EDGE"],
-                        ORIENTED_CORNER=taps["ORIENTED_CORNER"],
-                    )
-                )
+        keys = [(r < levels, r == self._count) for r in range(1, self._count + 1)]
+        self._steps: dict[tuple[bool, bool], Shader] = {
+            (is_level, deepest): self._compile(
+                "match",
+                LEVEL=is_level,
+                DEEPEST=deepest,
+                WRAPS=geometry.wraps,
+                **MATCH_CONSTANTS,
+                ORIENTED_EDGE=taps["ORIENTED_EDGE"],
+                ORIENTED_CORNER=taps["ORIENTED_CORNER"],
+            )
+            for is_level, deepest in dict.fromkeys(keys)
+        }
 
     @property
     def dispatches(self) -> int:
         return self._true.dispatches + self._own.dispatches + self._count
 
-    def __call__(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
-        """Push the difference of pools' means, and what bands add too little, to resolution 1."""
+    @property
+    def has_change(self) -> bool:
+        """Whether the join finds a change of bands one resolution down."""
+        return bool(self._change)
+
+    def __call__(self, source: moderngl.Texture, warped: moderngl.Texture) -> dict[str, Resource]:
+        """Push the difference of pools' means, and what bands add too little, to resolution 1.
+
+        Return what the join reads.
+        """
         self._true.pull(source)
         self._own.pull(warped)
         self._true.push(2)
         self._own.push(2)
         for r in range(self._count, 0, -1):
             is_level, deepest = r < self._levels, r == self._count
-            shader = self._shaders[is_level, deepest]
-            self._true.lows[r - 1].use(0)
-            self._own.lows[r - 1].use(1)
-            self._difference[r - 1].bind_to_image(0, read=False, write=True)
+            shader = self._steps[is_level, deepest]
+            given: dict[str, Resource] = {
+                "true_low": self._true.lows[r - 1],
+                "own_low": self._own.lows[r - 1],
+                "difference": self._difference[r - 1],
+            }
             if not deepest:
-                self._difference[r].use(2)
+                given["coarse_difference"] = self._difference[r]
             if is_level:
-                self._change[r - 1].bind_to_image(1, read=False, write=True)
-                self._own.lows[r].use(3)
-                self._change[min(r, self._levels - 2)].use(4)
-                for unit, chain in ((5, self._true), (6, self._own)):
-                    moments = chain.moments[r]
-                    assert moments is not None
-                    moments.use(unit)
+                given["change"] = self._change[r - 1]
+                given["coarse_own"] = self._own.lows[r]
+                given["coarse_change"] = self._change[min(r, self._levels - 2)]
+                given |= self._moments(r)
                 shader["moments_at"] = r + 1
                 shader["has_coarse_change"] = r + 1 < self._levels
-            if "halvings" in shader:
-                shader["halvings"] = r
-            self._owner._run(shader, self._true.sizes[r])
+            shader["halvings"] = r
+            shader.run_over(self._true.sizes[r], **given)
+        return {
+            "coarse_difference": self._difference[0],
+            "coarse_own": self._own.lows[0],
+            "coarse_change": (self._change or self._difference)[0],
+            **self._moments(1),
+        }
 
-    def lend(self, join: moderngl.ComputeShader) -> None:
-        """Bind what the last push reads."""
-        self._difference[0].use(2)
-        self._own.lows[0].use(3)
-        (self._change[0] if self._change else self._difference[0]).use(4)
-        for unit, chain in ((5, self._true), (6, self._own)):
-            moments = chain.moments[1]
-            assert moments is not None
-            moments.use(unit)
-        join["has_coarse_change"] = bool(self._change)
+    def _moments(self, r: int) -> dict[str, moderngl.TextureArray]:
+        """Both pictures' moments of resolution r + 1, chosen."""
+        true, own = self._true.moments[r], self._own.moments[r]
+        assert true is not None
+        assert own is not None
+        return {"true_moments": true, "own_moments": own}

@@ -9,9 +9,9 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D own;     // white noise, halved so often
-layout(binding = 1) uniform sampler2D coarse;  // chosen, linear
-layout(rg32f, binding = 0) uniform writeonly image2D chosen;
+uniform sampler2D own;     // white noise, halved so often
+uniform sampler2D coarse;  // chosen, linear
+layout(rg32f) uniform writeonly image2D chosen;
 uniform int halvings;
 uniform float smoothness;
 

@@ -16,23 +16,23 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D source;
-layout(rgba32f, binding = 0) uniform writeonly image2D target;
+uniform sampler2D source;
+layout(rgba32f) uniform writeonly image2D target;
 #if BASE
-layout(binding = 1) uniform sampler2D coarse;  // chosen, linear
+uniform sampler2D coarse;  // chosen, linear
 #endif
 
 #if NOISE
 #constant LEVELS
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
-layout(binding = 2) uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
+uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
 // Signed bytes, four a word; bands level by level, high, along x, along y. On the screen a word is a
 // band of 2x2 pixels, four bands a layer. Carried, a texel is a place, sixteen bands a layer.
-layout(binding = 3) uniform usampler2DArray noise;
+uniform usampler2DArray noise;
 uniform float noise_scale;
 #if CARRIED
 #constant TEXELS_PER_PX
-layout(binding = 4) uniform sampler2D shift_px;
+uniform sampler2D shift_px;
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
 #endif
 

@@ -15,21 +15,21 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then Cr of the
 // levels, four a layer.
-layout(rgba16f, binding = 0) uniform writeonly image2DArray weights;
+layout(rgba16f) uniform writeonly image2DArray weights;
 // Moments as pull.comp.glsl writes them, chosen, at resolutions 2 and coarser: level k's at k + 1.
-layout(binding = 0) uniform sampler2DArray small_moments;  // of resolution 1, not chosen
-layout(binding = 1) uniform sampler2DArray moments_2;
+uniform sampler2DArray small_moments;  // of resolution 1, not chosen
+uniform sampler2DArray moments_2;
 #if LEVELS > 2
-layout(binding = 2) uniform sampler2DArray moments_3;
+uniform sampler2DArray moments_3;
 #endif
 #if LEVELS > 3
-layout(binding = 3) uniform sampler2DArray moments_4;
+uniform sampler2DArray moments_4;
 #endif
 #if LEVELS > 4
-layout(binding = 4) uniform sampler2DArray moments_5;
+uniform sampler2DArray moments_5;
 #endif
 #if LEVELS > 5
-layout(binding = 5) uniform sampler2DArray moments_6;
+uniform sampler2DArray moments_6;
 #endif
 
 vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * second.xyz, 0.0); }

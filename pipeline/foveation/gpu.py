@@ -8,7 +8,6 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,8 +15,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import band_constants
-from pipeline.features.reference import fitted_kernels
+from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import (
@@ -42,16 +40,10 @@ from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
-from pipeline.gl.shader import compile_compute, set_array
-from pipeline.gl.texture import (
-    check_texture,
-    create_texture,
-    create_texture_array,
-    read_back,
-    texture_bytes,
-    texture_from,
-    upload,
-)
+from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.passes import Pass
+from pipeline.gl.shader import Constant
+from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
 from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
@@ -85,17 +77,14 @@ class Pooled:
             self._fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[moderngl.ComputeShader] = []
+        self._shaders: list[Shader] = []
 
-    def compile(
-        self, ctx: moderngl.Context, path: str, **constants: int | float | bool
-    ) -> moderngl.ComputeShader:
-        """Compile a shader that knows the pools."""
-        shader = compile_compute(ctx, path, TILE=TILE, **self.constants, **constants)
+    def tell(self, shader: Shader) -> Shader:
+        """Tell a shader what stays, and from now on the gaze."""
         for name, value in self._fixed.items():
-            if name in shader:
+            if shader.uses(name):
                 shader[name] = value
-        if "gaze" in shader:
+        if shader.uses("gaze"):
             self._shaders.append(shader)
         return shader
 
@@ -107,65 +96,42 @@ class Pooled:
             shader["gaze"] = ray
 
 
-class Holder:
-    """Shaders, textures and buffers of passes over pictures of one size, freed together."""
+class PicturePass(Pass):
+    """A pass over pictures of one size, whose textures are sampled linearly."""
 
-    def __init__(self, ctx: moderngl.Context, size: Size, *, wraps: bool = False) -> None:
-        self.ctx = ctx
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        size: Size,
+        pooled: Pooled,
+        *,
+        wraps: bool = False,
+    ) -> None:
+        super().__init__(ctx)
         self.size = size
+        self._pooled = pooled
         self._wraps = wraps
-        self._held: list[moderngl.Texture | moderngl.TextureArray] = []
-        self._others: list[moderngl.ComputeShader | moderngl.Buffer] = []
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        return sum(texture_bytes(texture) for texture in self._held)
-
-    def release(self) -> None:
-        """Free everything this pass made."""
-        for held in (*self._held, *self._others):
-            held.release()
-        self._held, self._others = [], []
+    def _compile(self, name: str, **constants: Constant) -> Shader:
+        """Compile a shader of this folder that knows the pools."""
+        path = f"foveation/{name}.comp.glsl"
+        known = self._pooled.constants
+        return self._pooled.tell(self._shader(path, TILE=TILE, **known, **constants))
 
     def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
-        """A texture that is sampled linearly, and goes on as the picture does."""
-        texture = create_texture(self.ctx, size, format_name)
-        self._smooth(texture)
+        """A texture that goes on as the picture does."""
+        texture = super()._texture(size, format_name)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = self._wraps
         return texture
 
     def _array(
         self, size: Size, layers: int, format_name: str = "rgba32f"
     ) -> moderngl.TextureArray:
-        array = create_texture_array(self.ctx, size, layers, format_name)
-        self._smooth(array)
+        array = super()._array(size, layers, format_name)
+        array.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        array.repeat_x = self._wraps
         return array
-
-    def _smooth(self, texture: moderngl.Texture | moderngl.TextureArray) -> None:
-        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texture.repeat_x = self._wraps
-        self._held.append(texture)
-
-    def _keep(self, shader: moderngl.ComputeShader) -> moderngl.ComputeShader:
-        self._others.append(shader)
-        return shader
-
-    def _run(self, shader: moderngl.ComputeShader, size: Size) -> None:
-        shader.run(-(-size[0] // TILE), -(-size[1] // TILE))
-        self.ctx.memory_barrier()
-
-    def _draw(
-        self,
-        shader: moderngl.ComputeShader,
-        target: moderngl.Texture,
-        read: Sequence[moderngl.Texture | moderngl.TextureArray],
-        size: Size,
-    ) -> None:
-        """Fill `target` from what is `read`, at units 0, 1, ...; `size` is counted in calls."""
-        for unit, texture in enumerate(read):
-            texture.use(unit)
-        target.bind_to_image(0, read=False, write=True)
-        self._run(shader, size)
 
 
 @dataclass(frozen=True)
@@ -178,7 +144,7 @@ class Call:
     field_gaze_px: tuple[float, float]
 
 
-class FoveationPass(Holder):
+class FoveationPass(PicturePass):
     """A condition on the GPU, for pictures of one size.
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
@@ -193,9 +159,10 @@ class FoveationPass(Holder):
     carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
-        super().__init__(ctx, (geometry.width_px, geometry.height_px), wraps=geometry.wraps)
+        self._eye = Pooled(geometry, pooling)
+        size = geometry.width_px, geometry.height_px
+        super().__init__(ctx, size, self._eye, wraps=geometry.wraps)
         self.geometry = geometry
-        self._pooled = Pooled(geometry, pooling)
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
         self.chains: list[ChainPass] = []  # what analyses pictures
 
@@ -203,6 +170,11 @@ class FoveationPass(Holder):
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         raise NotImplementedError
+
+    def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
+        chain = self._part(ChainPass(self._ctx, self._eye, levels, deepest, chroma=chroma))
+        self.chains.append(chain)
+        return chain
 
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         """Do what a call asks for; pools are known, and textures checked."""
@@ -228,19 +200,19 @@ class FoveationPass(Holder):
             if not self.carries_noise:
                 raise ValueError("these passes cannot carry noise along; numpy can")
             check_texture(noise_shift_px, "noise_shift_px", self.size, "rg32f")
-        self._pooled.look(gaze_px)
+        self._eye.look(gaze_px)
         self._show(source, target, Call(gaze_px, seed, noise_shift_px, field_gaze_px or gaze_px))
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         """Upload, work, read back: for callers without textures."""
         if self._ends is None:
-            ends = [create_texture(self.ctx, self.size, "rgba32f") for _ in range(2)]
+            ends = [create_texture(self._ctx, self.size, "rgba32f") for _ in range(2)]
             self._ends = (ends[0], ends[1])
         source, target = self._ends
         upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=1))
         shift = None
         if look.noise_shift_px is not None:
-            shift = texture_from(self.ctx, look.noise_shift_px.astype(np.float32), "rg32f")
+            shift = texture_from(self._ctx, look.noise_shift_px.astype(np.float32), "rg32f")
         self(
             source,
             target,
@@ -259,20 +231,14 @@ class FoveationPass(Holder):
         self._ends = None
         super().release()
 
-    def _compile(self, path: str, **constants: int | float | bool) -> moderngl.ComputeShader:
-        """Compile a shader of this folder that knows the pools, and keep it."""
-        return self._keep(
-            self._pooled.compile(self.ctx, f"foveation/{path}.comp.glsl", **constants)
-        )
 
-
-class ChainPass:
+class ChainPass(PicturePass):
     """The chain of a picture and its bands' moments, pulled, then chosen for a gaze, in place.
 
     Parameters
     ----------
-    owner : FoveationPass
-        Keeps what is made here.
+    pooled : Pooled
+        Geometry, law and gaze.
     levels : int
         Pyramid levels whose moments are made; 0 for a blur.
     deepest : int
@@ -283,93 +249,75 @@ class ChainPass:
 
     def __init__(
         self,
-        owner: FoveationPass,
+        ctx: moderngl.Context,
         pooled: Pooled,
         levels: int,
         deepest: int,
         *,
         chroma: bool = True,
     ) -> None:
-        self._owner = owner
-        owner.chains.append(self)
-        width, height = owner.size
-        self.count = chain_length(width, height)
-        self.sizes = resolutions(owner.size, self.count)
-        self._levels, self._deepest = levels, deepest
-        low = fitted_kernels().low
-        kernel = {"LOW_INNER": low[1, 1], "LOW_MIXED": low[0, 1], "LOW_OUTER": low[0, 0]}
-        taps = {name: float(value) for name, value in kernel.items()} | band_constants()
-        pulls: dict[tuple[bool, int], moderngl.ComputeShader] = {}
-        pushes: dict[tuple[bool, int], moderngl.ComputeShader] = {}
-        self._pulls, self._pushes = [], []
+        geometry = pooled.geometry
+        size = geometry.width_px, geometry.height_px
+        super().__init__(ctx, size, pooled, wraps=geometry.wraps)
+        self.count = chain_length(*size)
+        self.sizes = resolutions(size, self.count)
+        taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
         # lows[0] and moments[0] stand for the picture's own, which are not kept.
-        self.lows = [owner._texture(size) for size in self.sizes[1:]]
+        self.lows = [self._texture(size) for size in self.sizes[1:]]
         self.moments = [
-            owner._array(self.sizes[r], 2 * min(r, levels)) if levels else None
+            self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
             for r in range(1, self.count + 1)
         ]
-        for r in range(self.count):
-            key = (r < levels, min(r, levels))
-            if key not in pulls:
-                pulls[key] = owner._keep(
-                    compile_compute(
-                        owner.ctx,
-                        "foveation/pull.comp.glsl",
-                        TILE=TILE,
-                        WRAPS=owner.geometry.wraps,
-                        OWN=key[0],
-                        OLDER=key[1],
-                        CHROMA=chroma,
-                        **taps,
-                    )
-                )
-            self._pulls.append(pulls[key])
-        for r in range(1, self.count):
-            key = (r < deepest, min(r, levels) if r > 1 else 0)
-            if key not in pushes:
-                pushes[key] = owner._keep(
-                    pooled.compile(
-                        owner.ctx, "foveation/push.comp.glsl", BASE=key[0], LAYERS=key[1]
-                    )
-                )
-            self._pushes.append((r, pushes[key]) if any(key) else None)
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory of the chain and its moments, of the owner's."""
-        moments = sum(texture_bytes(array) for array in self.moments if array is not None)
-        return moments + sum(texture_bytes(texture) for texture in self.lows)
+        pulls = {
+            own: {"OWN": own[0], "OLDER": own[1]}
+            for own in ((r < levels, min(r, levels)) for r in range(self.count))
+        }
+        pull = "foveation/pull.comp.glsl"
+        made = {own: self._shader(pull, CHROMA=chroma, **taps, **of) for own, of in pulls.items()}
+        self._pulls = [made[r < levels, min(r, levels)] for r in range(self.count)]
+        pushed = {r: (r < deepest, min(r, levels) if r > 1 else 0) for r in range(1, self.count)}
+        pushes = {
+            (base, layers): self._compile("push", BASE=base, LAYERS=layers)
+            for base, layers in dict.fromkeys(pushed.values())
+            if base or layers
+        }
+        self._pushes = [(r, pushes[key]) for r, key in pushed.items() if any(key)]
 
     @property
     def dispatches(self) -> int:
-        return len(self._pulls) + sum(push is not None for push in self._pushes)
+        """How many dispatches a pull and a push make."""
+        return len(self._pulls) + len(self._pushes)
 
     def pull(self, source: moderngl.Texture) -> None:
         """Make all resolutions of `source`."""
         for r, shader in enumerate(self._pulls):
-            (source if r == 0 else self.lows[r - 1]).use(0)
-            self.lows[r].bind_to_image(0, read=False, write=True)
-            if r > 0 and (older := self.moments[r - 1]) is not None:
-                older.use(1)
-            if (moments := self.moments[r]) is not None:
-                moments.bind_to_image(1, read=False, write=True)
-            self._owner._run(shader, self.sizes[r + 1])
+            fine = self.lows[r - 1] if r else source
+            older = self.moments[r - 1] if r else None
+            shader.run_over(
+                self.sizes[r + 1],
+                fine=fine,
+                coarse=self.lows[r],
+                **_given(fine_moments=older, coarse_moments=self.moments[r]),
+            )
 
     def push(self, last: int, first: int | None = None) -> None:
         """Choose levels of detail at resolutions from `first` (the coarsest) down to `last`."""
-        for entry in reversed(self._pushes):
-            if entry is None or entry[0] < last or (first is not None and entry[0] > first):
+        for r, shader in reversed(self._pushes):
+            if r < last or (first is not None and r > first):
                 continue
-            r, shader = entry
-            self.lows[r - 1].bind_to_image(0, read=True, write=True)
-            self.lows[r].use(0)
-            own, coarse = self.moments[r - 1], self.moments[r]
-            if own is not None and coarse is not None:
-                own.bind_to_image(1, read=True, write=True)
-                coarse.use(1)
             shader["fine_size"] = self.sizes[r]
             shader["halvings"] = r
-            self._owner._run(shader, self.sizes[r])
+            shader.run_over(
+                self.sizes[r],
+                fine=self.lows[r - 1],
+                coarse=self.lows[r],
+                **_given(fine_moments=self.moments[r - 1], coarse_moments=self.moments[r]),
+            )
+
+
+def _given(**resources: Resource | None) -> dict[str, Resource]:
+    """Those that are there."""
+    return {name: one for name, one in resources.items() if one is not None}
 
 
 def sphere_constants() -> dict[str, float]:
@@ -380,9 +328,9 @@ def sphere_constants() -> dict[str, float]:
     }
 
 
-def finish_constants(**changes: int | float | bool) -> dict[str, int | float | bool]:
+def finish_constants(**changes: Constant) -> dict[str, Constant]:
     """What finish.comp.glsl is compiled with, unless told otherwise."""
-    constants: dict[str, int | float | bool] = {
+    constants: dict[str, Constant] = {
         "FADE_SHARE": FADE_SHARE,
         "NOISE": False,
         "BASE": True,
@@ -402,7 +350,7 @@ class BlurPass(FoveationPass):
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, geometry, pooling)
-        self._chain = ChainPass(self, self._pooled, 0, chain_length(*self.size))
+        self._chain = self._analysis(0, chain_length(*self.size))
         self._finish = self._compile("finish", **finish_constants())
 
     @property
@@ -417,7 +365,9 @@ class BlurPass(FoveationPass):
     ) -> None:
         self._chain.pull(source)
         self._chain.push(1)
-        self._draw(self._finish, target, (source, self._chain.lows[0]), halved(self.size))
+        self._finish.run_over(
+            halved(self.size), source=source, coarse=self._chain.lows[0], target=target
+        )
 
 
 class MetamerPass(FoveationPass):
@@ -436,16 +386,12 @@ class MetamerPass(FoveationPass):
         self.settings = settings
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
-        self._chain = ChainPass(
-            self,
-            self._pooled,
+        self._chain = self._analysis(
             levels,
             levels if settings.residual == "kept" else count,
             chroma=settings.chroma != "luma",
         )
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
-        self._overlap = ctx.buffer(overlap.tobytes())
-        self._others.append(self._overlap)
         self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
         self._gains = self._compile(
             "gains",
@@ -456,18 +402,15 @@ class MetamerPass(FoveationPass):
             PARTNER_SHARE=PARTNER_SHARE,
             CHROMA=settings.chroma != "luma",
         )
+        self._gains.hold(overlap=self._buffer(overlap.tobytes()), weights=self._weights)
         self._finish = self._compile_finish(carried=False)
-        self._carried: moderngl.ComputeShader | None = None
+        self._carried: Shader | None = None
         self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
         self._seeds: dict[bool, int] = {}
 
     @property
     def dispatches(self) -> int:
         return self._chain.dispatches + 2
-
-    @property
-    def held_bytes(self) -> int:
-        return super().held_bytes + self._overlap.size
 
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         carried = call.noise_shift_px is not None
@@ -476,13 +419,17 @@ class MetamerPass(FoveationPass):
         self._chain.push(2)
         self._find_gains()
         self._chain.push(1, 1)
-        read: list[moderngl.Texture | moderngl.TextureArray] = [source, self._chain.lows[0]]
-        read += [self._weights, self._tiles[carried]]
-        if call.noise_shift_px is not None:
-            read.append(call.noise_shift_px)
         finish = self._carried if carried else self._finish
         assert finish is not None
-        self._draw(finish, target, read, halved(self.size))
+        finish.run_over(
+            halved(self.size),
+            source=source,
+            coarse=self._chain.lows[0],
+            weights=self._weights,
+            noise=self._tiles[carried],
+            target=target,
+            **_given(shift_px=call.noise_shift_px),
+        )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
@@ -503,18 +450,15 @@ class MetamerPass(FoveationPass):
         self._seeds[carried] = seed
         if carried and self._carried is not None:
             lags = fitted_mixing(self.levels).lag_correlation
-            set_array(self._carried, "lag_correlation", lags.reshape(-1, len(LAGS)))
+            self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
 
     def _find_gains(self) -> None:
-        self._weights.bind_to_image(0, read=False, write=True)
-        for unit in range(max(2, self.levels)):
-            moments = self._chain.moments[unit]  # of resolution unit + 1
-            assert moments is not None
-            moments.use(unit)
-        self._overlap.bind_to_uniform_block(0)
-        self._run(self._gains, halved(self._chain.sizes[2]))
+        # Of resolution 1 as it was pulled, of the others as they were chosen.
+        names = ["small_moments", *(f"moments_{r}" for r in range(2, max(2, self.levels) + 1))]
+        moments = zip(names, self._chain.moments, strict=False)
+        self._gains.run_over(halved(self._chain.sizes[2]), **_given(**dict(moments)))
 
-    def _compile_finish(self, *, carried: bool) -> moderngl.ComputeShader:
+    def _compile_finish(self, *, carried: bool) -> Shader:
         width, height = self.size
         edge = tile_edge(height, width)
         rows = columns = edge * TEXELS_PER_PX if carried else edge // 2

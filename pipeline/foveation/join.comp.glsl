@@ -14,16 +14,16 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D source;
-layout(binding = 1) uniform sampler2D warped;
-layout(rgba32f, binding = 0) uniform writeonly image2D target;
+uniform sampler2D source;
+uniform sampler2D warped;
+layout(rgba32f) uniform writeonly image2D target;
 #if MATCHED
 // Of resolution 1, linear; see match.comp.glsl.
-layout(binding = 2) uniform sampler2D coarse_difference;
-layout(binding = 3) uniform sampler2D coarse_own;
-layout(binding = 4) uniform sampler2D coarse_change;
-layout(binding = 5) uniform sampler2DArray true_moments;  // chosen, of resolution 2
-layout(binding = 6) uniform sampler2DArray own_moments;
+uniform sampler2D coarse_difference;
+uniform sampler2D coarse_own;
+uniform sampler2D coarse_change;
+uniform sampler2DArray true_moments;  // chosen, of resolution 2
+uniform sampler2DArray own_moments;
 uniform bool has_coarse_change;
 
 float energy(sampler2DArray moments, vec2 at) {

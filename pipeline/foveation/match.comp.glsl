@@ -17,18 +17,18 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 uniform int halvings;
-layout(binding = 0) uniform sampler2D true_low;    // of this resolution: the picture
-layout(binding = 1) uniform sampler2D own_low;     // and the displaced one
-layout(rgba32f, binding = 0) uniform writeonly image2D difference;
+uniform sampler2D true_low;    // of this resolution: the picture
+uniform sampler2D own_low;     // and the displaced one
+layout(rgba32f) uniform writeonly image2D difference;
 #if !DEEPEST
-layout(binding = 2) uniform sampler2D coarse_difference;  // linear
+uniform sampler2D coarse_difference;  // linear
 #endif
 #if LEVEL
-layout(rgba32f, binding = 1) uniform writeonly image2D change;
-layout(binding = 3) uniform sampler2D coarse_own;     // the displaced one, halved once more; linear
-layout(binding = 4) uniform sampler2D coarse_change;  // linear
-layout(binding = 5) uniform sampler2DArray true_moments;  // chosen, of resolution `moments_at`
-layout(binding = 6) uniform sampler2DArray own_moments;
+layout(rgba32f) uniform writeonly image2D change;
+uniform sampler2D coarse_own;     // the displaced one, halved once more; linear
+uniform sampler2D coarse_change;  // linear
+uniform sampler2DArray true_moments;  // chosen, of resolution `moments_at`
+uniform sampler2DArray own_moments;
 uniform int moments_at;
 uniform bool has_coarse_change;
 

@@ -7,7 +7,7 @@ import moderngl
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import CapGeometry, Geometry
-from pipeline.foveation.gpu import Call, FoveationPass, Pooled, sphere_constants
+from pipeline.foveation.gpu import Call, FoveationPass, PicturePass, Pooled, sphere_constants
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
 from pipeline.foveation.pooling import Pooling
 
@@ -48,14 +48,11 @@ class PanoramaPass(FoveationPass):
     ) -> None:
         super().__init__(ctx, geometry, pooling)
         self._belt, self._caps = belt, caps
-        self._inner = [belt, *(made for _, made in caps)]
+        self._inner = [self._part(made) for made in (belt, *(made for _, made in caps))]
         self.chains = [chain for made in self._inner for chain in made.chains]
         self._join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
         self._join["cap_radian_px"] = caps[0][0].radian_px
-        self._look_up = [
-            self._keep(Pooled(cap, pooling).compile(ctx, "foveation/cap.comp.glsl", CUBIC=CUBIC))
-            for cap, _ in caps
-        ]
+        self._look_up = [self._part(_CapLookUp(ctx, Pooled(cap, pooling))) for cap, _ in caps]
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
 
@@ -63,24 +60,28 @@ class PanoramaPass(FoveationPass):
     def dispatches(self) -> int:
         return sum(made.dispatches for made in self._inner) + len(self._caps) + 1
 
-    @property
-    def held_bytes(self) -> int:
-        return super().held_bytes + sum(made.held_bytes for made in self._inner)
-
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         shown, seed = self._shown, call.seed
         self._belt(source, shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
         for (cap, made), look_up, seen, found in zip(
             self._caps, self._look_up, self._seen, shown[1:], strict=True
         ):
-            self._draw(look_up, seen, (source,), made.size)
+            look_up(source, seen)
             gaze_px, field_gaze_px = (
                 cap_gaze_px(self.geometry, cap, at) for at in (call.gaze_px, call.field_gaze_px)
             )
             made(seen, found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
-        self._draw(self._join, target, (source, *shown), self.size)
+        pictures = dict(zip(("belt", "upper", "lower"), shown, strict=True))
+        self._join.run_over(self.size, source=source, target=target, **pictures)
 
-    def release(self) -> None:
-        for made in self._inner:
-            made.release()
-        super().release()
+
+class _CapLookUp(PicturePass):
+    """A pole's surroundings, looked up in the panorama."""
+
+    def __init__(self, ctx: moderngl.Context, pooled: Pooled) -> None:
+        geometry = pooled.geometry
+        super().__init__(ctx, (geometry.width_px, geometry.height_px), pooled)
+        self._look_up = self._compile("cap", CUBIC=CUBIC)
+
+    def __call__(self, panorama: moderngl.Texture, cap: moderngl.Texture) -> None:
+        self._look_up.run_over(self.size, panorama=panorama, cap=cap)

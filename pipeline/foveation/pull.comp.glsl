@@ -15,15 +15,15 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(binding = 0) uniform sampler2D fine;                     // W x H: R'G'B'
-layout(rgba32f, binding = 0) uniform writeonly image2D coarse;  // ceil(W / 2) x ceil(H / 2)
+uniform sampler2D fine;                     // W x H: R'G'B'
+layout(rgba32f) uniform writeonly image2D coarse;  // ceil(W / 2) x ceil(H / 2)
 // Two layers a level. Even: squares of luma's bands, a: luma times Cb, summed over bands. Odd:
 // means of luma's bands, a: luma times Cr.
 #if OLDER
-layout(binding = 1) uniform sampler2DArray fine_moments;
+uniform sampler2DArray fine_moments;
 #endif
 #if OLDER || OWN
-layout(rgba32f, binding = 1) uniform writeonly image2DArray coarse_moments;
+layout(rgba32f) uniform writeonly image2DArray coarse_moments;
 #endif
 
 struct Row { vec4 a, b, c, d; };

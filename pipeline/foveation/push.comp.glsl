@@ -13,12 +13,12 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 uniform ivec2 fine_size;
 uniform int halvings;  // of this resolution
 #if BASE
-layout(rgba32f, binding = 0) uniform image2D fine;
-layout(binding = 0) uniform sampler2D coarse;  // linear
+layout(rgba32f) uniform image2D fine;
+uniform sampler2D coarse;  // linear
 #endif
 #if LAYERS
-layout(rgba32f, binding = 1) uniform image2DArray fine_moments;  // see pull.comp.glsl
-layout(binding = 1) uniform sampler2DArray coarse_moments;       // linear
+layout(rgba32f) uniform image2DArray fine_moments;  // see pull.comp.glsl
+uniform sampler2DArray coarse_moments;       // linear
 #endif
 
 void main() {

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from numbers import Integral
-from typing import Any, TypeAlias, cast
+from typing import TypeAlias
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 Constant: TypeAlias = int | float | bool
 
@@ -45,20 +44,6 @@ class Source:
     origin: tuple[tuple[str, int], ...]
 
 
-def compile_compute(
-    ctx: moderngl.Context, path: str, **constants: Constant
-) -> moderngl.ComputeShader:
-    """Compile ``pipeline/<path>`` with every ``#constant`` set.
-
-    Raises
-    ------
-    ShaderError
-        If a constant is missing, unknown, unused or not a number, an include is missing,
-        or the driver refuses the source.
-    """
-    return compile_source(ctx, flatten(path, constants))
-
-
 def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeShader:
     """Compile a flattened shader; its `extra` is the file it is from.
 
@@ -74,17 +59,6 @@ def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeSha
         raise ShaderError(f"{path} does not compile:\n{_relocate(str(error), source)}") from error
     shader.extra = path
     return shader
-
-
-def set_array(shader: moderngl.ComputeShader, name: str, rows: NDArray[Any]) -> None:
-    """Set a uniform array, one row per element, in the uniform's own type.
-
-    Drivers shorten an array to what the shader uses; what is left over is not written. An
-    array that is not used at all is left alone.
-    """
-    if name in shader:
-        uniform = cast(moderngl.Uniform, shader[name])
-        uniform.write(np.ascontiguousarray(rows[: uniform.array_length]).tobytes())
 
 
 def flatten(
@@ -119,7 +93,7 @@ def flatten(
             lines.append(line)
             origin.append((name, number))
 
-    add(path, _read(folder, path, "compile_compute"))
+    add(path, _read(folder, path, "Shader"))
     code = code_of("\n".join(written))
     for key in constants:
         if key not in declared:

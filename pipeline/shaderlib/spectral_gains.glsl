@@ -12,7 +12,7 @@
 // What a level's three bands measure (rows) of products of deviations: of each two levels i <= j.
 // See overlap_by_levels().
 const int PAIRS = LEVELS * (LEVELS + 1) / 2;
-layout(std140, binding = 0) uniform Overlap { mat4 overlap[LEVELS * PAIRS]; };
+layout(std140) uniform Overlap { mat4 overlap[LEVELS * PAIRS]; };
 
 // All arrays have room for the most levels, for indices written out.
 vec3 asked[6];   // variances; whoever includes this sets them

@@ -141,6 +141,11 @@ class Rings(Model):
         last = _TURN / 4 if up >= 1 else math.degrees(math.asin(max(0.0, up)))
         return first, max(first, last)
 
+    def circle_share(self, eccentricity_deg: float) -> float:
+        """Return the share of a circle on which rings fit."""
+        first, last = self.arcs(eccentricity_deg)
+        return (last - first) / (_TURN / 4)
+
     def polar_deg(self, eccentricity_deg: float, share: float) -> float:
         """Return the polar angle at a share of all arcs, counter-clockwise from the right."""
         first, last = self.arcs(eccentricity_deg)
@@ -158,7 +163,8 @@ class Rings(Model):
             first, last = self.arcs(eccentricity)
             if (first, last) != (0.0, _TURN / 4):
                 said.append(
-                    f"at {eccentricity:g} deg rings lie on {(last - first) / 90:.0%} of the circle:"
+                    f"at {eccentricity:g} deg rings lie on"
+                    f" {self.circle_share(eccentricity):.0%} of the circle:"
                     f" from {first:.0f} to {last:.0f} deg off the horizontal, right and left, above"
                     " and below"
                 )
@@ -493,8 +499,8 @@ class FoveatedImages(Recipe):
         angles = tuple(
             2 * math.degrees(math.atan(pixels * pitch_mm / 2 / display.distance_mm))
             for pixels, pitch_mm in (
-                (self.width_px, display.pitch_x_mm),
-                (self.height_px, display.pitch_y_mm),
+                (min(self.width_px, display.width_px), display.pitch_x_mm),
+                (min(self.height_px, display.height_px), display.pitch_y_mm),
             )
         )
         whole = Rings(**{**rings.model_dump(), "field_deg": angles})
@@ -506,13 +512,19 @@ class FoveatedImages(Recipe):
             off = min(off, _TURN / 2 - off)
             if not first - 1 / _FINER <= off <= last + 1 / _FINER or first == last:
                 fits = [math.floor(10 * angle) / 10 for angle in angles]
+                left = ", ".join(
+                    f"{share:.0%} at {eccentricity:g} deg"
+                    for eccentricity in rings.eccentricities_deg
+                    if (share := whole.circle_share(eccentricity)) < 1
+                )
                 return [
                     Problem(
                         "stimuli.rings.field_deg",
                         f"every ring must lie on the picture, {angles[0]:.1f} x {angles[1]:.1f} deg"
                         f" on this display (one lies {one.eccentricity_deg:g} deg from the gaze at"
                         f" {one.polar_deg:g} deg); write field_deg = {fits}, so that angles are"
-                        " uniform on the arcs that fit, or choose smaller eccentricities",
+                        f" uniform on the arcs that fit ({left} of the circle), or choose smaller"
+                        " eccentricities",
                     )
                 ]
         return []

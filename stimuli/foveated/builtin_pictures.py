@@ -1,7 +1,8 @@
 """Pictures that metamerlab makes itself for studies, in any size and at the display's angles.
 
-They need no files and no licence but ours: six built-in scenes seen from where they begin, and a
-wall of printed notices. A scene is a whole place, so it may be looked at in any direction.
+They need no files of yours: seven built-in scenes seen from where they begin, and a wall of printed
+notices. Code draws them under our licence, some surfaces from photographs of scikit-image (CC0). A
+scene may be looked at in any direction; `street` alone is a place all around.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ SCENES = tuple(
         ("colonnade", "two rows of fluted columns on a stone floor"),
         ("tunnel", "a brick tunnel with rails, iron props and daylight at its end"),
         ("thicket", "branches and leaves before a forest floor"),
+        ("street", "houses, shops with signs, kerbs, lamps, trees and parked cars, all around"),
     )
 )
 

@@ -43,6 +43,8 @@ app = typer.Typer(
 
         metamerlab stimuli look place.glb --out views.png
 
+        metamerlab stimuli panorama street --out street-360.png
+
         metamerlab stimuli export-holes my-study.toml --out holes
     """,
 )
@@ -223,6 +225,63 @@ def look(
             release_context(ctx)
         say("\n".join(lines))
         say(f"wrote {out}")
+
+
+@app.command()
+def panorama(
+    scene: Annotated[
+        str, typer.Argument(help="A built-in scene's name, or a .glb, .gltf or .obj file.")
+    ],
+    out: Annotated[Path, typer.Option(help="Picture to write, .png.")],
+    height_px: Annotated[
+        int, typer.Option(help="Height, 16 to 4096; the panorama is twice as wide.")
+    ] = 2048,
+    scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of a built-in scene.")] = 1,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINE",
+            help="Where to stand, and what the middle shows: the line 'view = {...}' of 'look'.",
+        ),
+    ] = None,
+) -> None:
+    """Draw all that is around a place in a 3D scene, as an equirectangular panorama.
+
+    A study of foveated-images looks at it in any direction: the key view of its pictures. `street`
+    is a place all around; the other built-in scenes end behind the eye.
+
+    Examples:
+
+        metamerlab stimuli panorama street --out street-360.png
+
+        metamerlab stimuli panorama place.glb --out place-360.png --height-px 1024
+    """
+    from pipeline.gl.context import create_context, release_context
+    from protocols.load import parse_view
+    from stimuli.look import world_of
+    from stimuli.open_scene import viewpoint_of
+    from stimuli.panorama import panorama_of
+    from stimuli.pictures import of_colour, save_picture
+
+    with user_errors():
+        if out.suffix.lower() != ".png":
+            raise StudyError(f"{out}: must end in .png")
+        world = world_of(scene, scale, seed)
+        if view is not None:
+            world = world.seen_from(viewpoint_of(parse_view(view), world))
+        ctx = create_context()
+        try:
+            with progress_line("looking around") as report:
+                colour = panorama_of(
+                    ctx, world, height_px,
+                    report=lambda done, total: report(done, total, "looking around"),
+                )  # fmt: skip
+        finally:
+            release_context(ctx)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save_picture(out, of_colour(colour))
+        say(f"wrote {out}: {colour.shape[1]} x {colour.shape[0]} px")
 
 
 app.command()(score)

@@ -6,7 +6,7 @@ import pytest
 from pipeline.foveation import enhancement
 from pipeline.foveation.catalogue import Blur, Eidolon, Metamer, NoiseEnhanced
 from pipeline.foveation.condition import Look
-from pipeline.foveation.conditions import foveate
+from pipeline.foveation.conditions import condition_names, foveate
 from pipeline.foveation.geometry import CapGeometry, Equirectangular, Flat, pixel_centres
 from pipeline.foveation.panorama import cap_look, cap_of, cap_picture, over_poles
 from pipeline.foveation.sphere import (
@@ -230,3 +230,36 @@ def test_the_smallest_panorama_is_shown():
     for method in ("metamer", "warped-metamer", "noise-enhanced"):
         shown = foveate(picture, (0, 0), viewing=Equirectangular(), method=method)
         np.testing.assert_allclose(shown, picture, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "method", [name for name in condition_names() if name not in ("reference", "files:FOLDER")]
+)
+@pytest.mark.parametrize("on_gpu", [False, True], ids=["numpy", "gpu"])
+def test_every_condition_is_centred_on_the_gaze_of_a_panorama(method, on_gpu, rng, request):
+    """Of noise, what is left unchanged is the fovea's disc on the sphere, here over the seam."""
+    more = {}
+    if method == "energy-metamer":
+        pytest.importorskip("torch")
+        more = {"steps": 1}
+    ctx = request.getfixturevalue("gl_context") if on_gpu else None
+    width, height, fovea_deg = 256, 128, 18.0
+    panorama = rng.random((height, width, 3)).astype(np.float32)
+    gaze = (4.5, 40.0)  # 26 degrees above the horizon
+    made = foveate(
+        panorama, gaze, viewing=Equirectangular(), method=method, ctx=ctx, fovea_deg=fovea_deg,
+        **more,
+    )  # fmt: skip
+
+    kept = (made == panorama).all(axis=2)
+    around = Equirectangular().of(width, height)
+    rays = around.directions(*pixel_centres(around))
+    looked = around.directions(np.array(gaze[0]), np.array(gaze[1]))
+    away = np.degrees(np.arccos(np.clip(rays @ looked, -1, 1)))
+    pixel_deg = 360 / width
+    assert kept[away < fovea_deg].all()
+    assert not kept[away > fovea_deg + 2 * pixel_deg].any()
+    latitude = np.cos(np.radians(90 - (np.arange(height) + 0.5) * 180 / height))[:, None]
+    middle = (rays * (kept * latitude)[..., None]).sum(axis=(0, 1))
+    off = np.degrees(np.arccos(middle @ looked / np.linalg.norm(middle)))
+    assert off < 0.25 * pixel_deg

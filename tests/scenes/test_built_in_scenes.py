@@ -1,4 +1,4 @@
-"""The six built-in scenes: places with jumps in depth and natural textures, by their seed."""
+"""The seven built-in scenes: places with jumps in depth and natural textures, by their seed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stimuli.scenes.registry import build_scene, scene_names
 @pytest.mark.parametrize("name", [
     "tunnel",
     *(pytest.param(name, marks=pytest.mark.full) for name in
-      ("garden", "shed", "castle", "colonnade", "thicket")),
+      ("garden", "shed", "castle", "colonnade", "thicket", "street")),
 ])  # fmt: skip
 def test_a_scene_has_near_and_far_and_detail_like_a_photograph(name, gl_context):
     renderer = Renderer(gl_context, build_scene(name, 1))
@@ -54,7 +54,7 @@ def test_a_seed_makes_the_same_place_and_another_seed_another():
 def test_an_unknown_scene_is_refused_with_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'thicket'"):
         build_scene("thickett")
-    assert len(scene_names()) == 6
+    assert len(scene_names()) == 7
 
 
 def test_parameters_that_no_scene_takes_are_refused():

@@ -220,6 +220,18 @@ def test_rings_off_the_display_are_refused_with_the_field_that_fits(smaller):
 
     assert [problem.place for problem in problems] == ["stimuli.rings.field_deg"]
     assert "write field_deg = [46.2, 27.0]" in problems[0].message
+    assert "arcs that fit (65% at 15 deg of the circle)" in problems[0].message
+
+
+def test_a_display_smaller_than_the_study_is_told_what_it_would_cut_away():
+    study, _ = load_study(Path("beyond-blur-task"), None)
+    problems = check_feasible(study, load_display(Path("fhd27-60hz")))
+
+    places = ["stimuli.width_px", "stimuli.height_px", "stimuli.rings.field_deg"]
+    assert [problem.place for problem in problems] == places
+    said = problems[-1].message
+    assert "46.2 x 27.0 deg on this display" in said
+    assert "(65% at 15 deg, 43% at 20 deg, 2% at 25 deg of the circle)" in said
 
 
 @pytest.mark.parametrize("name", ["beyond-blur-preference", "beyond-blur-detection"])
@@ -275,7 +287,7 @@ def test_a_labs_own_picture_takes_one_line(tmp_path):
     assert isinstance(recipe, FoveatedImages)
     assert recipe.pictures[0].file == "harbour.png"
     assert not recipe.problems(tmp_path)
-    assert {one.picture.name for one in recipe.stimuli()} >= {"harbour", "shed"}
+    assert {one.picture.name for one in recipe.stimuli()} >= {"harbour", "street"}
 
 
 def test_a_methods_columns_are_columns_of_its_stimuli_and_of_no_others(task_recipe):

@@ -6,8 +6,9 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from pipeline.gl.compute import Shader
 from pipeline.gl.context import create_context, release_context
-from pipeline.gl.shader import ShaderError, Source, compile_compute, compile_source, flatten
+from pipeline.gl.shader import ShaderError, Source, compile_source, flatten
 
 HEAD = "#version 430\nlayout(local_size_x = 1) in;\n"
 MAIN = "void main() {}\n"
@@ -79,7 +80,7 @@ def test_a_missing_include_is_named_with_the_line_that_wants_it(shaders):
 
 def test_a_missing_shader_is_named(gl_context):
     with pytest.raises(ShaderError, match=r"no shader file pipeline/pushpull/nowhere\.comp\.glsl"):
-        compile_compute(gl_context, "pushpull/nowhere.comp.glsl")
+        Shader(gl_context, "pushpull/nowhere.comp.glsl")
 
 
 def test_every_include_of_the_package_exists():

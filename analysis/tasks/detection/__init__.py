@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.special import ndtr
 
 from analysis.detection import YesNoResults, d_prime_influence, yes_no
-from analysis.rates import Influence
+from analysis.rates import Influence, share_influence
 from analysis.tasks.base import Estimate, Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
@@ -109,6 +109,10 @@ class Detection(RatesTask):
         """Return the test of differences of d'."""
         return judge_d_prime
 
+    def beside(self) -> tuple[str, Judge]:
+        """Return the test of differences of bias ([BB] Fig. 20, right)."""
+        return "bias", judge_bias
+
 
 def sensitivity(rows: pd.DataFrame, settings: RateSettings) -> YesNoResults:
     """Return d', criterion and bias of prepared rows by condition, against the baseline."""
@@ -159,3 +163,22 @@ def judge_d_prime(
         }
 
     return compare_influences("d'", moved, sizes)
+
+
+def judge_bias(
+    events: Floats, design: CellDesign, sizes: Sequence[int], _settings: RateSettings
+) -> Floats:
+    """Test shares of the signal's answer against the first condition's, as the report does."""
+    shown = np.full(events.shape, float(design.repeats))
+    grids = {}
+    for k, name in enumerate(design.conditions):
+        own = design.condition == k
+        grids[name] = design.grid(events, own), design.grid(shown, own)
+
+    def moved(people: int) -> dict[str, Influence]:
+        return {
+            name: share_influence(said[:people], trials[:people])
+            for name, (said, trials) in grids.items()
+        }
+
+    return compare_influences("bias", moved, sizes)

@@ -19,6 +19,7 @@ from analysis.plots import (
 from analysis.tasks.blocks import ReportFigure
 from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.tasks.rates.study import RateResults
+from analysis.tasks.rates.wording import column_in_words
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
@@ -136,7 +137,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
             " standard errors (thin), fitted psychometric functions (thick); dashed: chance.",
             lambda width: psychometric_plot(
                 series,
-                x_label=str(settings.level),
+                x_label=_axis(settings.level),
                 chance=settings.chance,
                 logarithmic=wide,
                 label=settings.label,
@@ -156,7 +157,7 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                     results.critical,
                     {fit.condition: counts[fit.condition] for fit in results.critical},
                     label=settings.label,
-                    x_label=f"{settings.level} (log axis)",
+                    x_label=f"{_axis(settings.level)} (log axis)",
                     width_in=width,
                     simulated=simulated,
                 ),
@@ -219,3 +220,8 @@ def _heat(
             simulated=simulated,
         ),
     )
+
+
+def _axis(column: str | None) -> str:
+    name = column_in_words(str(column))
+    return name[:1].upper() + name[1:]

@@ -32,6 +32,11 @@ COMMON = 0.5
 OWN = "difference."
 """Before a condition: what it alone has more than the baseline."""
 
+OWN_CRITERION = "criterion."
+"""Before a condition: what its criterion alone has more than the baseline's."""
+
+CRITERION_DIFFERENCE = "criterion_difference"
+
 LAPSE = 0.02
 TRACKS = 60
 """Adaptive tracks that are run to see how exact they are."""
@@ -113,6 +118,8 @@ class RatePower:
     comparisons : int
         0: a single condition is tested against chance.
     needed : tuple of (which power, goal, participants or None)
+    also : mapping
+        Power of a further measure, and its false positives, by what they are called.
     """
 
     participants: tuple[int, ...]
@@ -126,6 +133,7 @@ class RatePower:
     alpha: float
     planned: int | None
     warnings: tuple[str, ...]
+    also: Mapping[str, Floats]
 
 
 def assumptions(settings: RateSettings, scenes: int) -> tuple[Assumption, ...]:
@@ -159,6 +167,21 @@ def assumptions(settings: RateSettings, scenes: int) -> tuple[Assumption, ...]:
         found.append(Assumption("slope", 1.0, "how far d' rises over the range of levels"))
     if settings.kind == "detection":
         found.append(Assumption("criterion", 0.0, "towards no, in deviations of the noise", -5.0))
+        if several:
+            found.append(
+                Assumption(
+                    CRITERION_DIFFERENCE,
+                    -0.4,
+                    "what the criterion of every other condition has more: bias",
+                    -5.0,
+                )
+            )
+            found += [
+                Assumption(
+                    f"{OWN_CRITERION}{name}", np.nan, f"the same of {settings.label(name)}", -5.0
+                )
+                for name in settings.values[1:]
+            ]
         found.append(Assumption("criterion_sd", 0.4, "of the criterion between participants"))
     return tuple(found)
 
@@ -200,6 +223,7 @@ def rate_power(
     draw: Draw,
     judge: Judge,
     *,
+    beside: tuple[str, Judge] | None = None,
     rng: np.random.Generator,
     studies: int | None = None,
     progress: Counted | None = None,
@@ -207,7 +231,8 @@ def rate_power(
     """Simulate a study and its planned test for growing numbers of participants.
 
     Every simulated study is analysed at all numbers of participants: its first n people are a
-    study of n.
+    study of n. `beside` is a further measure's name and test of all conditions against the first,
+    corrected by itself; its power is that of the conditions that the main test compares.
 
     Raises
     ------
@@ -218,8 +243,13 @@ def rate_power(
     sizes = _thinned(default_participants(settings.planned_participants), settings)
     count = studies or STUDIES
     notes = []
+    further = None if settings.adaptive or len(settings.values) < 2 else beside
     if settings.adaptive:
-        simulate = _adaptive_studies(study, settings, assumed, sizes, rng)
+        tracked = _adaptive_studies(study, settings, assumed, sizes, rng)
+
+        def simulate(null: bool) -> tuple[Floats, ...]:
+            return (tracked(null),)
+
         notes.append(
             f"a track's threshold is as exact as {TRACKS} simulated tracks of the study's own rule;"
             " thresholds are compared by paired t tests, not by the report's mixed model; the"
@@ -235,21 +265,29 @@ def rate_power(
                 f"{scenes} scenes only: more participants cannot make up for scenes that differ"
             )
 
-        def simulate(null: bool) -> Floats:
+        def simulate(null: bool) -> tuple[Floats, ...]:
             values = {**assumed, **(_nothing(settings, assumed) if null else {})}
             events = _events(design, values, sizes[-1], draw, rng)
-            return judge(events, design, sizes, settings)
+            judges = (judge,) if further is None else (judge, further[1])
+            return tuple(one(events, design, sizes, settings) for one in judges)
+
+        if 0 not in design.sensed:
+            further = None  # the baseline holds no signal: shares differ by what is shown
 
     sums = np.zeros((3, len(sizes)))
     alone: Floats = np.zeros(0)
+    also: Floats = np.zeros((3, len(sizes)))
     comparisons = 0
     for number in range(count):
-        significant = _significant(simulate(False), settings)
+        judged = [_significant(p, settings) for p in simulate(False)]
+        nothing = [_significant(p, settings) for p in simulate(True)]
+        significant = judged[0]
         comparisons = significant.shape[1]
         alone = significant.astype(float) + (alone if alone.size else 0.0)
-        sums[0] += significant.mean(axis=1)
-        sums[1] += significant.all(axis=1)
-        sums[2] += _significant(simulate(True), settings).any(axis=1)
+        sums += _counted(significant, nothing[0])
+        if further is not None:
+            compared = [k - 1 for k in design.sensed[1:]]
+            also += _counted(judged[1][:, compared], nothing[1][:, compared])
         if progress:
             progress(number + 1, count)
     each, every, wrong = sums / count
@@ -263,6 +301,12 @@ def rate_power(
         tested = design.sensed if settings.kind == "detection" else range(len(settings.values))
         names = [settings.label(settings.values[k]) for k in tested][1:]
         curves = {**dict(zip(names, (alone / count).T, strict=True)), **curves}
+    extra: dict[str, Floats] = {}
+    if further is not None:
+        said = ["a comparison", "every comparison"] if comparisons > 1 else ["the comparison"]
+        extra = {
+            f"{further[0]}: {name}": one for name, one in zip(said, also / count, strict=False)
+        }
     found = RatePower(
         participants=sizes,
         each=each,
@@ -271,7 +315,7 @@ def rate_power(
         comparisons=comparisons if len(settings.values) > 1 else 0,
         needed=tuple(
             (name, goal, first_reaching(sizes, curve, goal))
-            for name, curve in curves.items()
+            for name, curve in {**curves, **extra}.items()
             for goal in (0.8, 0.9)
         ),
         studies=count,
@@ -279,6 +323,9 @@ def rate_power(
         alpha=settings.alpha,
         planned=settings.planned_participants,
         warnings=tuple(notes),
+        also=extra
+        if further is None
+        else {**extra, f"{further[0]}: false positives": also[2] / count},
     )
     return _report(found, curves)
 
@@ -401,9 +448,19 @@ def _events(
     d = typical + effects(people, assumed["participant_sd"])[:, design.condition]
     d = d + effects(scenes, assumed.get("scene_sd", 0.0))[design.scene, design.condition]
     criterion = np.full(d.shape, assumed.get("criterion", 0.0))
+    for k, name in enumerate(design.conditions[1:], 1):
+        if k in compared:
+            more = assumed.get(OWN_CRITERION + name, assumed.get(CRITERION_DIFFERENCE, 0.0))
+            criterion += more * ((design.condition == k) & (k != compared[0]))
     criterion += effects(people, assumed.get("criterion_sd", 0.0))[:, design.condition]
     chance = draw(d, criterion, design, assumed["d_prime"])
     return rng.binomial(design.repeats, chance).astype(np.float64)
+
+
+def _counted(significant: NDArray[np.bool_], null: NDArray[np.bool_]) -> Floats:
+    """Of one study: the share found, whether all were, and whether any would be in another."""
+    found = (significant.mean(axis=1), significant.all(axis=1), null.any(axis=1))
+    return np.asarray(found, np.float64)
 
 
 def _significant(p_values: Floats, settings: RateSettings) -> NDArray[np.bool_]:
@@ -414,7 +471,11 @@ def _significant(p_values: Floats, settings: RateSettings) -> NDArray[np.bool_]:
 def _nothing(settings: RateSettings, assumed: Mapping[str, float]) -> dict[str, float]:
     """Return the assumptions that hold where there is nothing to find."""
     if len(settings.values) > 1:
-        return {name: 0.0 for name in assumed if name == "difference" or name.startswith(OWN)}
+        return {
+            name: 0.0
+            for name in assumed
+            if name in ("difference", CRITERION_DIFFERENCE) or name.startswith((OWN, OWN_CRITERION))
+        }
     return {"d_prime": 0.0, "slope": 0.0, "participant_sd": 0.0, "scene_sd": 0.0}
 
 
@@ -502,7 +563,7 @@ def _number(value: object) -> float:
 def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
     assumed = ", ".join(f"{name} {value:g}" for name, value in found.assumptions.items())
     several = found.comparisons > 1
-    columns = ["participants", *curves, "false positives"]
+    columns = ["participants", *curves, "false positives", *found.also]
     rows = []
     for place, people in enumerate(found.participants):
         rows.append(
@@ -510,6 +571,10 @@ def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
                 f"{people} (planned)" if people == found.planned else str(people),
                 *(f"{curve[place]:.2f}" for curve in curves.values()),
                 f"{found.false_positives[place]:.3f}",
+                *(
+                    f"{one[place]:.{3 if 'false' in name else 2}f}"
+                    for name, one in found.also.items()
+                ),
             )
         )
     tested = (
@@ -538,6 +603,9 @@ def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
         ),
         warnings=found.warnings,
         draw=lambda width: power_plot(
-            found.participants, curves, planned=found.planned, width_in=width
+            found.participants,
+            {**curves, **{name: one for name, one in found.also.items() if "false" not in name}},
+            planned=found.planned,
+            width_in=width,
         ),
     )

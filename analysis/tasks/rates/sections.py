@@ -21,7 +21,7 @@ from analysis.tasks.blocks import (
 from analysis.tasks.common_blocks import learning_blocks, reaction_blocks
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
-from analysis.tasks.rates.wording import NOT_IDENTIFIED, sd_digits
+from analysis.tasks.rates.wording import NOT_IDENTIFIED, column_in_words, sd_digits
 from analysis.thresholds import ThresholdModel
 from protocols.adaptive.psychometric import Shape
 
@@ -89,10 +89,9 @@ def _decides(results: RateResults, settings: RateSettings) -> str:
 
 def sections(results: RateResults, settings: RateSettings) -> tuple[Section, ...]:
     """Return every section that these results allow, in reading order."""
+    by = f"By {column_in_words(str(settings.level))}"
     found = (
-        []
-        if not results.counts
-        else [Section("levels", f"By {settings.level}", "Levels", _levels(results, settings))]
+        [] if not results.counts else [Section("levels", by, "Levels", _levels(results, settings))]
     )
     answers = [
         Section("correct", "Right answers", "Right answers", _correct(results, settings)),

@@ -304,6 +304,10 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         scenes = {cell.scene for cell in study.task.cells(study, study.main_scenes())}
         return assumptions(self.settings(study), len(scenes))
 
+    def beside(self) -> tuple[str, Judge] | None:
+        """Return a further measure that power is simulated of, and its test; by default none."""
+        return None
+
     def power(
         self,
         study: StudyProtocol,
@@ -321,6 +325,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             assumed,
             self.draw(settings),
             self.judge(),
+            beside=self.beside(),
             rng=rng,
             studies=studies,
             progress=progress,

@@ -20,6 +20,14 @@ from analysis.thresholds import ThresholdModel
 NOT_IDENTIFIED = "not identified by these data"
 
 
+def column_in_words(column: str) -> str:
+    """Return the name of a column as people read it: eccentricity_deg is "eccentricity (deg)"."""
+    for unit in ("deg", "px", "m", "s"):
+        if column.endswith(f"_{unit}"):
+            column = f"{column.removesuffix(f'_{unit}')} ({unit})"
+    return column.replace("_", " ")
+
+
 def apa_rate(rate: Rate, *, name: str = "") -> str:
     """Return the share of right answers of one condition as a sentence."""
     who = name or rate.condition
