@@ -98,7 +98,7 @@ def look_interactively(
     from stimuli.look_page import LookServer
 
     light = _light_lines(lighting, sun_direction)
-    world = _world(scene, scale, seed, lighting, sun_direction)
+    world = world_of(scene, scale, seed, lighting, sun_direction)
     renderer = Renderer(ctx, world)
     try:
         if chosen:
