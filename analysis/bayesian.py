@@ -14,6 +14,7 @@ from scipy.special import expit
 
 from analysis.pairings import counts, pairing_rows
 from protocols.errors import StudyError
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 Verdict = Literal["preferred", "other preferred", "practically equal", "undecided"]
@@ -307,5 +308,7 @@ def _notes(first: _Draws, checks: Sequence[PriorCheck], people: int) -> list[str
             " them"
         )
     if people < 6:
-        notes.append(f"only {people} participants: the prior says much about how people differ")
+        notes.append(
+            f"only {count_of(people, 'participant')}: the prior says much about how people differ"
+        )
     return notes

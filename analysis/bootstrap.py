@@ -9,6 +9,7 @@ from scipy import stats
 
 from analysis.clustered import holm
 from analysis.pairs import Floats, Model, fit_scores, pair_index
+from protocols.prose import count_of
 
 FEW_CLUSTERS = 5
 
@@ -137,7 +138,9 @@ def bootstrap_scale(
     diff_upper = np.where(holds, np.maximum(diff_upper, 0.0), diff_upper)
     warnings = []
     if participants < FEW_CLUSTERS:
-        warnings.append(f"only {participants} participants: intervals are a rough guide")
+        warnings.append(
+            f"only {count_of(participants, 'participant')}: intervals are a rough guide"
+        )
     if not two_way:
         warnings.append("scenes were not resampled: limits speak about these scenes only")
     left_out = int(samples - whole.sum())

@@ -17,6 +17,7 @@ from analysis.ideal_observer import AbxRule, abx_share
 from analysis.numeric import numeric_hessian
 from analysis.rates import Difference
 from analysis.response import RATE_PRIOR
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 Law = Literal["distance", "published"]
@@ -285,7 +286,7 @@ def critical_scaling(
     own_s, own_g = mass.sum(axis=2) @ log_s, mass.sum(axis=1) @ log_g
     notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
     if people < FEW_PARTICIPANTS:
-        notes.append(f"only {people} participants: limits are a rough guide")
+        notes.append(f"only {count_of(people, 'participant')}: limits are a rough guide")
     if not proper:
         notes.append("the answers do not bound the model: no limits")
     return CriticalScaling(

@@ -27,6 +27,8 @@ DAY_S = 86_400.0
 SHOWN_LETTERS = 60
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
+PLAIN_HINT = "bring it in with 'metamerlab analysis import'"
+"""Cure of a table in another form than plain CSV."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
@@ -38,7 +40,12 @@ def read_table(path: Path) -> pd.DataFrame:
     StudyError
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
-    text = decode_utf8(read_bytes(path, "the table"), path)
+    if path.suffix.lower() == ".xlsx":
+        raise StudyError(f"{path}: must be a CSV table (this is a spreadsheet); {PLAIN_HINT}")
+    try:
+        text = decode_utf8(read_bytes(path, "the table"), path)
+    except StudyError as error:
+        raise StudyError(f"{error}, or {PLAIN_HINT}") from None
     check_rows(path, text)
     if found := _CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
@@ -138,7 +145,7 @@ def number_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
         raise StudyError(
             f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a number"
             f" (got {shortened(raw[wrong[0]])!r})"
-            + ("; write decimals with a point" if "," in raw[wrong[0]] else "")
+            + (f"; write decimals with a point, or {PLAIN_HINT}" if "," in raw[wrong[0]] else "")
         )
     return values
 

@@ -19,6 +19,7 @@ from analysis.clustered import (
     two_way,
 )
 from analysis.pairings import ALL_SIZES, Comparisons, counts, found_pairings
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 Test = Literal["participant-scene", "participant", "pooled"]
@@ -403,8 +404,8 @@ def _judged(
     if p > 0.0 and p == floor and max(clustered, independent) < floor:
         test = "participants as votes"
         note = (
-            f"p is held at {floor:.2g}, the least that {people} participants can show without"
-            " assuming a normal distribution"
+            f"p is held at {floor:.2g}, the least that {count_of(people, 'participant')} can show"
+            " without assuming a normal distribution"
         )
     elif independent > clustered:
         test = "score test of trials"
@@ -464,7 +465,7 @@ def _notes(
         notes.append("one participant only: nothing can be said about other people")
     elif people < FEW_PARTICIPANTS:
         notes.append(
-            f"only {people} participants: no participant-level test can reach p < .05"
+            f"only {count_of(people, 'participant')}: no participant-level test can reach p < .05"
             f" without assumptions (floor {sign_flip_floor(people):.2g})"
         )
     if scenes == 1:
@@ -477,15 +478,17 @@ def _notes(
     if wins in (0, trials):
         notes.append(
             "all answers agree: no variance to estimate; p is the smallest that"
-            f" {people} participants can show"
+            f" {count_of(people, 'participant')} can show"
         )
     if by_person.min() < by_person.max() or by_scene.min() < by_scene.max():
         notes.append(
             f"unbalanced: {int(by_person.min())} to {int(by_person.max())} trials per participant,"
             f" {int(by_scene.min())} to {int(by_scene.max())} per scene"
         )
-    if np.any(by_person < 4):
-        notes.append(f"{int((by_person < 4).sum())} participants have fewer than 4 trials here")
+    if few := int((by_person < 4).sum()):
+        notes.append(
+            f"{few} participant{'s have' if few != 1 else ' has'} fewer than 4 trials here"
+        )
     return tuple(notes)
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 
@@ -119,7 +120,7 @@ def rate(
         low, high, p_value = share_limits(happened, shown, chance=chance, level=level)
         lower, upper, p = float(low), float(high), float(p_value)
         if people < FEW_PARTICIPANTS:
-            notes.append(f"only {people} participants: limits and p are a rough guide")
+            notes.append(f"only {count_of(people, 'participant')}: limits and p are a rough guide")
     return Rate(
         condition=condition,
         count=count,

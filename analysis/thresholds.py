@@ -15,6 +15,7 @@ from analysis.psychometric import LINKS, SKEWED
 from analysis.rates import Difference
 from analysis.response import Response
 from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 
@@ -360,7 +361,9 @@ def _notes(fit: CrossedFit, slopes: Floats, people: int) -> list[str]:
     if not fit.converged:
         notes.append("the model has no proper maximum: thresholds have no limits")
     if people < FEW_PARTICIPANTS:
-        notes.append(f"only {people} participants: limits of thresholds are a rough guide")
+        notes.append(
+            f"only {count_of(people, 'participant')}: limits of thresholds are a rough guide"
+        )
     if np.unique(np.sign(slopes)).size > 1:
         notes.append("performance rises with the level in some conditions and falls in others")
     if fit.sd[0] < 1e-3:

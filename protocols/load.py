@@ -93,6 +93,12 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
             f"{path}: must be a study (this is a display); 'metamerlab protocol check' checks"
             " displays too, and a study names its display in [display], or takes it by --display"
         )
+    if not ({"format", *StudyProtocol.model_fields} - {"display"}) & set(raw):
+        keys = ", ".join(map(str, raw)) or "nothing"
+        raise StudyError(
+            f"{path}: must be a study, with [study], [stimuli], [task] and so on, or a display (has"
+            f" {keys}); 'metamerlab new-study' makes both, with every key explained"
+        )
     old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
     if old:
         raw = upgraded_protocol(raw)
@@ -181,8 +187,9 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
 
 
 def is_display(raw: Mapping[str, object]) -> bool:
-    """Whether a parsed file is meant as a display."""
-    return "refresh_hz" in raw and not {"study", "stimuli", "scenes"} & set(raw)
+    """Whether a parsed file is meant as a display, also where most of its keys are misspelt."""
+    own = set(Display.model_fields) - {"name", "description"}
+    return bool(own & set(raw)) and not {"study", "stimuli", "scenes"} & set(raw)
 
 
 def load_toml(path: Path, model: type[M]) -> M:
@@ -199,7 +206,7 @@ def parse_view(text: str) -> View:
     table = re.sub(r"^\s*(\d+:)?\s*(view\s*=)?\s*", "", text)
     must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
     try:
-        raw = {key: _tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
+        raw = {key: with_tuples(value) for key, value in tomllib.loads(f"view = {table}").items()}
     except (ValueError, RecursionError) as error:
         raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
     try:
@@ -255,14 +262,14 @@ def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
     with reading(path, "valid TOML"):
-        return {key: _tuples(value) for key, value in tomllib.loads(text).items()}
+        return {key: with_tuples(value) for key, value in tomllib.loads(text).items()}
 
 
-def _tuples(value: object) -> object:
+def with_tuples(value: object) -> object:
     """Return `value` with lists as tuples: our models are frozen through and through."""
     if isinstance(value, dict):
-        return {key: _tuples(entry) for key, entry in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+        return {key: with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
 def _valid_sections(raw: dict[str, object]) -> dict[str, object]:

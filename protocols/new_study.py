@@ -2,11 +2,11 @@
 
 A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
 ``#@ NAME`` stands for a section of a part, which begins with the same line there, and ``#+ NAME``
-in a part for a section of ``shared.toml``. What is composed is valid TOML with ``@WORD@`` for what
-differs between studies. Above the first use of each key come its meaning, type and default, taken
-from the models that read the file, so that comments and program cannot drift apart. A line
-``#? key = value`` is a key that may be left out, and ``#? [header]`` a section of such keys: they
-stay behind a ``#``.
+in a part for another section of the parts, or of ``shared.toml``. What is composed is valid TOML
+with ``@WORD@`` for what differs between studies. Above the first use of each key come its meaning,
+type and default, taken from the models that read the file, so that comments and program cannot
+drift apart. A line ``#? key = value`` is a key that may be left out, and ``#? [header]`` a section
+of such keys: they stay behind a ``#``.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from __future__ import annotations
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
@@ -25,6 +26,7 @@ from pydantic import BaseModel
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
+from protocols.own_stimuli import OwnStimuli
 from protocols.publish import schema_text
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
@@ -69,6 +71,7 @@ def study_files(
     task: str = "two-interval",
     picture_px: int = 128,
     secret: str | None = None,
+    own: OwnStimuli | None = None,
 ) -> dict[str, str]:
     """Return the files of a new study by name.
 
@@ -86,18 +89,29 @@ def study_files(
         Edge of the pictures that a study of `files` starts from.
     secret : str, optional
         Also seeds the order of trials; left out: the order follows from the code.
+    own : OwnStimuli, optional
+        Scenes and methods in place of the template's.
 
     Raises
     ------
     StudyError
-        If there is no such task, with the nearest name.
+        If there is no such task, with the nearest name; or it shows no scenes, and `own` has some.
     """
     if task not in PARTS:
         raise StudyError(
             f"--task: must be one of {', '.join(PARTS)} (got {task!r}){did_you_mean(task, PARTS)}"
         )
     recipe, _ = PARTS[task]
-    words = {
+    own = own or OwnStimuli()
+    replaced = own.sections()
+    if replaced and recipe != "warped-clips":
+        of_scenes = [name for name, (kind, _) in PARTS.items() if kind == "warped-clips"]
+        raise StudyError(
+            f"--task: must be {' or '.join(of_scenes)} where scenes or methods are given (got"
+            f" {task!r}, which starts from pictures and their table)"
+        )
+    words: dict[str, object] = {
+        **own.words(),
         "NAME": name,
         "TITLE": title,
         "DESCRIPTION": display.description,
@@ -118,7 +132,7 @@ def study_files(
     }
 
     def made(file: str, model: type[BaseModel] | None = None) -> str:
-        text = composed(task, recipe) if file == "study.toml" else _template(file)
+        text = composed(task, recipe, replaced) if file == "study.toml" else _template(file)
         for word, value in words.items():
             text = text.replace(f"@{word}@", str(value))
         if file == "study.toml" and secret is not None:
@@ -135,14 +149,14 @@ def study_files(
     } | ({} if secret is None else {"study.secret": f"{secret}\n", ".gitignore": "*.secret\n"})
 
 
-def composed(task: str, recipe: str) -> str:
-    """Return the template of a study with a task's and a recipe's part."""
+def composed(task: str, recipe: str, replaced: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the template of a study with a task's and a recipe's part; `replaced` goes before."""
     sections = _sections(f"parts/{task}.toml") | _sections(f"parts/{recipe}.toml")
     lines = [
         sections[line.removeprefix("#@ ")] if line.startswith("#@ ") else line
         for line in _template("study.toml").splitlines()
     ]
-    shared = _sections("parts/shared.toml")
+    shared = {**_sections("parts/shared.toml"), **sections, **replaced}
     text = re.sub(r"^#\+ (\w+)$", lambda use: shared[use[1]], "\n".join(lines), flags=re.M) + "\n"
     _check(text)
     return text

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
+from typing import Any
 
 from protocols.display import Display
+from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
@@ -15,7 +18,13 @@ from protocols.session_schema import Gaze
 
 
 def preregistration(
-    protocol: StudyProtocol, display: Display, revision: str, manifest: Manifest | None = None
+    protocol: StudyProtocol,
+    display: Display,
+    revision: str,
+    manifest: Manifest | None = None,
+    *,
+    why: str | None = None,
+    power: Mapping[str, Any] | None = None,
 ) -> list[Section]:
     """Return the text of a preregistration.
 
@@ -29,12 +38,23 @@ def preregistration(
         Version and git revision of the program that will run it.
     manifest : Manifest, optional
         The clips, where they are built already: their hash is then part of the text.
+    why : str, optional
+        Why so many participants, in the author's words.
+    power : mapping, optional
+        What `metamerlab analysis power --out` wrote as ``power.json``.
+
+    Raises
+    ------
+    StudyError
+        If `power` is not what that command writes.
     """
     return [
         _overview(protocol),
+        _sample(protocol, why, power),
         _hashes(protocol, display, revision, manifest),
         _stimuli(protocol, display),
         _procedure(protocol, display),
+        _texts(protocol),
         _analysis(protocol),
         Section(
             "Data",
@@ -122,8 +142,74 @@ def _overview(protocol: StudyProtocol) -> Section:
     blocks: list[Block] = [info.description] if info.description else []
     if info.source:
         blocks.append(f"Follows: {info.source}.")
-    blocks.append(f"Planned participants: {info.participants}. Study version {info.version}.")
+    blocks.append(f"Study version {info.version}.")
     return Section("Study", tuple(blocks))
+
+
+def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
+    """How many participants, why so many, and when collection ends."""
+    looks = (
+        "It may end earlier, by the planned looks that the section on analysis states."
+        if _looks(protocol)
+        else "The planned test is run once, after the last participant; no earlier looks are"
+        " planned."
+    )
+    return Section(
+        "Participants",
+        (
+            [
+                f"Planned participants: {protocol.study.participants}. Collection ends when so many"
+                " have completed their sitting.",
+                looks,
+                f"Why so many: {why}" if why else "Why so many is not stated.",
+                "Power is not stated." if power is None else _power(power),
+            ],
+        ),
+    )
+
+
+def _power(found: Mapping[str, Any]) -> str:
+    """Say what a simulation of power found for the planned participants."""
+    try:
+        people = [int(number) for number in found["participants"]]
+        at = people.index(found["planned"])
+        chances = [
+            f"{float(found[name][at]):.2f} {said}"
+            for name, said in (
+                ("primary", "that the primary comparison is significant"),
+                ("each", "for a comparison of the family, after correction"),
+                ("every", "for all of them"),
+            )
+            if name in found
+        ]
+        assumed = ", ".join(
+            f"{name.replace('_', ' ')} {value:g}" for name, value in found["assumptions"].items()
+        )
+        studies = int(found["studies"])
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+        raise StudyError(
+            "--power: must be the power.json of 'metamerlab analysis power --out', with the planned"
+            " participants among those simulated"
+        ) from None
+    return (
+        f"Power, by {studies} simulated studies of this design with {people[at]} participants:"
+        f" {'; '.join(chances)}. Taken for true: {assumed}."
+    )
+
+
+def _texts(protocol: StudyProtocol) -> Section:
+    """What participants read, in the language that a sitting has where none is named."""
+    language = protocol.text.default_language
+    texts = protocol.text.languages[language]
+    others = [name for name in protocol.text.languages if name != language]
+    said = f"Language: {language}" + (f"; also in {', '.join(others)}." if others else ".")
+    pages = [("consent", texts.consent)] if protocol.privacy.consent_required else []
+    pages += [(f"instructions, page {n}", text) for n, text in enumerate(texts.instructions, 1)]
+    pages.append(("question", texts.question))
+    pages += [(f"answer {name}", texts.answers[name]) for name in protocol.task.answers()]
+    pages += [(f"at the end: {entry.name}", entry.text) for entry in texts.questions]
+    rows = tuple((name, " ".join(text.split())) for name, text in pages)
+    return Section("What participants read", (said, Table(("page", "text"), rows)))
 
 
 def _hashes(
@@ -175,7 +261,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         + f", blank {timing.iti_s:g} s."
         + (" Feedback in practice alone." if feedback else " No feedback."),
         _question(protocol),
-        f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks} block(s), breaks"
+        f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks}"
+        f" block{'s' * (design.blocks != 1)}, breaks"
         f" of at least {design.break_s:g} s. Seed {design.seed}"
         + (f", and a secret with SHA-256 {secret}." if secret else "."),
         f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts;"

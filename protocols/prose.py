@@ -28,3 +28,8 @@ class Section:
 def labelled(name: str, label: str | None) -> str:
     """Return a name with its label, where they differ."""
     return f"{label} ({name})" if label and label != name else name
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return a number with its noun: ``1 participant``, ``2 participants``."""
+    return f"{number} {noun}" + "s" * (number != 1)

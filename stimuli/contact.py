@@ -35,7 +35,8 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
     entries = []
     for index, clip in enumerate(clips):
         title, caption, facts = _described(protocol, clip)
-        entries.append({"label": f"{title}: {caption}" if title else caption, "method": caption})
+        label = f"{title}: {caption}" if title else caption
+        entries.append({"label": label, "method": caption, "folder": clip.name})
         group = groups.setdefault(title, {"title": title, "facts": facts, "members": []})
         group["members"].append(index)
     environment = Environment(

@@ -71,12 +71,48 @@ def look_around(
             seen = np.isfinite(frame.depth_m)
             near = float(np.percentile(frame.depth_m[seen], 5)) if seen.any() else float("inf")
             tiles.append((f"{number}: near {near:.3g} m", pictures.of_colour(frame.colour)))
-            lines.append(f"{number}: {_line(view)}")
+            lines.append(f"{number}: {view_line(view)}")
     finally:
         renderer.release()
     out.parent.mkdir(parents=True, exist_ok=True)
     pictures.save_picture(out, pictures.sheet(tiles))
     return lines + light
+
+
+def look_interactively(
+    ctx: moderngl.Context,
+    scene: str,
+    *,
+    scale: float,
+    seed: int,
+    chosen: Sequence[View] = (),
+    lighting: Lighting | None = None,
+    sun_direction: Vector | None = None,
+    opened: Callable[[str], None],
+    say: Callable[[str], None],
+) -> None:
+    """Serve the scene as a local page until it is done; parameters as for `look_around`.
+
+    `opened` is told the page's address, `say` the line of every view that is taken.
+    """
+    from stimuli.look_page import LookServer
+
+    light = _light_lines(lighting, sun_direction)
+    world = world_of(scene, scale, seed, lighting, sun_direction)
+    renderer = Renderer(ctx, world)
+    try:
+        if chosen:
+            start = viewpoint_of(chosen[0], world)
+        else:
+            sided = not _is_built_in(scene)
+            start = _best(renderer, 1, lambda _done, _total: None, sided=sided)[0]
+        server = LookServer(renderer, Path(scene).name, start, say)
+        for line in light:
+            say(line)
+        opened(server.address)
+        server.run()
+    finally:
+        renderer.release()
 
 
 def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> list[str]:
@@ -216,7 +252,8 @@ def _interest(renderer: Renderer, view: Viewpoint) -> float:
     return score
 
 
-def _line(view: Viewpoint) -> str:
+def view_line(view: Viewpoint) -> str:
+    """Return a view as a protocol says it."""
     return (
         f"view = {{ position_m = {_numbers(view.position_m)}, look_at_m ="
         f" {_numbers(view.look_at_m)}, vertical_fov_deg = {view.vertical_fov_deg:g} }}"

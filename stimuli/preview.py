@@ -36,7 +36,7 @@ def write_preview(out: Path, clip: Clip, path: Path) -> None:
     scale = min(1.0, LARGEST_PX / max(clip.width_px, clip.height_px))
     size = tuple(max(2, round(scale * edge) // 2 * 2) for edge in (clip.width_px, clip.height_px))
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.webm")
-    with _quiet_stderr():
+    with quiet_stderr():
         writer = cv2.VideoWriter(
             str(temporary), cv2.VideoWriter.fourcc(*"VP80"), clip.fps, (size[0], size[1])
         )
@@ -72,7 +72,7 @@ def _without_chance(path: Path) -> None:
 
 
 @contextmanager
-def _quiet_stderr() -> Iterator[None]:
+def quiet_stderr() -> Iterator[None]:
     """OpenCV writes straight to the descriptor that it doubts VP8 in WebM; it works."""
     kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 2)

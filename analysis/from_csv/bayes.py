@@ -14,6 +14,7 @@ from analysis.plain_csv import read_decisions
 from analysis.plots.style import BLUE, GREY, LIGHT, new_figure, share_axis, style, wrapped
 from analysis.report.wording import leading, share, share_range
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.suggest import did_you_mean
 
 
@@ -76,7 +77,7 @@ def bayes_of_csv(
             raise StudyError(f"{path}: {problem}") from None
     people = rows["participant"].nunique()
     return Found(
-        title=f"{len(rows)} decisions of {people} participants",
+        title=f"{len(rows)} decisions of {count_of(people, 'participant')}",
         shown=_shown(found),
         sentences=tuple(apa_bayes(one) for one in found),
         notes=tuple(

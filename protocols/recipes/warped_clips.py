@@ -5,8 +5,10 @@ A clip is one scene at one size of disocclusion, filled by one method.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from glob import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
@@ -165,7 +167,15 @@ class SceneBase(Model):
                 "camera.along must say how the camera moves (got none): only an OpenEXR sequence"
                 " brings its own motion"
             )
+        if self.camera.kind == "stereo" and not self.is_pair:
+            raise ValueError(
+                "camera.kind: the stereo path needs a stereo pair (this is none); set"
+                " camera.kind = 'circle' or 'line'"
+            )
         return self
+
+    is_pair: ClassVar[bool] = False
+    """Whether there is another photograph to move towards."""
 
     @property
     def has_own_path(self) -> bool:
@@ -224,6 +234,8 @@ class _PhotoScene(SceneBase):
 
 class StereoScene(Grown, _PhotoScene):
     """A rectified photograph pair with its disparity: z = focal_px baseline_m / (d + offset_px)."""
+
+    is_pair: ClassVar[bool] = True
 
     kind: Literal["stereo"]
     left: Text
@@ -596,14 +608,25 @@ class WarpedClips(Recipe):
     def problems(self, folder: Path) -> list[Problem]:
         """Return a problem for every file of a scene that is not below `folder`.
 
-        Only what is plainly a file is looked for: patterns of sequences (``shot.####.exr``) and
-        names of built-in pairs, which have no suffix, are left to whoever reads them.
+        Only what is plainly a file is looked for: names of built-in pairs, which have no suffix,
+        are left to whoever reads them. Of a sequence (``shot.####.exr``) one file is enough.
         """
         found = []
         for index, scene in enumerate(self.scenes):
             for key in FILE_KEYS:
                 name = getattr(scene, key, None)
-                if not isinstance(name, str) or "#" in name or not Path(name).suffix:
+                if not isinstance(name, str) or not Path(name).suffix:
+                    continue
+                if "#" in name:
+                    place = folder / name
+                    if not any(place.parent.glob(re.sub("#+", "*", escape(place.name)))):
+                        found.append(
+                            Problem(
+                                f"stimuli.scenes[{index}].{key}",
+                                f"no file is called so (looked for {place});"
+                                " 'metamerlab stimuli build' needs them",
+                            )
+                        )
                     continue
                 if not (folder / name).exists():
                     found.append(

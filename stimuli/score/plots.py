@@ -41,7 +41,7 @@ def bars(table: Table) -> Figure:
     Where 1 is right, as for a ratio, bars begin there, and the shorter are the better.
     """
     metric, count = table.metric, len(table.methods)
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count)))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -98,7 +98,7 @@ def trade_off(
             points.append((index, method, times_ms[method], float(np.mean(values))))
     if len(points) < 2:
         return None
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(5.2, 3.2))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -135,7 +135,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
         return None
     columns = min(3, len(items))
     rows = math.ceil(len(items) / columns)
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(1.2 + 2.0 * columns, 0.7 + 1.7 * rows))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -238,7 +238,7 @@ def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple
 
 def colour_bar(top: float, label: str) -> Figure:
     """Draw the scale of the error maps."""
-    with _style():
+    with figure_style():
         figure = Figure(figsize=(3.6, 0.62))
         FigureCanvasAgg(figure)
         figure.set_layout_engine("constrained")
@@ -278,7 +278,7 @@ def _saved(
     figure: Figure, kind: str, metadata: dict[str, str | None], dpi: float | None = None
 ) -> bytes:
     buffer = io.BytesIO()
-    with _style():
+    with figure_style():
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew
@@ -298,7 +298,8 @@ def pictured(table: Table) -> bool:
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
+    """Apply the look of figures of clips and their scores."""
     with mpl.rc_context(_STYLE):
         yield
 

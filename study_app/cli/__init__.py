@@ -28,6 +28,7 @@ SLOTS = (
     Slot("new-study", "Make a folder to start a study from.", "study_app.cli.new_study:new_study"),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
+    Slot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),
     Slot("session", "Run a sitting with a participant.", "study_app.cli.session_commands:app"),
     Slot("analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,6 @@ from study_app.cli.export_commands import register
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     NewFolderOption,
-    ProtocolArgument,
     ReplaceOption,
     SessionsArgument,
     SessionsProtocolOption,
@@ -101,7 +100,7 @@ def report(
     with user_errors():
         study = load_protocol(protocol) if protocol else None
         with one_line() as progress:
-            if sessions.suffix.lower() in (".csv", ".tsv") and not sessions.is_dir():
+            if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
                 made = report_decisions(
                     sessions,
                     out,
@@ -173,7 +172,23 @@ def tidy(
 
 @app.command()
 def power(
-    protocol: ProtocolArgument,
+    protocol: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Protocol file (.toml), or the name of a shipped study; left out: --pairs,"
+            " --scenes, --repeats and --people say the design.",
+            show_default=False,
+        ),
+    ] = None,
+    pair_count: Annotated[
+        int | None, typer.Option("--pairs", help="Without a protocol: pairs of methods.")
+    ] = None,
+    scenes: Annotated[int | None, typer.Option(help="Without a protocol: scenes.")] = None,
+    repeats: Annotated[
+        int | None,
+        typer.Option(help="Without a protocol: decisions of a person on a pair in a scene."),
+    ] = None,
+    people: Annotated[int | None, typer.Option(help="Without a protocol: participants.")] = None,
     rate: Annotated[
         float | None, typer.Option(help="Short for --set rate=..., of preferences.")
     ] = None,
@@ -221,6 +236,8 @@ def power(
         metamerlab analysis power demo --rate 0.65 --from pilot-sessions --out power
 
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
+
+        metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65
     """
     import numpy as np
 
@@ -231,7 +248,13 @@ def power(
     from protocols.load import load_protocol
 
     with user_errors():
-        study = load_protocol(protocol)
+        numbers = {"pairs": pair_count, "scenes": scenes, "repeats": repeats, "people": people}
+        study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
+        if protocol is not None and any(value is not None for value in numbers.values()):
+            raise StudyError(
+                "--pairs, --scenes, --repeats and --people are for a design without a protocol (got"
+                f" {protocol} too); leave one of both out"
+            )
         analysis = analysis_of(study.analysis.kind)
         given = pairs("--set", assume or ())
         shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
@@ -267,7 +290,7 @@ def power(
 
 @app.command("import")
 def import_(
-    table: Annotated[Path, typer.Argument(help="CSV of any tool, one decision per row.")],
+    table: Annotated[Path, typer.Argument(help="CSV or .xlsx of any tool, one decision per row.")],
     out: NewFolderOption,
     task: Annotated[
         str,
@@ -310,6 +333,9 @@ def import_(
 
         metamerlab analysis report imported/decisions.csv --out report
 
+    Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen of two, and rows
+    without an answer are understood, and each is said.
+
     A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
     holds scene and size, as pwcmp wants it.
 
@@ -320,6 +346,7 @@ def import_(
     """
     from analysis.columns import dictionary
     from analysis.csv_table import write_table
+    from analysis.foreign_table import in_plain_form
     from analysis.report.folder import whole_folder
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
@@ -327,7 +354,9 @@ def import_(
     with user_errors():
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        decisions = analysis.read(table, pairs("--map", columns or ()), chosen)
+        mapping = pairs("--map", columns or ())
+        with in_plain_form(table, mapping) as plain:
+            decisions = analysis.read(plain.path, mapping, chosen)
         analysis.settings_of_table(decisions, table.stem, chosen)  # refuses what does not fit
         with whole_folder(out, "decisions.csv", replace=replace) as work:
             tables = {
@@ -338,6 +367,8 @@ def import_(
             for name, frame in tables.items():
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", analysis.kind, chosen)
+    for note in plain.notes:
+        say(f"note: {note}")
     people = decisions["participant"].nunique()
     counted = f"{len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
     say(f"{out / 'decisions.csv'}: {counted}")
@@ -348,6 +379,18 @@ def import_(
 register(app)
 register_tables(app)
 register_sequential(app)
+
+
+def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
+    from protocols.from_numbers import preferences_of
+
+    missing = [f"--{name}" for name, value in numbers.items() if value is None]
+    if missing:
+        raise StudyError(
+            f"power needs a protocol, or all numbers of a design (missing: {', '.join(missing)});"
+            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65"
+        )
+    return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
 def _pilot(

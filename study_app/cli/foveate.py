@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from stimuli.foveated.to_files import Outputs
 
 DEFAULT_METHOD = "metamer"
+DEFAULT_FPS = 30.0
 _FILE = "The file"
 
 
@@ -55,7 +58,8 @@ def foveate(
     picture: Annotated[
         Path,
         typer.Argument(
-            help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...; or a folder of frames.",
+            help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...; or a folder of frames;"
+            " or a video.",
             show_default=False,
         ),
     ],
@@ -114,6 +118,23 @@ def foveate(
             metavar="FOLDER",
             help="Of frames: NAME.flo for each but the first, how far each of its pixels has come"
             " since the frame before. Noise goes along; without it it lies on the screen.",
+            show_default=False,
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of frames: write them as a video too, .mp4, .webm, or .avi without loss.",
+            show_default=False,
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            max=1000,
+            help="Of --video; left out: the video's own, or 30.",
             show_default=False,
         ),
     ] = None,
@@ -215,10 +236,13 @@ def foveate(
         metamerlab foveate around.exr out.png --panorama --clip
 
         metamerlab foveate frames/ shown/ --flow flow/
+
+        metamerlab foveate clip.mp4 shown/ --video shown.mp4
     """
     from stimuli.foveated.any_picture import Reading
     from stimuli.foveated.clip_to_files import foveate_clip
     from stimuli.foveated.to_files import Outputs, foveate_file
+    from stimuli.video import is_video, write_video
 
     with user_errors():
         sheet = compare is not None or score is not None
@@ -226,9 +250,12 @@ def foveate(
         outputs = Outputs(
             out or Path("foveated.png"), compare, steps, score, animate, flip, size_px
         )
-        if picture.is_dir():
-            _check_clip(out, outputs)
+        moving = picture.is_dir() or is_video(picture)
+        if moving:
+            _check_clip(out, outputs, video)
         else:
+            if video is not None:
+                raise StudyError("--video is for a folder of frames or a video (PICTURE is none)")
             _check(outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
@@ -237,15 +264,36 @@ def foveate(
                 "seed": seed, "reading": Reading(background, clip, stops, encoded), "ctx": ctx,
                 "say": teller.say, "progress": teller.progress,
             }  # fmt: skip
-            if picture.is_dir():
+            if moving:
                 shown = out or Path("foveated")
-                foveate_clip(picture, shown, flow=flow, choice=choices[0], **common)
+                with frames_of(picture, fps) as (frames, rate):
+                    made = foveate_clip(frames, shown, flow=flow, choice=choices[0], **common)
+                if video is not None:
+                    video.parent.mkdir(parents=True, exist_ok=True)
+                    write_video(video, made, rate)
+                    teller.say(f"wrote {video}")
             else:
                 foveate_file(picture, outputs, choices=choices, **common)
 
 
-def _check_clip(out: Path | None, outputs: Outputs) -> None:
+@contextmanager
+def frames_of(picture: Path, fps: float | None) -> Iterator[tuple[Path, float]]:
+    """Give a folder of frames, and their rate: of a video for as long as the block lasts."""
+    from stimuli.video import is_video, unpacked_video
+
+    if not is_video(picture):
+        yield picture, fps or DEFAULT_FPS
+        return
+    with unpacked_video(picture) as unpacked:
+        yield unpacked.folder, fps or unpacked.fps
+
+
+def _check_clip(out: Path | None, outputs: Outputs, video: Path | None) -> None:
     """Refuse what is made of one picture alone."""
+    from stimuli.video import CODECS
+
+    if video is not None:
+        check_outputs({"--video": (video, tuple(CODECS))}, [])
     looks = ("compare", "steps", "score", "animate", "flip")
     given = [f"--{name}" for name in looks if getattr(outputs, name) is not None]
     if given:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -20,7 +21,16 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.load import is_display, load_display, load_protocol, load_study, read_toml, shipped
+from protocols.load import (
+    decode_utf8,
+    is_display,
+    load_display,
+    load_protocol,
+    load_study,
+    read_bytes,
+    read_toml,
+    shipped,
+)
 from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.plausible import display_notes, study_notes
@@ -31,6 +41,7 @@ from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
+from study_app.cli.preview_command import preview
 from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
@@ -46,6 +57,8 @@ app = typer.Typer(
         metamerlab protocol check demo
 
         metamerlab protocol show inpainting-2afc
+
+        metamerlab protocol preview my-study.toml --out preview.html
 
         metamerlab protocol preregister my-study.toml --out preregistration.html
     """,
@@ -129,6 +142,9 @@ def show(
             console.print(_trial_table(plan))
 
 
+app.command()(preview)
+
+
 @app.command()
 def schema(
     name: Annotated[
@@ -168,17 +184,29 @@ def preregister(
     ] = None,
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
+    why: Annotated[
+        str | None, typer.Option(help="Why so many participants, in your words.")
+    ] = None,
+    power: Annotated[
+        Path | None,
+        typer.Option(help="Folder that 'metamerlab analysis power --out' wrote: power is told."),
+    ] = None,
 ) -> None:
-    """Write a preregistration: design, procedure, analysis, exclusions and hashes.
+    """Write a preregistration: participants, design, texts, analysis, exclusions and hashes.
 
-    Example: metamerlab protocol preregister my-study.toml --out preregistration.md
+    Examples:
+
+        metamerlab protocol preregister my-study.toml --out preregistration.md
+
+        metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
     with user_errors():
         study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
         _plan(study, screen, manifest)
         revision = f"{package_version()}, revision {code_revision()}"
-        sections = preregistration(study, screen, revision, manifest)
+        found = None if power is None else _read_power(power)
+        sections = preregistration(study, screen, revision, manifest, why=why, power=found)
         title = f"Preregistration: {study.study.title}"
         if out is None:
             say(to_markdown(title, sections))
@@ -236,6 +264,16 @@ def upgrade(
         )
         if before.stimuli_sha256 == after.stimuli_sha256:
             say("Built clips belong to both.")
+
+
+def _read_power(folder: Path) -> dict[str, Any]:
+    path = folder / "power.json"
+    text = decode_utf8(read_bytes(path, "the simulated power"), path)
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise StudyError(f"{path}: must be JSON ({error})") from None
+    return found if isinstance(found, dict) else {}
 
 
 def _plan(study: StudyProtocol, screen: Display, manifest: Manifest | None, slot: int = 0) -> Plan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -81,7 +81,8 @@ def score(
         ),
     ] = False,
     fps: Annotated[
-        float, typer.Option(min=1.0, max=1000.0, help="Of two clips given as folders.")
+        float,
+        typer.Option(min=1.0, max=1000.0, help="Of two clips given as folders; videos say theirs."),
     ] = 30.0,
     workers: Annotated[
         int | None,
@@ -133,8 +134,26 @@ def score(
             )
         if panorama and (second is None or mask is not None):
             raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
-        with _views(panorama) as views:
-            _score(first, second, out, metrics, display, gaze, mask, fps, workers, views, focus)
+        with ExitStack() as gone:
+            given = [_as_folder(gone, path) for path in (first, second, mask)]
+            views = gone.enter_context(_views(panorama))
+            rate = next((rate for _, rate in given if rate is not None), fps)
+            paths = [path for path, _ in given]
+            test = paths[0]
+            assert test is not None
+            _score(
+                test, paths[1], out, metrics, display, gaze, paths[2], rate, workers, views, focus
+            )
+
+
+def _as_folder(gone: ExitStack, path: Path | None) -> tuple[Path | None, float | None]:
+    """Return a video as a folder of its frames, with its rate; all else as it is."""
+    from stimuli.video import is_video, unpacked_video
+
+    if path is None or not is_video(path):
+        return path, None
+    unpacked = gone.enter_context(unpacked_video(path))
+    return unpacked.folder, unpacked.fps
 
 
 @contextmanager

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -16,6 +19,12 @@ from study_app.cli.holes_command import export_holes
 from study_app.cli.progress import progress_bar, progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from protocols.recipes.warped_clips import View
+    from stimuli.look import Lighting
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -153,6 +162,14 @@ def look(
             metavar="X Y Z", help="As the protocol's key: from the scene towards the sun, y up."
         ),
     ] = None,
+    interactive: Annotated[
+        bool,
+        typer.Option(
+            "--interactive",
+            help="Open a page of this machine instead: drag to turn, keys to move; it prints the"
+            " view's line.",
+        ),
+    ] = False,
 ) -> None:
     """Draw candidate views of a 3D scene, to choose a camera from.
 
@@ -166,6 +183,8 @@ def look(
             --view "view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, -2] }"
 
         metamerlab stimuli look place.glb --out views.png --sun-direction -1 1 0.5
+
+        metamerlab stimuli look place.glb --interactive
     """
     from pipeline.gl.context import create_context, release_context
     from protocols.load import parse_view
@@ -182,6 +201,12 @@ def look(
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
         ctx = create_context()
+        if interactive:
+            try:
+                _look_interactively(ctx, scene, scale, seed, chosen, kind, sun_direction)
+            finally:
+                release_context(ctx)
+            return
         try:
             with progress_line("trying views") as report:
                 lines = look_around(
@@ -268,3 +293,36 @@ def _frames(indices: list[int]) -> str:
         return "none"
     shown = ", ".join(map(str, indices[:4]))
     return shown + (f", ... ({len(indices)})" if len(indices) > 4 else "")
+
+
+def _look_interactively(
+    ctx: moderngl.Context,
+    scene: str,
+    scale: float,
+    seed: int,
+    chosen: Sequence[View],
+    lighting: Lighting | None,
+    sun_direction: tuple[float, float, float] | None,
+) -> None:
+    """Serve the page, open it where there is a browser, and print what is taken."""
+    import webbrowser
+
+    from stimuli.look import look_interactively
+
+    def opened(address: str) -> None:
+        say(f"{address} shows the scene; 'Done' there, or ctrl-C here, ends it")
+        if sys.stdout.isatty():
+            webbrowser.open(address)
+
+    with suppress(KeyboardInterrupt):
+        look_interactively(
+            ctx,
+            scene,
+            scale=scale,
+            seed=seed,
+            chosen=chosen,
+            lighting=lighting,
+            sun_direction=sun_direction,
+            opened=opened,
+            say=say,
+        )

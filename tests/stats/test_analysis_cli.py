@@ -10,6 +10,8 @@ import pytest
 from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
+from analysis.tasks import analysis_of
+from protocols.from_numbers import preferences_of
 from study_app.cli import app
 
 
@@ -116,6 +118,39 @@ def test_a_report_of_a_table_without_our_columns_names_the_command_that_maps_the
     (tmp_path / "old.csv").write_text("participant;first;second;chosen;rt_s\nA;a;b;a;0,5\n")
     said = re.sub(r"\s+", " ", run("report", tmp_path / "old.csv", "--out", tmp_path / "r").output)
     assert "rt_s must be a number (got '0,5'); write decimals with a point" in said
+
+
+def test_power_of_numbers_alone_is_that_of_the_study_they_describe():
+    numbers = {"pairs": 2, "scenes": 4, "repeats": 3, "people": 7}
+    options = [word for name, value in numbers.items() for word in (f"--{name}", value)]
+    result = run("power", *options, "--rate", 0.65, "--studies", 100)
+    assert result.exit_code == 0, result.output
+    assert "7 (planned)" in result.output
+
+    study = preferences_of(**numbers)
+    settings = analysis_of("preference").settings(study)
+    assert len(settings.comparisons) == 2
+    assert {len(entry.scenes) for entry in settings.comparisons} == {4}
+    assert {entry.repeats for entry in settings.comparisons} == {3}
+    assert study.study.participants == 7
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "missing: --pairs, --scenes, --repeats, --people"),
+        (["--pairs", 3, "--scenes", 6], "missing: --repeats, --people"),
+        (["demo", "--pairs", 3], "without a protocol (got demo too)"),
+        (["--pairs", 0, "--scenes", 6, "--repeats", 2, "--people", 9], "--pairs: must be 1 to"),
+        (["--pairs", 1, "--scenes", 1, "--repeats", 2, "--people", 9], "--scenes: must be 2 to"),
+        (["--pairs", 1, "--scenes", 2, "--repeats", 2, "--people", 9999], "--people: must be 2"),
+    ],
+)
+def test_power_says_which_numbers_are_missing_or_wrong(words, said):
+    result = run("power", *words, "--rate", 0.65)
+
+    assert result.exit_code == 2
+    assert said in re.sub(r"\s+", " ", result.output)
 
 
 def test_power_prints_a_table_and_draws_the_curve(tmp_path):

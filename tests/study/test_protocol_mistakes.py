@@ -155,7 +155,7 @@ def test_every_single_unknown_key_is_refused(mistakes):
         (b"format = 1\nname = \xff\n", "line 2: must be UTF-8 text (got byte 0xff)"),
         (b"format = 1\nname = \n", "must be valid TOML (Invalid value (at line 2, column 8))"),
         (b"[study]\n[study]\n", "must be valid TOML (Cannot declare ('study',) twice"),
-        (b"", "study: missing"),
+        (b"", "must be a study, with [study], [stimuli], [task] and so on, or a display"),
     ],
 )
 def test_a_file_that_is_no_protocol_is_told_with_its_line(tmp_path, content, message):

@@ -169,6 +169,49 @@ def test_preregister_writes_design_rules_and_hashes_once(study, tmp_path, suffix
     assert out.read_text(encoding="utf-8") == text
 
 
+def test_preregister_says_what_is_read_why_so_many_when_it_stops_and_its_power(study, tmp_path):
+    path = study()
+    bare = metamerlab("protocol", "preregister", path).stdout
+    assert "Why so many is not stated." in bare
+    assert "Power is not stated." in bare
+    assert "no earlier looks are planned" in bare
+    texts = load_protocol(path).text
+    english = texts.languages[texts.default_language]
+    for text in (english.consent, *english.instructions, english.question):
+        assert " ".join(text.split()) in bare
+    (tmp_path / "power").mkdir()
+    found = {"participants": [4, 8], "planned": 8, "primary": [0.3, 0.612], "each": [0.1, 0.5],
+             "studies": 900, "assumptions": {"rate": 0.65, "scene_sd": 0.4}}  # fmt: skip
+    (tmp_path / "power" / "power.json").write_text(json.dumps(found))
+
+    words = ("--power", tmp_path / "power", "--why", "A day of sittings.")
+    told = metamerlab("protocol", "preregister", path, *words).stdout
+
+    assert "Why so many: A day of sittings." in told
+    assert "900 simulated studies of this design with 8 participants: 0.61 that the" in told
+    assert "rate 0.65, scene sd 0.4" in told
+    for harmed in ({"planned": 5}, {"participants": None}, {"assumptions": []}):
+        (tmp_path / "power" / "power.json").write_text(json.dumps(found | harmed))
+        message = refused(metamerlab("protocol", "preregister", path, *words))
+        assert "--power: must be the power.json" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("widht_px = 1920\nheight_px = 1080\n", "did you mean 'width_px'"),
+        ("[display]\nname = 'x'\n", "must be a study, with [study]"),
+        ("nme = 'x'\n", "or a display (has nme)"),
+        ("", "(has nothing)"),
+    ],
+)
+def test_a_file_that_is_no_study_is_told_in_few_lines(tmp_path, text, said):
+    (tmp_path / "display.toml").write_text(text)
+    message = refused(metamerlab("protocol", "check", tmp_path / "display.toml"))
+    assert said in message
+    assert "stimuli: missing" not in message
+
+
 def test_preregister_escapes_what_the_protocol_says(study, tmp_path):
     path = study(("A short version", "A <script>alert(1)</script> version"))
     out = tmp_path / "prereg.html"

@@ -1,0 +1,196 @@
+"""Tables as other tools and spreadsheets write them, in the plain form that analyses read.
+
+What is changed is said, a note for each kind of change; what is plain already is left as it is.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+from analysis.xlsx import ENDING, read_xlsx
+from protocols.errors import StudyError
+from protocols.limits import check_rows
+from protocols.load import read_bytes
+
+SPREADSHEETS = (".xls", ".ods", ".numbers")
+"""Spreadsheets that are not read."""
+ANSWERS = ("chosen", "chose_first", "answer", "correct")
+FIRST = {"first", "left", "1", "a"}
+SECOND = {"second", "right", "2", "b"}
+_DECIMAL = re.compile(r"[+-]?\d+,\d+")
+_NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
+_SHOWN_LINES = 5
+
+
+@dataclass(frozen=True)
+class PlainForm:
+    """A table in plain form.
+
+    Parameters
+    ----------
+    path : Path
+        Of the plain table: the user's own where nothing was changed, else a copy that is gone when
+        the block ends. Its lines are those of the user's file.
+    notes : tuple of str
+        What was changed.
+    """
+
+    path: Path
+    notes: tuple[str, ...]
+
+
+@contextmanager
+def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]:
+    """Give a table as UTF-8 with commas and decimal points, without rows that have no answer.
+
+    Read are UTF-8, UTF-16 with a mark and Windows' Latin-1, and the first sheet of ``.xlsx``. A
+    column of numbers with decimal commas gets points where the file is separated otherwise. Where
+    the column ``chosen`` says left and right, or first and second, it gets the names of the
+    columns ``first`` and ``second``. Errors inside the block name `path`.
+
+    Parameters
+    ----------
+    mapping : mapping of our name to the file's column
+        As `analysis.csv_table.renamed` takes it.
+
+    Raises
+    ------
+    StudyError
+        If it is a spreadsheet of another kind, or cannot be read.
+    """
+    if path.suffix.lower() in SPREADSHEETS:
+        raise StudyError(
+            f"{path}: must be a CSV table or {ENDING}; save it as one of them in the spreadsheet's"
+            " own program"
+        )
+    notes: list[str] = []
+    if path.suffix.lower() == ENDING:
+        rows, separator = read_xlsx(path, notes), ";"
+    else:
+        rows, separator = _read_text(path, notes)
+    changed = bool(notes) or path.suffix.lower() == ENDING
+    for change in (_decimal_points, _answers_by_place, _without_empty):
+        found = change(rows, separator, mapping)
+        notes += found
+        changed |= bool(found)
+    if not changed:
+        yield PlainForm(path, ())
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder) / f"{path.stem}.csv"
+        with plain.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            for row in rows:
+                writer.writerow([" ".join(cell.splitlines()) for cell in row])
+        try:
+            yield PlainForm(plain, tuple(notes))
+        except StudyError as error:
+            raise StudyError(str(error).replace(str(plain), str(path))) from None
+
+
+def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:
+    """Return the rows of a text file by line, and what separates its cells."""
+    data = read_bytes(path, "the table")
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = data.decode("utf-16", "replace")
+        notes.append("read as UTF-16")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252", "replace")
+            notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
+    check_rows(path, text)
+    separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
+    reader = csv.reader(StringIO(text), delimiter=separator)
+    rows: list[list[str]] = []
+    try:
+        for row in reader:
+            rows += [[] for _ in range(reader.line_num - len(rows) - 1)]
+            rows.append(row)
+    except csv.Error as error:
+        raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
+    return rows, separator
+
+
+def _decimal_points(
+    rows: list[list[str]], separator: str, _mapping: Mapping[str, str]
+) -> list[str]:
+    """Write points in columns whose values are all numbers, some with a decimal comma."""
+    if separator == "," or not rows:
+        return []
+    turned = []
+    for place, name in enumerate(rows[0]):
+        cells = [row[place].strip() for row in rows[1:] if len(row) > place]
+        filled = [cell for cell in cells if cell]
+        if not any(_DECIMAL.fullmatch(cell) for cell in filled):
+            continue
+        if not all(_NUMBER.fullmatch(cell) for cell in filled):
+            continue
+        for row in rows[1:]:
+            if len(row) > place:
+                row[place] = row[place].strip().replace(",", ".")
+        turned.append(name.strip())
+    return [f"decimal commas read as points: {', '.join(turned)}"] if turned else []
+
+
+def _answers_by_place(
+    rows: list[list[str]], _separator: str, mapping: Mapping[str, str]
+) -> list[str]:
+    """Put names in the place of left and right, or first and second, in the column `chosen`."""
+    places = _places(rows, mapping)
+    if not {"first", "second", "chosen"} <= places.keys():
+        return []
+    first, second, chosen = (places[name] for name in ("first", "second", "chosen"))
+    whole = [row for row in rows[1:] if len(row) == len(rows[0])]
+    said = {row[chosen].strip().lower() for row in whole} - {""}
+    named = {row[column].strip().lower() for row in whole for column in (first, second)}
+    if not said or not said <= FIRST | SECOND or said & named:
+        return []
+    for row in whole:
+        answer = row[chosen].strip().lower()
+        if answer:
+            row[chosen] = row[first if answer in FIRST else second]
+    theirs = rows[0][chosen].strip()
+    return [
+        f"{theirs} says {' and '.join(sorted(said))}: read as the columns"
+        f" {rows[0][first].strip()} and {rows[0][second].strip()}"
+    ]
+
+
+def _without_empty(rows: list[list[str]], _separator: str, mapping: Mapping[str, str]) -> list[str]:
+    """Leave out rows without any cell, and rows without an answer."""
+    places = _places(rows, mapping)
+    answers = [places[name] for name in ANSWERS if name in places]
+    lines = []
+    for line, row in enumerate(rows[1:], start=2):
+        blank = not any(cell.strip() for cell in row)
+        unanswered = len(row) == len(rows[0]) and any(not row[place].strip() for place in answers)
+        # Of two columns that say the answer one may be empty.
+        if len(answers) > 1 and any(
+            row[place].strip() for place in answers if len(row) == len(rows[0])
+        ):
+            unanswered = False
+        if row and (blank or unanswered):
+            row.clear()
+            lines += [] if blank else [line]
+    if not lines:
+        return []
+    more = " ..." if len(lines) > _SHOWN_LINES else ""
+    shown = ", ".join(map(str, lines[:_SHOWN_LINES])) + more
+    count = f"{len(lines)} row{'s' * (len(lines) != 1)}"
+    return [f"left out without an answer: {count} (line {shown})"]
+
+
+def _places(rows: list[list[str]], mapping: Mapping[str, str]) -> dict[str, int]:
+    """Return in which column each of our names stands."""
+    header = [name.strip() for name in rows[0]] if rows else []
+    wanted = {name: name for name in (*ANSWERS, "first", "second")} | dict(mapping)
+    return {ours: header.index(theirs) for ours, theirs in wanted.items() if theirs in header}

@@ -1,0 +1,231 @@
+"""Scenes, pairs and networks of a user's own, copied into the folder of a new study.
+
+What cannot be a scene is refused before a study is written: a mesh that cannot be read, photographs
+that do not belong together, a network without its weights.
+"""
+
+from __future__ import annotations
+
+import os.path
+import re
+import shutil
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import moderngl
+
+from pipeline.errors import InputError
+from pipeline.methods.registry import check_method_name, method_names
+from protocols.own_stimuli import REFERENCE, OwnMethod, OwnScene, methods_of, quoted, unused_name
+from stimuli.look import look_around
+from stimuli.scenes.mesh_inputs import ENDINGS, files_of
+from stimuli.scenes.pair_check import judge_pair
+from stimuli.scenes.registry import scene_names
+from stimuli.scenes.stereo import ASSUMED_BASELINE_M, BUILT_IN, built_in_pair, load_pair
+
+VIEWS: Final = 8
+VIEWS_FILE: Final = "views.png"
+SCENES: Final = "scenes"
+NETWORKS: Final = "networks"
+
+
+@dataclass(frozen=True)
+class PairFiles:
+    """A stereo pair as a user names it; see `stimuli.scenes.stereo.load_pair`."""
+
+    left: Path
+    right: Path
+    disparity: Path
+    units_per_px: float = 1.0
+    focal_px: float | None = None
+    baseline_m: float | None = None
+    offset_px: float = 0.0
+
+    @property
+    def is_built_in(self) -> bool:
+        """Whether it is one that comes with a package, named three times."""
+        names = {str(self.left), str(self.right), str(self.disparity)}
+        return len(names) == 1 and names <= set(BUILT_IN) and not self.left.exists()
+
+
+def bring_scene(
+    scene: str,
+    study: Path,
+    taken: Collection[str],
+    ctx: moderngl.Context | None,
+    report: Callable[[int, int], None] = lambda _done, _total: None,
+) -> OwnScene:
+    """Copy a 3D file with all that it names to ``scenes/NAME``, and draw views of it there.
+
+    Parameters
+    ----------
+    scene : str
+        A ``.glb``, ``.gltf`` or ``.obj`` file, or the name of a built-in scene.
+    study : Path
+        Folder of the new study.
+    taken : collection of str
+        Names of the scenes before it.
+    ctx : moderngl.Context, optional
+        Left out: no views are drawn, and the camera is the file's own.
+    report : callable
+        Is told views tried and views in all.
+
+    Raises
+    ------
+    InputError, OSError
+        If a file is missing, broken, or of another kind.
+    """
+    path = Path(scene)
+    if scene in scene_names() and not path.exists():
+        name = unused_name(scene, taken)
+        made = (f'builtin = "{scene}"', f"seed = {len(taken) + 1}")
+        return OwnScene(name, _label(scene), ('kind = "builtin"', *made, _CIRCLE))
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(
+            f"--scene {scene}: must be a {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]} file, or a"
+            f" built-in scene ({', '.join(scene_names())}). Pictures with depth and OpenEXR"
+            " sequences are written into study.toml: see docs/stimuli.md of metamerlab"
+        )
+    name = unused_name(path.stem, taken)
+    folder = study / SCENES / name
+    for file in files_of(path):
+        place = folder / os.path.relpath(file, path.parent)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place)
+    lines = ('kind = "mesh"', f"file = {quoted(f'{SCENES}/{name}/{path.name}')}")
+    if ctx is None:
+        camera: tuple[str, ...] = (
+            f"# 'metamerlab stimuli look {SCENES}/{name}/{path.name}' draws views, with the line"
+            " for each.",
+            "#? view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, 0], vertical_fov_deg = 50 }",
+        )
+    else:
+        views = look_around(
+            ctx, str(folder / path.name), folder / VIEWS_FILE, scale=1.0, count=VIEWS, seed=0,
+            report=report,
+        )  # fmt: skip
+        first, *others = [line.partition(": ")[2] for line in views]
+        camera = (
+            f"# View 0 of {SCENES}/{name}/{VIEWS_FILE}. Views 1 to {len(others)} of that sheet:",
+            *(f"#   {line}" for line in others),
+            first,
+        )
+    return OwnScene(name, _label(path.stem), (*lines, *camera, _CIRCLE))
+
+
+def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[OwnScene, list[str]]:
+    """Copy a stereo pair to ``scenes/NAME``; return it, and notes of what to look at.
+
+    Raises
+    ------
+    InputError, OSError
+        If a file is missing or broken, or the three do not belong together.
+    """
+    name = unused_name("pair", taken)
+    if pair.is_built_in:
+        name = str(pair.left)
+        rig = built_in_pair(name)
+        files = dict.fromkeys(("left", "right", "disparity"), name)
+        pair = replace(
+            pair, focal_px=rig.focal_px, baseline_m=rig.baseline_m, offset_px=rig.offset_px
+        )
+        notes = []
+    else:
+        loaded = load_pair(
+            pair.left, pair.disparity, pair.right, units_per_px=pair.units_per_px,
+            focal_px=pair.focal_px, baseline_m=pair.baseline_m or ASSUMED_BASELINE_M,
+            offset_px=pair.offset_px,
+        )  # fmt: skip
+        verdict = judge_pair(loaded, units_per_px=pair.units_per_px)
+        if verdict.refused:
+            raise InputError(f"--pair: {verdict}")
+        notes = [f"{name}: {verdict}"] if verdict.doubtful else []
+        files = {}
+        for side in ("left", "right", "disparity"):
+            file: Path = getattr(pair, side)
+            place = study / SCENES / name / f"{side}{file.suffix.lower()}"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
+            files[side] = place.relative_to(study).as_posix()
+        if pair.focal_px is None or pair.baseline_m is None:
+            notes.append(
+                f"{name}: focal_px and baseline_m are assumed where not given; depths are then"
+                " right in ratio, which is all that filling needs"
+            )
+            pair = replace(
+                pair, focal_px=loaded.focal_px, baseline_m=pair.baseline_m or ASSUMED_BASELINE_M
+            )
+    units = () if pair.units_per_px == 1 else (f"units_per_px = {pair.units_per_px:g}",)
+    offset = () if pair.offset_px == 0 else (f"offset_px = {pair.offset_px:g}",)
+    lines = (
+        'kind = "stereo"',
+        *(f"{side} = {quoted(file)}" for side, file in files.items()),
+        *units,
+        f"focal_px = {pair.focal_px:g}",
+        f"baseline_m = {pair.baseline_m:g}",
+        *offset,
+        'camera = { kind = "stereo" }',
+    )
+    return OwnScene(name, _label(name), lines), notes
+
+
+def bring_methods(text: str, study: Path, target: Path) -> tuple[OwnMethod, ...]:
+    """Return the methods that ``a,b,onnx:FILE`` names; networks are copied into the study.
+
+    Parameters
+    ----------
+    text : str
+        Names joined by commas; `reference` is the true view.
+    study : Path
+        The folder that is filled.
+    target : Path
+        Where it will lie: paths of frames that are there already are told from it.
+
+    Raises
+    ------
+    InputError, StudyError, OSError
+        If a method is unknown, with the nearest name, or its file cannot be read.
+    """
+    known = [REFERENCE, *(name for name in method_names() if ":" not in name)]
+    return tuple(_brought(method, study, target) for method in methods_of(text, known))
+
+
+def _brought(method: OwnMethod, study: Path, target: Path) -> OwnMethod:
+    if method.method is None:
+        return method
+    check_method_name(method.method)
+    kind, _, given = method.method.partition(":")
+    path = Path(given)
+    if kind == "onnx":
+        from pipeline.methods.onnx_files import network_files
+
+        folder = study / NETWORKS / method.name
+        for file in network_files(path):
+            place = folder / os.path.relpath(file, path.parent)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
+        return replace(method, method=f"onnx:{NETWORKS}/{method.name}/{path.name}")
+    fixed = Path(*_fixed_parts(path.parts)) if path.parts else path
+    if not path.is_absolute() and fixed.exists():
+        return replace(method, method=f"{kind}:{os.path.relpath(path, target)}")
+    return method
+
+
+def _fixed_parts(parts: Sequence[str]) -> list[str]:
+    """Return the parts of a path before the first that holds ``{scene}`` and the like."""
+    fixed = []
+    for part in parts:
+        if "{" in part:
+            break
+        fixed.append(part)
+    return fixed
+
+
+def _label(name: str) -> str:
+    plain = re.sub(r"[-_\s]+", " ", name).strip()
+    return plain[:1].upper() + plain[1:]
+
+
+_CIRCLE = 'camera = { kind = "circle", turns = 1.0 }'

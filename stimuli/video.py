@@ -1,0 +1,130 @@
+"""Videos as folders of frames, and folders of frames as videos."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.limits import check_values, reading
+from stimuli.png import encode_bytes
+from stimuli.preview import quiet_stderr
+from stimuli.read_file import read_picture
+
+VIDEOS: Final = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
+"""What is taken for a video, by its ending; FFmpeg decides whether it is one."""
+CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
+"""What is written, by ending: .avi keeps every pixel, the others are smaller."""
+
+
+@dataclass(frozen=True)
+class Unpacked:
+    """A video's frames as a folder of PNG, ``000000.png`` on."""
+
+    folder: Path
+    fps: float
+    frames: int
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path names a file that is taken for a video."""
+    return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+@contextmanager
+def unpacked_video(path: Path) -> Iterator[Unpacked]:
+    """Give a video's frames as a folder that is gone when the block ends.
+
+    Frames have 8 bits a channel, whatever the video holds.
+
+    Raises
+    ------
+    InputError
+        If FFmpeg, in OpenCV, cannot read it, or it has no frame or no rate.
+    """
+    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
+    with quiet_stderr():
+        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    with tempfile.TemporaryDirectory(prefix="metamerlab-frames-") as made:
+        folder = Path(made) / path.stem  # scores are told by names of folders
+        folder.mkdir()
+        try:
+            if not video.isOpened():
+                raise InputError(f"{path}: must be a video that OpenCV reads (or it is damaged)")
+            edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+            check_values(path, *(round(video.get(edge)) for edge in edges), 3)
+            fps = float(video.get(cv2.CAP_PROP_FPS))
+            count = 0
+            while True:
+                with reading(path, "a whole video"), quiet_stderr():
+                    done, frame = video.read()
+                if not done:
+                    break
+                if frame.dtype != np.uint8 or frame.ndim != 3:
+                    raise InputError(f"{path}: must be a colour video (got {frame.dtype} frames)")
+                shown = np.ascontiguousarray(frame[..., ::-1], np.uint8)
+                (folder / f"{count:06d}.png").write_bytes(encode_bytes(shown))
+                count += 1
+        finally:
+            video.release()
+        if not count or not (np.isfinite(fps) and fps > 0):
+            raise InputError(
+                f"{path}: must have frames and a rate (has {count} at {fps:g} a second)"
+            )
+        yield Unpacked(folder, fps, count)
+
+
+def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
+    """Write pictures of one size as a video, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.mp4``, ``.webm`` or ``.avi``; see `CODECS`.
+    frames : sequence of Path
+        Pictures of 8 bits, in their order.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, sizes differ, or an edge is odd where the codec needs even ones.
+    """
+    codec = CODECS.get(path.suffix.lower())
+    if codec is None:
+        raise InputError(f"{path}: must end in {', '.join(CODECS)}")
+    first = read_picture(frames[0])
+    height, width = first.shape[:2]
+    if codec != "FFV1" and (width % 2 or height % 2):
+        raise InputError(
+            f"{path}: this kind of video needs even edges (frames are {width} x {height} px); write"
+            " .avi, which keeps every pixel"
+        )
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
+    with quiet_stderr():
+        writer = cv2.VideoWriter(
+            str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, (width, height)
+        )
+    try:
+        if not writer.isOpened():
+            raise InputError(f"{path}: OpenCV here cannot write {codec}; take another ending")
+        for file in frames:
+            frame = read_picture(file)
+            if frame.shape != first.shape:
+                raise InputError(
+                    f"{file}: must be {width} x {height} px as the frame before (is"
+                    f" {frame.shape[1]} x {frame.shape[0]})"
+                )
+            writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        writer.release()
+        temporary.replace(path)
+    finally:
+        writer.release()
+        temporary.unlink(missing_ok=True)

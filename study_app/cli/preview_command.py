@@ -1,0 +1,68 @@
+"""`metamerlab protocol preview`: a study as a page to play."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from protocols.errors import StudyError
+from protocols.feasibility import check_feasible
+from protocols.load import load_study
+from protocols.manifest import read_manifest
+from study_app.cli.errors import user_errors
+from study_app.cli.options import DisplayOption, ProtocolArgument
+from study_app.cli.terminal import say
+
+
+def preview(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="Page to write, .html.")] = Path("preview.html"),
+    display: DisplayOption = None,
+    stimuli: Annotated[
+        Path | None,
+        typer.Option("--stimuli", help="Folder of built clips; left out: boxes stand for them."),
+    ] = None,
+    most: Annotated[int, typer.Option(min=1, help="Conditions to show at most.")] = 24,
+) -> None:
+    """Write a page that plays one trial of each condition, without display, gaze or participants.
+
+    It also has every page of text in every language, each trial's timeline to scale, and the gaze
+    window drawn in. One file that opens offline in any browser.
+
+    Examples:
+
+        metamerlab protocol preview demo --out demo.html
+
+        metamerlab protocol preview study.toml --stimuli clips --out preview.html
+    """
+    from study_app.preview import MARK, preview_page
+
+    with user_errors():
+        if out.suffix != ".html":
+            raise StudyError(f"--out: must end in .html (got {out})")
+        if out.exists() and not (out.is_file() and MARK in out.read_text("utf-8", "replace")):
+            raise StudyError(
+                f"{out}: must be new, or an earlier preview (it is something else); choose another"
+                " name"
+            )
+        study, screen = load_study(protocol, display)
+        manifest = None if stimuli is None else read_manifest(stimuli)
+        problems = check_feasible(study, screen, manifest)
+        if problems:
+            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in problems))
+        made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
+        # Imported here: `stimuli` brings image libraries along.
+        from stimuli.whole_file import write_whole
+
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(out, made.html.encode())
+        except OSError as error:
+            raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+        say(f"{out}: {made.shown} of {made.conditions} conditions, {len(made.html) / 1e6:.1f} MB.")
+        for note in made.notes:
+            say(f"note: {note}")
+        if made.shown < made.conditions:
+            say(f"note: --most {made.conditions} shows all")

@@ -1,0 +1,124 @@
+"""Videos go in where folders of frames do, and come out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.errors import InputError
+from stimuli.pictures import save_picture
+from stimuli.read_file import read_picture
+from stimuli.video import unpacked_video, write_video
+from study_app.cli import app
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory) -> Path:
+    """Four frames of a disc that moves, 64 x 48."""
+    folder = tmp_path_factory.mktemp("clip") / "frames"
+    folder.mkdir()
+    y, x = np.mgrid[:48, :64]
+    for number in range(4):
+        disc = (x - 16 - 8 * number) ** 2 + (y - 24) ** 2 < 100
+        grey = np.where(disc[..., None], (200, 60, 40), 60 + 2 * x[..., None])
+        save_picture(folder / f"{number:06d}.png", grey.astype(np.uint8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def lossless(frames) -> Path:
+    path = frames.parent / "clip.avi"
+    write_video(path, sorted(frames.iterdir()), 24.0)
+    return path
+
+
+def test_a_lossless_video_gives_back_every_pixel_and_its_rate(frames, lossless):
+    with unpacked_video(lossless) as found:
+        assert (found.frames, found.fps) == (4, 24.0)
+        for file in sorted(frames.iterdir()):
+            np.testing.assert_array_equal(
+                read_picture(found.folder / file.name), read_picture(file)
+            )
+        folder = found.folder
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".webm"])
+def test_a_lossy_video_is_near_and_complete(frames, tmp_path, ending):
+    write_video(tmp_path / f"v{ending}", sorted(frames.iterdir()), 30.0)
+    with unpacked_video(tmp_path / f"v{ending}") as found:
+        assert found.frames == 4
+        assert found.fps == pytest.approx(30.0)
+        last = read_picture(found.folder / "000003.png").astype(float)
+        apart = [np.abs(last - read_picture(file)).mean() for file in sorted(frames.iterdir())]
+        assert np.argmin(apart) == 3
+        assert apart[3] < 12
+
+
+def test_foveating_a_video_is_foveating_its_frames_and_writes_a_video(frames, lossless, tmp_path):
+    words = ("--method", "blur", "--numpy", "--gaze", "10,10")
+    done = run("foveate", frames, tmp_path / "a", *words)
+    assert done.exit_code == 0, done.output
+    done = run("foveate", lossless, tmp_path / "b", *words, "--video", tmp_path / "b.avi")
+    assert done.exit_code == 0, done.output
+    with unpacked_video(tmp_path / "b.avi") as shown:
+        assert (shown.frames, shown.fps) == (4, 24.0)
+        for number in range(4):
+            name = f"{number:06d}.png"
+            one, other = (read_picture(tmp_path / folder / name) for folder in "ab")
+            np.testing.assert_array_equal(one, other)
+            np.testing.assert_array_equal(one, read_picture(shown.folder / name))
+    assert not np.array_equal(one, read_picture(frames / name))
+
+
+def test_scoring_a_video_gives_its_frames_scores_at_its_rate(frames, lossless, tmp_path):
+    second = tmp_path / "frames"
+    second.mkdir()
+    for file in frames.iterdir():
+        save_picture(second / file.name, read_picture(file) // 2)
+    by_folder, by_video = (
+        run("stimuli", "score", given, second, "--metrics", "psnr,ssim", "--workers", "1")
+        for given in (frames, lossless)
+    )
+    assert by_folder.exit_code == 0, by_folder.output
+    assert by_video.exit_code == 0, by_video.output
+    numbers = [
+        [word for word in done.stdout.split() if word.replace(".", "").isdigit()]
+        for done in (by_folder, by_video)
+    ]
+    assert numbers[0] == numbers[1] != []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["{v}", "{o}", "--video", "x.gif"], "x.gif: must end in .mp4 or .webm or .avi"),
+        (["{p}", "{o}.png", "--video", "x.mp4"], "--video is for a folder of frames or a video"),
+        (["{b}", "{o}"], "must be a video that OpenCV reads"),
+        (["{v}", "{o}", "--compare", "x.png"], "takes one picture"),
+    ],
+)
+def test_mistakes_with_videos_are_told(frames, lossless, tmp_path, words, said):
+    (tmp_path / "bad.mp4").write_bytes(b"no video")
+    places = {"v": lossless, "p": frames / "000000.png", "b": tmp_path / "bad.mp4",
+              "o": tmp_path / "o"}  # fmt: skip
+    done = run("foveate", *(word.format(**places) for word in words), "--numpy")
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+
+
+def test_a_video_that_cannot_be_written_leaves_nothing(frames, tmp_path):
+    odd = tmp_path / "odd.png"
+    save_picture(odd, np.zeros((47, 63, 3), np.uint8))
+    with pytest.raises(InputError, match="needs even edges"):
+        write_video(tmp_path / "v.mp4", [odd], 30.0)
+    with pytest.raises(InputError, match="as the frame before"):
+        write_video(tmp_path / "v.avi", [frames / "000000.png", odd], 30.0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["odd.png"]

@@ -1,0 +1,238 @@
+"""Old data: what other tools and spreadsheets write comes in as it is meant, and it is said."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from analysis.foreign_table import in_plain_form
+from analysis.xlsx import read_xlsx
+from protocols.errors import StudyError
+from study_app.cli import app
+
+MAP = ("--map", "participant=Vpn", "--map", "first=A", "--map", "second=B")
+PLAIN = [
+    ("Vpn", "A", "B", "Wahl", "rt_s", "scene"),
+    ("Jörg", "ours", "blur", "ours", "0.5", "Garten"),
+    ("Jörg", "blur", "ours", "ours", "1.25", "Garten"),
+    ("Änne", "ours", "blur", "blur", "2", "Haus"),
+    ("Änne", "blur", "ours", "ours", "0.75", "Haus"),
+]
+
+
+def run(*arguments):
+    words = [str(each) for each in arguments]
+    return CliRunner().invoke(app, words, catch_exceptions=False)
+
+
+def text_of(rows, separator=","):
+    return "\n".join(separator.join(row) for row in rows) + "\n"
+
+
+def imported(path: Path, *more, chosen="chosen=Wahl") -> tuple[pd.DataFrame, str]:
+    out = path.parent / "imported"
+    done = run("analysis", "import", path, *MAP, "--map", chosen, *more, "--out", out)
+    assert done.exit_code == 0, done.output
+    return pd.read_csv(out / "decisions.csv"), " ".join(done.stdout.split())
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory) -> pd.DataFrame:
+    path = tmp_path_factory.mktemp("plain") / "old.csv"
+    path.write_text(text_of(PLAIN), encoding="utf-8")
+    found, said = imported(path)
+    assert "note:" not in said
+    return found
+
+
+def xlsx(path: Path, rows, *, sheets: int = 1, shared: bool = True, skip_row: int = 0) -> Path:
+    """Write a workbook as Excel does: shared strings, numbers with 17 digits, places on cells."""
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    links = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    texts: list[str] = []
+    lines = []
+    for number, row in enumerate(rows, 1):
+        cells = []
+        for column, value in enumerate(row):
+            place = f"{chr(65 + column)}{number + skip_row * (number > 1)}"
+            try:
+                cells.append(f'<c r="{place}"><v>{float(value):.17g}</v></c>')
+                continue
+            except ValueError:
+                pass
+            if shared:
+                texts.append(value)
+                cells.append(f'<c r="{place}" t="s"><v>{len(texts) - 1}</v></c>')
+            else:
+                cells.append(f'<c r="{place}" t="inlineStr"><is><t>{value}</t></is></c>')
+        lines.append(f'<row r="{number + skip_row * (number > 1)}">{"".join(cells)}</row>')
+    half = "".join(
+        f"<si><r><t>{text[:2]}</t></r><r><t>{text[2:]}</t></r><rPh><t>nonsense</t></rPh></si>"
+        for text in texts
+    )
+    files = {
+        "xl/workbook.xml": f'<workbook {main} xmlns:r="{links}"><sheets>'
+        + "".join(f'<sheet name="S{k}" r:id="rId{k}"/>' for k in range(1, sheets + 1))
+        + "</sheets></workbook>",
+        "xl/_rels/workbook.xml.rels": "<Relationships>"
+        + "".join(
+            f'<Relationship Id="rId{k}" Target="worksheets/sheet{k}.xml"/>'
+            for k in range(1, sheets + 1)
+        )
+        + "</Relationships>",
+        "xl/sharedStrings.xml": f"<sst {main}>{half}</sst>",
+        **{
+            f"xl/worksheets/sheet{k}.xml": f"<worksheet {main}><sheetData>{''.join(lines)}"
+            "</sheetData></worksheet>"
+            for k in range(1, sheets + 1)
+        },
+    }
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, text in files.items():
+            packed.writestr(name, text)
+    return path
+
+
+def decimal_commas():
+    return [PLAIN[0], *((*row[:4], row[4].replace(".", ","), row[5]) for row in PLAIN[1:])]
+
+
+@pytest.mark.parametrize(
+    ("data", "notes"),
+    [
+        (text_of(PLAIN, ";").encode(), []),
+        (text_of(decimal_commas(), ";").encode(), ["decimal commas read as points: rt_s"]),
+        (text_of(PLAIN, "\t").encode("utf-16"), ["read as UTF-16"]),
+        (text_of(PLAIN).encode("cp1252"), ["read as Windows' Latin-1"]),
+        (
+            text_of(decimal_commas(), ";").encode("cp1252"),
+            ["read as Windows' Latin-1", "decimal commas read as points"],
+        ),
+    ],
+)
+def test_other_encodings_separators_and_decimals_give_the_same_decisions(
+    tmp_path, expected, data, notes
+):
+    (tmp_path / "old.csv").write_bytes(data)
+    found, said = imported(tmp_path / "old.csv")
+    pd.testing.assert_frame_equal(found, expected)
+    assert said.count("note:") == len(notes)
+    for note in notes:
+        assert note in said
+
+
+@pytest.mark.parametrize("words", [("left", "right"), ("First", "SECOND"), ("1", "2")])
+def test_an_answer_by_place_becomes_the_name_that_stood_there(tmp_path, expected, words):
+    rows = [PLAIN[0]]
+    rows += [(*row[:3], words[row[3] != row[1]], *row[4:]) for row in PLAIN[1:]]
+    (tmp_path / "old.csv").write_text(text_of(rows), encoding="utf-8")
+    found, said = imported(tmp_path / "old.csv")
+    pd.testing.assert_frame_equal(found, expected)
+    assert "read as the columns A and B" in said
+
+
+def test_yes_and_no_are_read_and_methods_called_left_keep_their_names(tmp_path, expected):
+    rows = [(*PLAIN[0][:3], "erste", *PLAIN[0][4:])]
+    rows += [(*row[:3], "yes" if row[3] == row[1] else "no", *row[4:]) for row in PLAIN[1:]]
+    (tmp_path / "old.csv").write_text(text_of(rows), encoding="utf-8")
+    found, _ = imported(tmp_path / "old.csv", chosen="chose_first=erste")
+    pd.testing.assert_frame_equal(found, expected)
+
+    (tmp_path / "b").mkdir()
+    places = (("right", "left"), ("left", "right"))
+    named = [PLAIN[0], *(("P", *both, "left", "1", "s") for both in places)]
+    (tmp_path / "b" / "old.csv").write_text(text_of(named))
+    found, said = imported(tmp_path / "b" / "old.csv")
+    assert list(found["chosen"]) == ["left", "left"]
+    assert "read as the columns" not in said
+
+
+def test_rows_without_an_answer_are_left_out_by_line_and_the_lines_after_keep_theirs(
+    tmp_path, expected
+):
+    empty = ("Änne", "ours", "blur", "", "", "Haus")
+    rows = [*PLAIN[:3], empty, *PLAIN[3:], ("", "", "", "", "", "")]
+    (tmp_path / "old.csv").write_text(text_of(rows), encoding="utf-8")
+    found, said = imported(tmp_path / "old.csv")
+    pd.testing.assert_frame_equal(found.drop(columns="trial"), expected.drop(columns="trial"))
+    assert "left out without an answer: 1 row (line 4)" in said
+    assert list(found["trial"]) == ["row-2", "row-3", "row-5", "row-6"]
+
+
+def test_a_mistake_further_down_is_told_by_the_users_file_and_line(tmp_path):
+    rows = [*decimal_commas(), ("P", "ours", "blur", "neither", "1,5", "s")]
+    (tmp_path / "old.csv").write_text(text_of(rows, ";"), encoding="utf-8")
+    done = run("analysis", "import", tmp_path / "old.csv", *MAP, "--map", "chosen=Wahl",
+               "--out", tmp_path / "o")  # fmt: skip
+    assert done.exit_code == 2
+    said = " ".join(done.stderr.split())
+    assert f"{tmp_path / 'old.csv'}: line 6: chosen must be 'ours' or 'blur'" in said
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_workbook_gives_the_same_decisions(tmp_path, expected, shared):
+    found, said = imported(xlsx(tmp_path / "old.xlsx", PLAIN, shared=shared))
+    pd.testing.assert_frame_equal(found, expected)
+    assert "note:" not in said
+
+
+def test_of_several_sheets_the_first_is_read_and_blank_rows_keep_line_numbers(tmp_path):
+    notes: list[str] = []
+    rows = read_xlsx(xlsx(tmp_path / "old.xlsx", PLAIN, sheets=3, skip_row=2), notes)
+    assert notes == ["the first of 3 sheets was read: S1"]
+    assert rows[0] == list(PLAIN[0])
+    assert rows[1:3] == [[], []]
+    assert rows[3:] == [list(row) for row in PLAIN[1:]]
+
+
+def test_a_harmed_workbook_is_refused_in_one_message(tmp_path):
+    whole = xlsx(tmp_path / "old.xlsx", PLAIN).read_bytes()
+    entity = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(whole)) as given, zipfile.ZipFile(entity, "w") as made:
+        for name in given.namelist():
+            text = given.read(name)
+            if name == "xl/workbook.xml":
+                text = b'<!DOCTYPE x [<!ENTITY a "b">]>' + text
+            made.writestr(name, text)
+    for data in (whole[:200], b"no zip", entity.getvalue()):
+        (tmp_path / "bad.xlsx").write_bytes(data)
+        with pytest.raises(StudyError, match=r"bad\.xlsx: must be an \.xlsx file"):
+            read_xlsx(tmp_path / "bad.xlsx", [])
+
+
+def test_a_workbook_that_unpacks_to_too_much_is_refused_before(tmp_path, monkeypatch):
+    monkeypatch.setenv("METAMERLAB_LIMITS", "unpacked=100")
+    with pytest.raises(StudyError, match="must unpack to at most 100 bytes"):
+        read_xlsx(xlsx(tmp_path / "old.xlsx", PLAIN), [])
+
+
+@pytest.mark.parametrize(
+    ("name", "data"), [("old.csv", "Jörg;1\n".encode("cp1252")), ("old.xlsx", b"PK")]
+)
+def test_the_report_of_such_a_file_names_the_command_that_helps(tmp_path, name, data):
+    (tmp_path / name).write_bytes(data)
+    done = run("analysis", "report", tmp_path / name, "--out", tmp_path / "r")
+    assert done.exit_code == 2
+    assert "metamerlab analysis import" in " ".join(done.stderr.split())
+
+
+def test_another_spreadsheet_says_how_to_save_it(tmp_path):
+    (tmp_path / "old.ods").write_bytes(b"PK")
+    with (
+        pytest.raises(StudyError, match="save it as one of them"),
+        in_plain_form(tmp_path / "old.ods", {}),
+    ):
+        pass
+
+
+def test_a_plain_table_is_read_in_place(tmp_path):
+    (tmp_path / "old.csv").write_text(text_of(PLAIN), encoding="utf-8")
+    with in_plain_form(tmp_path / "old.csv", {"chosen": "Wahl"}) as plain:
+        assert plain.path == tmp_path / "old.csv"
+        assert plain.notes == ()
