@@ -135,7 +135,7 @@ def run_attempt(
             interrupts.append(interrupt)
         state = advance(
             state,
-            Observed(flip.refreshes if log.flips[1:] else 1, gaze, answer, interrupt),
+            Observed(flip.refreshes if len(log.flips) > 1 else 1, gaze, answer, interrupt),
             timeline,
         )
     return AttemptResult(state, log, tuple(interrupts))

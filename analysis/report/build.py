@@ -1,6 +1,5 @@
 """Builds the report folder: HTML, JSON, tables, figures; whole or not at all."""
 
-import gc
 import json
 import warnings as python_warnings
 from collections.abc import Sequence
@@ -160,7 +159,6 @@ def _draw(
                 svg = figure_bytes(made, "svg")
             entry[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
         drawn.append(entry)
-        gc.collect()  # figures are circles, and hold their pixels
     say("drawing figures", len(figures), len(figures))
     return drawn
 
