@@ -16,6 +16,7 @@ import pandas as pd
 from protocols.errors import StudyError
 from protocols.limits import check_rows
 from protocols.load import decode_utf8, read_bytes
+from protocols.outside import CONTROL
 from protocols.suggest import did_you_mean
 
 FIRST_LINE = 2
@@ -27,7 +28,6 @@ DAY_S = 86_400.0
 SHOWN_LETTERS = 60
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -40,7 +40,7 @@ def read_table(path: Path) -> pd.DataFrame:
     """
     text = decode_utf8(read_bytes(path, "the table"), path)
     check_rows(path, text)
-    if found := _CONTROL.search(text):
+    if found := CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise StudyError(
             f"{path}: line {line}: must hold no control characters (got {found.group()!a})"

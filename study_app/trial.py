@@ -129,7 +129,7 @@ class Observed(NamedTuple):
 class Trial(NamedTuple):
     """An attempt: what the next flip shows, and how it ended once it has."""
 
-    index: int = 0
+    phase: int = 0
     """Of the phase; past the last one, the attempt is done."""
     frames: int = 0
     """Refreshes of this phase before the next flip; behind a gate, of the present hold."""
@@ -153,15 +153,15 @@ class Trial(NamedTuple):
 
     def done(self, timeline: Timeline) -> bool:
         """Return whether every phase is over."""
-        return self.index == len(timeline.phases)
+        return self.phase == len(timeline.phases)
 
     def shown_frames(self, timeline: Timeline) -> tuple[tuple[int, int], ...]:
         """Return (stimulus, frame) of everything of the trial's that the next flip shows."""
-        phase = timeline.phases[self.index]
+        phase = timeline.phases[self.phase]
         return tuple(
             [
                 (entry.stimulus, phase.clip_frame(entry, self.frames))
-                for entry in timeline.stimuli[self.index]
+                for entry in timeline.stimuli[self.phase]
             ]
         )
 
@@ -179,7 +179,7 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     """
     if trial.done(timeline):
         raise ValueError("the trial is done; start a new one")
-    phase = timeline.phases[trial.index]
+    phase = timeline.phases[trial.phase]
     # The first flip of a phase is its onset, however late it came.
     step = 1 if trial.frames == 0 else observed.refreshes
     if trial.over:
@@ -200,7 +200,7 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     if phase.gate_frames is not None:
         return _gated(trial, observed, step, timeline)
     if observed.answer is not None and observed.answer in phase.ends_on:
-        return trial._replace(index=trial.index + 1, frames=0, answer=observed.answer)
+        return trial._replace(phase=trial.phase + 1, frames=0, answer=observed.answer)
     shown = trial._replace(frames=trial.frames + step)
     if phase.timeout_frames is not None and shown.frames >= phase.timeout_frames:
         return _void(shown, "too-late", timeline)
@@ -210,17 +210,17 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
 def _lasted(shown: Trial, phase: Phase) -> Trial:
     """Go on to the next phase where this one has had its length."""
     if phase.frames is not None and shown.frames >= phase.frames:
-        return shown._replace(index=shown.index + 1, frames=0)
+        return shown._replace(phase=shown.phase + 1, frames=0)
     return shown
 
 
 def _void(trial: Trial, reason: VoidReason, timeline: Timeline) -> Trial:
-    return trial._replace(index=len(timeline.phases) - 1, frames=0, void_reason=reason)
+    return trial._replace(phase=len(timeline.phases) - 1, frames=0, void_reason=reason)
 
 
 def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
     """Wait until gaze was held for the length of the phase."""
-    phase = timeline.phases[trial.index]
+    phase = timeline.phases[trial.phase]
     gated = timeline.gaze is GazeMode.ENFORCE
     held = not gated or observed.gaze is Watch.HELD
     shown = trial._replace(
@@ -228,7 +228,7 @@ def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> T
         waited=trial.waited + observed.refreshes,
     )
     if shown.frames >= (phase.frames or 0):
-        return shown._replace(index=shown.index + 1, frames=0, waited=0)
+        return shown._replace(phase=shown.phase + 1, frames=0, waited=0)
     if gated and shown.waited >= (phase.gate_frames or 0):
         return _void(shown, "no-fixation", timeline)
     return shown
@@ -236,7 +236,7 @@ def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> T
 
 def _count_dropped(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     """Count the missed refreshes that kept a picture of a watched phase on the screen."""
-    kept = trial.index if trial.frames else trial.index - 1
+    kept = trial.phase if trial.frames else trial.phase - 1
     if observed.refreshes <= 1 or kept < 0 or not timeline.phases[kept].watched:
         return trial
     return trial._replace(dropped=trial.dropped + observed.refreshes - 1)
