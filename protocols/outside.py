@@ -17,11 +17,18 @@ LIMITS_VARIABLE = "METAMERLAB_LIMITS"
 """The environment variable that raises limits: ``values=4e9,trials=1e6``."""
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 """Characters that no text of a user's needs, and XML does not allow."""
+FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
+"""How a cell begins that a spreadsheet would run, or that looks as if it had been made safe."""
 _KEPT = {0x09, 0x0A}
 _TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
 _HIDDEN = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
 _NO_CHARACTERS = {*range(0xD800, 0xE000), 0xFFFE, 0xFFFF}
+_NOT_IN_XML = {*range(0x20), *_NO_CHARACTERS} - _KEPT - {0x0D}
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*_HIDDEN, *_NO_CHARACTERS)}
+
+_ON_PAGES = {code: ascii(chr(code))[1:-1] for code in _NOT_IN_XML}
+_MARKDOWN = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])|\|")
+"""Where HTML, a link, a picture or another cell would begin in Markdown."""
 
 
 def limit(name: str, default: int, error: type[Exception]) -> int:
@@ -84,3 +91,28 @@ def visible_line(message: str) -> str:
     """Return the first line of what a library says, without what no terminal can show."""
     line = next(iter(message.strip().splitlines()), "no reason given")
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)[:200].rstrip(".")
+
+
+def page_bytes(text: str) -> bytes:
+    """Return a page, SVG or Markdown as UTF-8, with what XML and UTF-8 cannot hold spelt out."""
+    return text.translate(_ON_PAGES).encode("utf-8")
+
+
+def json_bytes(text: str) -> bytes:
+    """Return JSON as UTF-8; half characters, as file names may have them, become escapes."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+def markdown(text: str) -> str:
+    """Return a text as a part of Markdown that is no HTML, link, picture or cell there."""
+    return _MARKDOWN.sub(r"\\\g<0>", text)
+
+
+def safe_cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula; what is no text stays as it is."""
+    return "'" + value if isinstance(value, str) and FORMULA.match(value) else value
+
+
+def original_cell(text: str) -> str:
+    """Return what `safe_cell` was given."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text

@@ -23,6 +23,7 @@ from analysis.report.values import as_json, rows_as_json
 from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
+from protocols.outside import json_bytes, page_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -124,10 +125,10 @@ def _write(
         html = report_page(
             source, results, drawn, warnings, provenance, beside_blocks(both), looks_blocks(stand)
         )
-        (work / HTML_NAME).write_text(html, encoding="utf-8", newline="\n")
+        (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         # Last: the folder is known as a report by this file.
-        (work / JSON_NAME).write_text(text + "\n", encoding="utf-8", newline="\n")
+        (work / JSON_NAME).write_bytes(json_bytes(text + "\n"))
     return ReportPaths(
         html=out / HTML_NAME,
         json=out / JSON_NAME,
