@@ -114,11 +114,19 @@ def check_textures(path: Path) -> None:
     Raises
     ------
     InputError
-        Naming the picture that cannot be read.
+        Naming the picture that cannot be read, or the material that no library has.
     """
     if path.suffix.lower() == ".obj":
-        for library in words_after(path, "mtllib"):
-            file = place_of(path.parent, library)
+        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
+        defined = {name for file in libraries for name in words_after(file, "newmtl")}
+        lost = sorted(set(words_after(path, "usemtl")) - defined)
+        if libraries and lost:
+            raise InputError(
+                f"{path}: must use materials that its libraries have"
+                f" ({', '.join(file.name for file in libraries)} lack {lost[0][:200]!r}); export it"
+                " again, with its materials"
+            )
+        for file in libraries:
             for image in _images_of(file):
                 picture = place_of(path.parent, image)
                 _decode(picture.read_bytes(), str(picture), f"which {file.name} names")

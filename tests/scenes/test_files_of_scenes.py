@@ -118,6 +118,13 @@ def test_each_file_of_a_gltf_changes_its_key(gltf):
         path.write_bytes(data)
 
 
+@pytest.mark.parametrize("text", ["\ufeffnewmtl one\n", "newmtl other\n", ""])
+def test_a_material_that_no_library_has_is_no_plain_grey(obj, text):
+    (obj / "lib/m.mtl").write_text(f"{text}map_Kd a/t.png\nnewmtl two\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"m\.mtl lack 'one'\); export it again"):
+        load_world(obj / "s.obj")
+
+
 def test_two_pictures_of_one_base_name_are_both_shown(obj):
     parts = load_world(obj / "s.obj").parts
     assert sorted(int(part.material.texture[0, 0, 0]) for part in parts) == [50, 200]
