@@ -31,6 +31,7 @@ _BASE_COLOUR = (
     ("pbrMetallicRoughness", "baseColorTexture"),
     ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
 )
+_UNMOVED = {"offset": [0, 0], "rotation": 0, "scale": [1, 1], "texCoord": 0}
 
 
 class OnlyThese(Resolver):
@@ -172,7 +173,15 @@ def _lines_of(path: Path) -> Counter[bytes]:
 
 
 def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
-    """Decode the picture of a glTF texture."""
+    """Decode the picture of a glTF texture, and refuse coordinates that its loader leaves out."""
+    found = entry.get("extensions")
+    moved = found.get("KHR_texture_transform") if isinstance(found, dict) else None
+    placed = [entry, moved if isinstance(moved, dict) else {}]
+    if any(by.get(key, own) != own for by in placed for key, own in _UNMOVED.items()):
+        raise InputError(
+            f"{path}: the colour of material {material!r} must lie by the first texture coordinates"
+            " (it has others, or KHR_texture_transform moves it); bake them and export it again"
+        )
     try:
         texture = read["textures"][entry["index"]]
         source = texture.get("source")
@@ -190,6 +199,8 @@ def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], mate
             return
         name = f"{path}: picture {image.get('name', source)!r}"
         data = _of_data_uri(uri) if isinstance(uri, str) else _of_view(path, read, image)
+    except InputError:
+        raise
     except (KeyError, IndexError, TypeError, ValueError, struct.error) as error:
         raise InputError(
             f"{path}: the texture of material {material!r} must lead to a picture"
