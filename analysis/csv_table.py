@@ -5,7 +5,6 @@ whatever was left out.
 """
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -16,11 +15,10 @@ import pandas as pd
 from protocols.errors import StudyError
 from protocols.limits import check_rows
 from protocols.load import decode_utf8, read_bytes
+from protocols.outside import CONTROL, original_cell, safe_cell
 from protocols.suggest import did_you_mean
 
 FIRST_LINE = 2
-FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
-"""What a spreadsheet may take for a formula, or for a control; with any apostrophes before it."""
 LARGEST_WHOLE = 2**53
 """Beyond, tables of numbers do not tell neighbours apart."""
 DAY_S = 86_400.0
@@ -29,7 +27,6 @@ IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
 PLAIN_HINT = "bring it in with 'metamerlab analysis import'"
 """Cure of a table in another form than plain CSV."""
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -47,7 +44,7 @@ def read_table(path: Path) -> pd.DataFrame:
     except StudyError as error:
         raise StudyError(f"{error}, or {PLAIN_HINT}") from None
     check_rows(path, text)
-    if found := _CONTROL.search(text):
+    if found := CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise StudyError(
             f"{path}: line {line}: must hold no control characters (got {found.group()!a})"
@@ -82,24 +79,21 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV that spreadsheets show and do not run (docs/decisions/0165).
 
     A text that begins with = + - @ or a control character gets an apostrophe in front, as does one
-    that begins so after apostrophes; `read_table` takes one away again. Numbers stay numbers.
+    that begins so after apostrophes; `read_table` takes one away again. Other control characters,
+    which `read_table` refuses, are spelt out. Numbers stay numbers.
     """
     safe = table.copy()
     for place, kind in enumerate(table.dtypes):
         if not pd.api.types.is_numeric_dtype(kind):
-            safe.isetitem(place, table.iloc[:, place].map(safe_cell).to_numpy())
-    safe.columns = pd.Index([safe_cell(name) for name in table.columns])
-    safe.to_csv(path, index=False, lineterminator="\n")
+            safe.isetitem(place, table.iloc[:, place].map(_cell).to_numpy())
+    safe.columns = pd.Index([_cell(name) for name in table.columns])
+    safe.to_csv(path, index=False, lineterminator="\n", errors="backslashreplace")
 
 
-def safe_cell(value: object) -> object:
-    """Return a cell that no spreadsheet takes for a formula; what is no text stays as it is."""
-    return "'" + value if isinstance(value, str) and FORMULA.match(value) else value
-
-
-def original_cell(text: str) -> str:
-    """Return what `safe_cell` was given."""
-    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
+def _cell(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    return safe_cell(CONTROL.sub(lambda found: ascii(found.group())[1:-1], value))
 
 
 def renamed(

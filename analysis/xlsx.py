@@ -13,7 +13,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from protocols.errors import StudyError
-from protocols.limits import UNPACKED, VARIABLE, limit, reading
+from protocols.limits import UNPACKED
+from protocols.outside import LIMITS_VARIABLE, limit, reading
 
 ENDING = ".xlsx"
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
@@ -32,12 +33,13 @@ def read_xlsx(path: Path, notes: list[str]) -> list[list[str]]:
     StudyError
         If it is no such file, or unpacks to more than the limit.
     """
-    with reading(path, "an .xlsx file"), zipfile.ZipFile(path) as packed:
+    with reading(path, "an .xlsx file", StudyError), zipfile.ZipFile(path) as packed:
         size = sum(entry.file_size for entry in packed.infolist())
-        if size > limit("unpacked", UNPACKED):
+        most = limit("unpacked", UNPACKED, StudyError)
+        if size > most:
             raise StudyError(
-                f"{path}: must unpack to at most {limit('unpacked', UNPACKED):,} bytes (it holds"
-                f" more); if it is right, raise the limit with {VARIABLE}=unpacked=NUMBER"
+                f"{path}: must unpack to at most {most:,} bytes (it holds"
+                f" more); if it is right, raise the limit with {LIMITS_VARIABLE}=unpacked=NUMBER"
             )
         names = set(packed.namelist())
         sheets = list(_part(packed, "xl/workbook.xml").iter(f"{_MAIN}sheet"))

@@ -11,7 +11,8 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading, visible_line
+from pipeline.limits import check_values
+from protocols.outside import reading, visible_line
 
 _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
@@ -51,7 +52,9 @@ def read_pixels(path: Path) -> Pixels:
     """
     if not path.exists():
         raise FileNotFoundError(2, "No such file", str(path))
-    with reading(path, "a whole image"):  # names and texts in its header may be no UTF-8
+    with reading(
+        path, "a whole image", InputError
+    ):  # names and texts in its header may be no UTF-8
         return _read_pixels(path)
 
 

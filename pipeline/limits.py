@@ -6,14 +6,12 @@ raised by the environment variable ``METAMERLAB_LIMITS``, such as ``values=4e9,v
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.errors import InputError
+from protocols.outside import LIMITS_VARIABLE, limit
 
-VARIABLE = "METAMERLAB_LIMITS"
 VALUES = 1_000_000_000
 """Numbers in a picture or an array: pixels times channels."""
 RATIO = 400
@@ -21,26 +19,6 @@ RATIO = 400
 RATIO_FROM = 100_000_000
 VERTICES = 50_000_000
 """Entries of a mesh's lists: of its positions, of its indices, and so on."""
-
-
-def limit(name: str, default: int) -> int:
-    """Return a limit: the one that the environment gives, or the default.
-
-    Raises
-    ------
-    InputError
-        If the variable does not read NAME=NUMBER, with commas between.
-    """
-    for entry in filter(None, os.environ.get(VARIABLE, "").split(",")):
-        key, _, value = entry.partition("=")
-        if key.strip() == name:
-            try:
-                return int(float(value))
-            except (ValueError, OverflowError):
-                raise InputError(
-                    f"{VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
-                ) from None
-    return default
 
 
 def check_values(path: Path, *shape: int) -> None:
@@ -53,22 +31,22 @@ def check_values(path: Path, *shape: int) -> None:
     """
     if min(shape, default=1) == 0:
         raise InputError(f"{path}: must hold at least one number (is {_by(shape)})")
-    most, count = limit("values", VALUES), 1
+    most, count = limit("values", VALUES, InputError), 1
     for edge in shape:
         count *= edge
     if count > most or min(shape, default=1) < 0:
         raise InputError(
             f"{path}: must hold at most {most:,} numbers (says that it holds"
             f" {_by(shape)}); if it is right, raise the limit with"
-            f" {VARIABLE}=values={max(count, 0)}"
+            f" {LIMITS_VARIABLE}=values={max(count, 0)}"
         )
     if count > RATIO_FROM and path.is_file():
-        packed = max(path.stat().st_size, 1)
-        if count > packed * limit("ratio", RATIO):
+        packed, ratio = max(path.stat().st_size, 1), limit("ratio", RATIO, InputError)
+        if count > packed * ratio:
             raise InputError(
-                f"{path}: must hold at most {limit('ratio', RATIO):,} numbers in each byte (says"
-                f" that it holds {count:,} in {packed:,} bytes); if it is right, raise the limit"
-                f" with {VARIABLE}=ratio={-(-count // packed)}"
+                f"{path}: must hold at most {ratio:,} numbers in each byte (says that it holds"
+                f" {count:,} in {packed:,} bytes); if it is right, raise the limit with"
+                f" {LIMITS_VARIABLE}=ratio={-(-count // packed)}"
             )
 
 
@@ -84,45 +62,9 @@ def check_vertices(path: Path, count: int) -> None:
     InputError
         With the count, the limit and how to raise it.
     """
-    most = limit("vertices", VERTICES)
+    most = limit("vertices", VERTICES, InputError)
     if count > most:
         raise InputError(
             f"{path}: no list of a mesh must be longer than {most:,} (one has {count:,}); simplify"
-            f" it, or raise the limit with {VARIABLE}=vertices={count}"
+            f" it, or raise the limit with {LIMITS_VARIABLE}=vertices={count}"
         )
-
-
-def visible_line(message: str) -> str:
-    """Return the first line of what a library says, without what no terminal can show."""
-    line = next(iter(message.strip().splitlines()), "no reason given")
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)[:200].rstrip(".")
-
-
-@contextmanager
-def reading(path: Path, what: str) -> Iterator[None]:
-    """Turn whatever a library raises about a user's file into one message.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it must be: ``a glTF 2.0 file``.
-
-    Raises
-    ------
-    InputError
-        In place of everything but what says enough by itself: our own errors, and files that
-        are missing or may not be read.
-    """
-    try:
-        yield
-    except (InputError, FileNotFoundError, PermissionError, IsADirectoryError):
-        raise
-    except MemoryError:
-        raise InputError(f"{path}: is too large for this machine's memory") from None
-    except Exception as error:
-        reason = visible_line(str(error) or type(error).__name__)
-        raise InputError(
-            f"{path}: must be {what} (its reader says: {reason}); export or copy it again"
-        ) from error

@@ -6,15 +6,12 @@ Each limit is raised by the environment variable ``METAMERLAB_LIMITS``, as those
 
 from __future__ import annotations
 
-import os
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from protocols.errors import StudyError
+from protocols.outside import LIMITS_VARIABLE, limit
 
-VARIABLE = "METAMERLAB_LIMITS"
 TRIALS = 100_000
 """Trials of one participant, practice and catch trials included."""
 UNPACKED = 2_000_000_000
@@ -22,26 +19,6 @@ UNPACKED = 2_000_000_000
 ROWS = 10_000_000
 """Lines of a table or a recording."""
 _PIECE = 1 << 20
-
-
-def limit(name: str, default: int) -> int:
-    """Return a limit: the one that the environment gives, or the default.
-
-    Raises
-    ------
-    StudyError
-        If the variable does not read NAME=NUMBER, with commas between.
-    """
-    for entry in filter(None, os.environ.get(VARIABLE, "").split(",")):
-        key, _, value = entry.partition("=")
-        if key.strip() == name:
-            try:
-                return int(float(value))
-            except (ValueError, OverflowError):
-                raise StudyError(
-                    f"{VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
-                ) from None
-    return default
 
 
 def check_trials(count: int) -> None:
@@ -52,11 +29,11 @@ def check_trials(count: int) -> None:
     StudyError
         With the count, the limit and how to raise it.
     """
-    most = limit("trials", TRIALS)
+    most = limit("trials", TRIALS, StudyError)
     if count > most:
         raise StudyError(
             f"design: a participant must have at most {most:,} trials (got {count:,}); take fewer"
-            f" repeats, or raise the limit with {VARIABLE}=trials={count}"
+            f" repeats, or raise the limit with {LIMITS_VARIABLE}=trials={count}"
         )
 
 
@@ -68,44 +45,12 @@ def check_rows(path: Path, text: str) -> None:
     StudyError
         With the count, the limit and how to raise it.
     """
-    most, count = limit("rows", ROWS), text.count("\n")
+    most, count = limit("rows", ROWS, StudyError), text.count("\n")
     if count > most:
         raise StudyError(
             f"{path}: must have at most {most:,} lines (has {count:,}); if it is right, raise the"
-            f" limit with {VARIABLE}=rows={count}"
+            f" limit with {LIMITS_VARIABLE}=rows={count}"
         )
-
-
-@contextmanager
-def reading(path: Path, what: str) -> Iterator[None]:
-    """Turn whatever a library raises about a user's file into one message.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it must be: ``valid TOML``.
-
-    Raises
-    ------
-    StudyError
-        In place of everything but what says enough by itself: our own errors, and those of the
-        file system.
-    """
-    try:
-        yield
-    except StudyError:
-        raise
-    except RecursionError:
-        raise StudyError(f"{path}: must be {what} (its brackets lie too deep)") from None
-    except MemoryError:
-        raise StudyError(f"{path}: is too large for this machine's memory") from None
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise  # Pillow's and gzip's own ones have no number
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-        raise StudyError(f"{path}: must be {what} ({reason})") from error
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
@@ -116,7 +61,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
     StudyError
         If it is no whole gzip file, or holds more than the limit allows.
     """
-    most, parts, size = limit("unpacked", UNPACKED), [], 0
+    most, parts, size = limit("unpacked", UNPACKED, StudyError), [], 0
     while data:
         stream = zlib.decompressobj(wbits=31)
         try:
@@ -126,7 +71,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
                 if size > most:
                     raise StudyError(
                         f"{path}: must unpack to at most {most:,} bytes (it holds more); if it is"
-                        f" right, raise the limit with {VARIABLE}=unpacked=NUMBER"
+                        f" right, raise the limit with {LIMITS_VARIABLE}=unpacked=NUMBER"
                     )
             while not stream.eof and parts and parts[-1]:
                 parts.append(stream.decompress(b"", _PIECE))

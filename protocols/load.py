@@ -16,7 +16,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
 from protocols.hashing import sha256_bytes
-from protocols.limits import reading
+from protocols.outside import CONTROL, reading
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -25,7 +25,6 @@ from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
 M = TypeVar("M", bound=BaseModel)
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 SECRET_SUFFIX = ".secret"
 """A study's secret lies beside its file, under the same name."""
 _OLD = (
@@ -56,7 +55,7 @@ def load_protocol(path: Path) -> StudyProtocol:
 
 def control_characters(value: object, place: str = "") -> Iterator[Problem]:
     """Yield every text with a character that no page, figure or terminal can show."""
-    if isinstance(value, str) and (found := _CONTROL.search(value)):
+    if isinstance(value, str) and (found := CONTROL.search(value)):
         yield Problem(place, f"must hold no control characters (got {found.group()!a})")
     elif isinstance(value, dict):
         for key, entry in value.items():
@@ -261,7 +260,7 @@ def _shipped(path: Path, folder: str) -> Path:
 def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
     text = decode_utf8(read_bytes(path, "the TOML file"), path)
-    with reading(path, "valid TOML"):
+    with reading(path, "valid TOML", StudyError, "mend the file"):
         return {key: with_tuples(value) for key, value in tomllib.loads(text).items()}
 
 

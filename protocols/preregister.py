@@ -11,6 +11,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
+from protocols.outside import markdown
 from protocols.plan import make_plan
 from protocols.prose import Block, Section, Table
 from protocols.schema import StudyProtocol
@@ -80,18 +81,18 @@ def preregistration(
 
 def to_markdown(title: str, sections: list[Section]) -> str:
     """Return the sections as Markdown."""
-    lines = [f"# {title}", ""]
+    lines = [f"# {markdown(title)}", ""]
     for section in sections:
         lines += [f"## {section.title}", ""]
         for block in section.blocks:
             if isinstance(block, Table):
-                lines.append("| " + " | ".join(map(_cell, block.header)) + " |")
+                lines.append("| " + " | ".join(map(markdown, block.header)) + " |")
                 lines.append("| " + " | ".join("---" for _ in block.header) + " |")
-                lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in block.rows]
+                lines += ["| " + " | ".join(map(markdown, row)) + " |" for row in block.rows]
             elif isinstance(block, list):
-                lines += [f"- {entry}" for entry in block]
+                lines += [f"- {markdown(entry)}" for entry in block]
             else:
-                lines.append(block)
+                lines.append(markdown(block))
             lines.append("")
     return "\n".join(lines)
 
@@ -131,10 +132,6 @@ td {{ overflow-wrap: anywhere; }}
 {body}
 </body></html>
 """
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
 
 
 def _overview(protocol: StudyProtocol) -> Section:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, StringConstraints, TypeAdapter, ValidationError, model_validator
+from pydantic_core import SchemaError
 
 from protocols.errors import Problem
 from protocols.sequential import Sequential
@@ -308,7 +309,8 @@ class Privacy(Model):
     """What is kept about a participant."""
 
     code_pattern: Text = r"[A-Za-z0-9_-]{2,32}"
-    """Regular expression that participant codes match whole: pseudonyms, never names."""
+    """Regular expression that participant codes match whole: pseudonyms, never names. Without
+    look-around and references back: it is matched in time linear in the code."""
     consent_required: bool = True
     """Ask for consent before anything is recorded."""
     store_gaze: bool = True
@@ -323,12 +325,28 @@ class Privacy(Model):
 
     @model_validator(mode="after")
     def _pattern_compiles(self) -> Privacy:
-        import re
-
         try:
-            re.compile(self.code_pattern)
-        except (re.error, OverflowError, RecursionError) as error:
+            for pattern in (self.code_pattern, self._whole_pattern):
+                TypeAdapter(Annotated[str, StringConstraints(pattern=pattern)])
+        except SchemaError as error:
+            reason = str(error).strip().splitlines()[-1].rpartition("rror: ")[2]
             raise ValueError(
-                f"code_pattern must be a regular expression (got {self.code_pattern!r}: {error})"
+                "code_pattern must be a regular expression without look-around and references back,"
+                f" so that it is matched in bounded time (got {self.code_pattern!r}: {reason})"
             ) from None
         return self
+
+    @property
+    def _whole_pattern(self) -> str:
+        return f"^(?:{self.code_pattern})$"
+
+    def accepts(self, code: str) -> bool:
+        """Return whether the pattern matches a participant's code, in time linear in its length."""
+        # pydantic matches by automata and never goes back, as Python's own expressions do
+        try:
+            TypeAdapter(
+                Annotated[str, StringConstraints(pattern=self._whole_pattern)]
+            ).validate_python(code)
+        except ValidationError:
+            return False
+        return True

@@ -8,6 +8,7 @@ angle between two directions is measured between the lines of sight themselves.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from protocols.display import Display
@@ -53,6 +54,20 @@ class Viewing:
             self.width_px / 2 + self.distance_mm * math.tan(math.radians(x_deg)) / self.pitch_x_mm,
             self.height_px / 2 + self.distance_mm * math.tan(math.radians(y_deg)) / self.pitch_y_mm,
         )
+
+    def angle_to(self, x_px: float, y_px: float) -> Callable[[float, float], float]:
+        """Return what gives the visual angle from any point of the screen to this one."""
+        middle_x_px, middle_y_px = self.width_px / 2, self.height_px / 2
+        pitch_x_mm, pitch_y_mm, az = self.pitch_x_mm, self.pitch_y_mm, self.distance_mm
+        bx, by, bz = self.sight(x_px, y_px)
+
+        def angle_deg(x_px: float, y_px: float) -> float:  # as below, for thousands of samples
+            ax, ay = (x_px - middle_x_px) * pitch_x_mm, (y_px - middle_y_px) * pitch_y_mm
+            x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            cross = math.sqrt(x * x + y * y + z * z)
+            return math.degrees(math.atan2(cross, ax * bx + ay * by + az * bz))
+
+        return angle_deg
 
     def angle_deg(self, a_px: tuple[float, float], b_px: tuple[float, float]) -> float:
         """Return the visual angle between two points of the screen."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -60,7 +61,7 @@ def claim(out: Path, names: Iterable[str]) -> None:
 
     What earlier builds made stays noted: a folder that is noted nowhere is a user's.
     """
-    noted = sorted(_claimed(out) | set(names))
+    noted = sorted(_noted(out) | set(_recorded(out)) | set(names))
     (out / BUILD_FOLDER).mkdir(exist_ok=True)
     write_whole(out / BUILD_FOLDER / NAMES, json.dumps(noted).encode())
 
@@ -127,7 +128,8 @@ class _Own:
     """What builds recorded of a folder as their own: each file that they write, by its name."""
 
     def __init__(self, out: Path) -> None:
-        self.clips = _claimed(out)
+        self._frames = _recorded(out)
+        self.clips = _noted(out) | set(self._frames)
         self.surveys = {
             name.rpartition("__")[0] for name in self.clips if name.count("__") == _WARPED
         }
@@ -144,6 +146,9 @@ class _Own:
         if not self._ours:
             return False
         first, *rest = path.parts
+        number = path.name[:6]
+        if rest and number.isdecimal() and int(number) >= self._frames_of(path.parent.name):
+            return False
         if not rest:
             return first in {
                 MANIFEST_NAME, MANIFEST_NAME + PART, SHEET_NAME, BUILD_FOLDER, HOLES_FOLDER,
@@ -157,6 +162,15 @@ class _Own:
             found = _PREVIEW.fullmatch("/".join(rest))
             return found is not None and found["name"] in self.clips
         return first in self.clips and bool(_FRAME.fullmatch("/".join(rest)))
+
+    def _frames_of(self, folder: str) -> float:
+        """Return how many frames a clip or a survey has; infinite where no manifest says so."""
+        found = [
+            frames
+            for name, frames in self._frames.items()
+            if folder in (name, name.rpartition("__")[0])
+        ]
+        return max(found, default=math.inf)
 
 
 _WARPED = 2
@@ -194,14 +208,22 @@ def _remove_own(out: Path, folder: Path, own: _Own) -> None:
         target.rmdir()
 
 
-def _claimed(out: Path) -> set[str]:
-    """Return the folders that builds made here, as their notes and the manifest say."""
-    names: set[str] = set()
+def _noted(out: Path) -> set[str]:
+    """Return the folders that builds made here or were about to, as their notes say.
+
+    A folder may come from anywhere, and what is noted is deleted: no note leads out of it.
+    """
     with suppress(OSError, ValueError):
-        names |= set(map(str, json.loads((out / BUILD_FOLDER / NAMES).read_bytes())))
+        noted = map(str, json.loads((out / BUILD_FOLDER / NAMES).read_bytes()))
+        return {name for name in noted if name == Path(name).name and name.strip(".")}
+    return set()
+
+
+def _recorded(out: Path) -> dict[str, int]:
+    """Return the clips of the manifest and how many frames they have."""
     with suppress(StudyError):
-        names |= {clip.name for clip in read_manifest(out).clips}
-    return names
+        return {clip.name: len(clip.frames_sha256) for clip in read_manifest(out).clips}
+    return {}
 
 
 def move_over(source: Path, target: Path) -> None:

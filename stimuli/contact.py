@@ -12,6 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from protocols.manifest import Clip
+from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
@@ -57,7 +58,7 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
         tile_height=tile[1],
     )
     path = out / SHEET_NAME
-    write_whole(path, text.encode())
+    write_whole(path, page_bytes(text))
     return path
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.gl.context import create_context, release_context
 from pipeline.image_file import write_pixels
+from protocols.outside import page_bytes
 from stimuli.batch_folder import survey_name
 from stimuli.clip import shot_of, take_survey
 from stimuli.footage import Footage
@@ -91,5 +92,5 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
         clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
         study=orders.protocol.study.name,
     )  # fmt: skip
-    write_whole(out / README_FILE, readme.encode())
+    write_whole(out / README_FILE, page_bytes(readme))
     return total

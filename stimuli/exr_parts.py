@@ -13,7 +13,8 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading, visible_line
+from pipeline.limits import check_values
+from protocols.outside import reading, visible_line
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def read_parts(path: Path) -> Parts:
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
-    with reading(path, "a whole image"):  # names in its header may be no UTF-8
+    with reading(path, "a whole image", InputError):  # names in its header may be no UTF-8
         return _read_parts(path)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values
+from protocols.outside import reading
 
 # Run lengths find what repeats in a photograph-like frame (flat sky), and nothing more does: zlib's
 # own search takes twice the time for files that are 2 % larger.
@@ -54,7 +55,7 @@ def decode(path: Path) -> NDArray[Any]:
     image = None
     if is_whole(data):
         check_values(path, *struct.unpack_from(">II", data, 16), 4)  # as its first chunk says
-        with reading(path, "a whole PNG file"):
+        with reading(path, "a whole PNG file", InputError):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(f"{path}: must be a whole PNG file (it is damaged or cut short)")

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import count_pictures, read_pixels, three_channels
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values
+from protocols.outside import reading
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
@@ -178,7 +179,7 @@ def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
             )
         count = 0
         while count <= frames:  # one more than wanted is enough to know
-            with reading(path, "a whole video"):
+            with reading(path, "a whole video", InputError):
                 done, frame = video.read()
             if not done:
                 break

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values
+from protocols.outside import reading
 from stimuli.png import encode_bytes
 from stimuli.preview import quiet_stderr
 from stimuli.read_file import read_picture
@@ -64,7 +65,7 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
             fps = float(video.get(cv2.CAP_PROP_FPS))
             count = 0
             while True:
-                with reading(path, "a whole video"), quiet_stderr():
+                with reading(path, "a whole video", InputError), quiet_stderr():
                     done, frame = video.read()
                 if not done:
                     break

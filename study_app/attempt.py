@@ -109,13 +109,13 @@ def run_attempt(
     interrupts: list[VoidReason] = []
     stage.key_presses()  # what was pressed before does not count
     while not state.done(timeline):
-        phase = timeline.phases[state.index]
+        phase = timeline.phases[state.phase]
         shown = stage.show(_picture(state, planned, timeline))
         flip = pacer.flip(shown.t_s)
         before = log.flips[-1].phase if log.flips else None
         log.shown.append(shown)
-        log.flips.append(Flipped(state.index, state.shown_frames(timeline), flip))
-        if before != state.index:  # the first flip of a phase
+        log.flips.append(Flipped(state.phase, state.shown_frames(timeline), flip))
+        if before != state.phase:  # the first flip of a phase
             mark(phase.name, flip.t_s)
             watched_before = before is not None and timeline.phases[before].watched
             if watcher and phase.watched and not watched_before:
@@ -123,11 +123,11 @@ def run_attempt(
             if phase.ends_on:
                 onset_s = flip.t_s
         gaze = _read_gaze(watcher, stage, log, recording=not state.over)
-        if watcher and log.quality is None and timeline.rests(state.index):
+        if watcher and log.quality is None and timeline.rests(state.phase):
             if any(timeline.phases[entry.phase].watched for entry in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
             watcher.monitor.rest()
-        if state.index == len(timeline.phases) - 1 and not written:
+        if state.phase == len(timeline.phases) - 1 and not written:
             on_outcome(state, log)
             written = True
         answer, interrupt = _read_keys(stage, state, phase, planned, response, onset_s, log)
@@ -135,20 +135,20 @@ def run_attempt(
             interrupts.append(interrupt)
         state = advance(
             state,
-            Observed(flip.refreshes if log.flips[1:] else 1, gaze, answer, interrupt),
+            Observed(flip.refreshes if len(log.flips) > 1 else 1, gaze, answer, interrupt),
             timeline,
         )
     return AttemptResult(state, log, tuple(interrupts))
 
 
 def _picture(state: Trial, planned: PlannedTrial, timeline: Timeline) -> Picture:
-    phase = timeline.phases[state.index]
-    last = state.index == len(timeline.phases) - 1
+    phase = timeline.phases[state.phase]
+    last = state.phase == len(timeline.phases) - 1
     judged = state.completed and planned.correct is not None
     return Picture(
         phase,
         state.frames,
-        timeline.rests(state.index),
+        timeline.rests(state.phase),
         state.void_reason if last else None,
         state.warned and last,
         state.answer == planned.correct if judged else None,

@@ -23,9 +23,9 @@ from PIL import Image
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
-from protocols.limits import reading
 from protocols.load import read_bytes
 from protocols.manifest import Clip, Manifest
+from protocols.outside import reading
 
 Names: TypeAlias = tuple[str, ...]
 """The stimuli of one trial, as its task counts them."""
@@ -53,7 +53,10 @@ def read_frame(folder: Path, clip: Clip, index: int) -> NDArray[np.uint8]:
             f"{path}: must be the frame that was hashed ({clip.frames_sha256[index][:12]}, got"
             f" {found[:12]}); restore it, or run 'metamerlab stimuli build' again"
         )
-    with reading(path, "a PNG frame that can be read"), Image.open(io.BytesIO(data)) as image:
+    with (
+        reading(path, "a PNG frame that can be read", StudyError),
+        Image.open(io.BytesIO(data)) as image,
+    ):
         if image.mode not in ("RGB", "RGBA") or image.size != (clip.width_px, clip.height_px):
             raise StudyError(
                 f"{path}: must be an 8-bit RGB image of {clip.width_px}x{clip.height_px} (got"

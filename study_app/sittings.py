@@ -8,7 +8,6 @@ from __future__ import annotations
 import fcntl
 import glob
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -102,7 +101,7 @@ def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
             "participant: a code must be letters, digits, single dashes and underscores, at most"
             f" 32 (got {participant!r}); use a pseudonym, never a name"
         ) from None
-    if not re.fullmatch(protocol.privacy.code_pattern, participant):
+    if not protocol.privacy.accepts(participant):
         raise StudyError(
             f"participant: a code must match {protocol.privacy.code_pattern} (got"
             f" {participant!r}); the protocol's privacy section says so"

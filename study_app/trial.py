@@ -14,7 +14,7 @@ refreshes, gaze is a verdict, an answer is a name.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
@@ -25,8 +25,6 @@ from protocols.phases import ITI, Clip, Image, Phase
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import trial_phases, whole_frames
-
-_STIMULI = (Clip, Image)
 
 
 class Watch(Enum):
@@ -104,6 +102,14 @@ class Timeline:
         return index > self._last_watched
 
     @cached_property
+    def stimuli(self) -> tuple[tuple[Clip | Image, ...], ...]:
+        """What of the trial's stimuli each phase shows."""
+        return tuple(
+            tuple(entry for entry in phase.show if isinstance(entry, Clip | Image))
+            for phase in self.phases
+        )
+
+    @cached_property
     def _last_watched(self) -> int:
         return max(i for i, phase in enumerate(self.phases) if phase.watched)
 
@@ -120,11 +126,10 @@ class Observed(NamedTuple):
     """`paused`, `quit` or `focus-lost`."""
 
 
-@dataclass(frozen=True)
-class Trial:
+class Trial(NamedTuple):
     """An attempt: what the next flip shows, and how it ended once it has."""
 
-    index: int = 0
+    phase: int = 0
     """Of the phase; past the last one, the attempt is done."""
     frames: int = 0
     """Refreshes of this phase before the next flip; behind a gate, of the present hold."""
@@ -148,15 +153,16 @@ class Trial:
 
     def done(self, timeline: Timeline) -> bool:
         """Return whether every phase is over."""
-        return self.index == len(timeline.phases)
+        return self.phase == len(timeline.phases)
 
     def shown_frames(self, timeline: Timeline) -> tuple[tuple[int, int], ...]:
         """Return (stimulus, frame) of everything of the trial's that the next flip shows."""
-        phase = timeline.phases[self.index]
+        phase = timeline.phases[self.phase]
         return tuple(
-            (entry.stimulus, phase.clip_frame(entry, self.frames))
-            for entry in phase.show
-            if isinstance(entry, _STIMULI)
+            [
+                (entry.stimulus, phase.clip_frame(entry, self.frames))
+                for entry in timeline.stimuli[self.phase]
+            ]
         )
 
 
@@ -173,11 +179,11 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     """
     if trial.done(timeline):
         raise ValueError("the trial is done; start a new one")
-    phase = timeline.phases[trial.index]
+    phase = timeline.phases[trial.phase]
     # The first flip of a phase is its onset, however late it came.
     step = 1 if trial.frames == 0 else observed.refreshes
     if trial.over:
-        return _lasted(replace(trial, frames=trial.frames + step), phase)
+        return _lasted(trial._replace(frames=trial.frames + step), phase)
     if observed.interrupt is not None:
         return _void(trial, observed.interrupt, timeline)
     trial = _count_dropped(trial, observed, timeline)
@@ -188,14 +194,14 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
                 reason = "gaze-break"
             return _void(trial, reason, timeline)
         if timeline.gaze is GazeMode.WARN:
-            trial = replace(trial, warned=True)
+            trial = trial._replace(warned=True)
     if trial.dropped > timeline.dropped_max:
         return _void(trial, "dropped-frames", timeline)
     if phase.gate_frames is not None:
         return _gated(trial, observed, step, timeline)
     if observed.answer is not None and observed.answer in phase.ends_on:
-        return replace(trial, index=trial.index + 1, frames=0, answer=observed.answer)
-    shown = replace(trial, frames=trial.frames + step)
+        return trial._replace(phase=trial.phase + 1, frames=0, answer=observed.answer)
+    shown = trial._replace(frames=trial.frames + step)
     if phase.timeout_frames is not None and shown.frames >= phase.timeout_frames:
         return _void(shown, "too-late", timeline)
     return _lasted(shown, phase)
@@ -204,26 +210,25 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
 def _lasted(shown: Trial, phase: Phase) -> Trial:
     """Go on to the next phase where this one has had its length."""
     if phase.frames is not None and shown.frames >= phase.frames:
-        return replace(shown, index=shown.index + 1, frames=0)
+        return shown._replace(phase=shown.phase + 1, frames=0)
     return shown
 
 
 def _void(trial: Trial, reason: VoidReason, timeline: Timeline) -> Trial:
-    return replace(trial, index=len(timeline.phases) - 1, frames=0, void_reason=reason)
+    return trial._replace(phase=len(timeline.phases) - 1, frames=0, void_reason=reason)
 
 
 def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> Trial:
     """Wait until gaze was held for the length of the phase."""
-    phase = timeline.phases[trial.index]
+    phase = timeline.phases[trial.phase]
     gated = timeline.gaze is GazeMode.ENFORCE
     held = not gated or observed.gaze is Watch.HELD
-    shown = replace(
-        trial,
+    shown = trial._replace(
         frames=trial.frames + step if held else 0,  # the hold starts over
         waited=trial.waited + observed.refreshes,
     )
     if shown.frames >= (phase.frames or 0):
-        return replace(shown, index=shown.index + 1, frames=0, waited=0)
+        return shown._replace(phase=shown.phase + 1, frames=0, waited=0)
     if gated and shown.waited >= (phase.gate_frames or 0):
         return _void(shown, "no-fixation", timeline)
     return shown
@@ -231,7 +236,7 @@ def _gated(trial: Trial, observed: Observed, step: int, timeline: Timeline) -> T
 
 def _count_dropped(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     """Count the missed refreshes that kept a picture of a watched phase on the screen."""
-    kept = trial.index if trial.frames else trial.index - 1
+    kept = trial.phase if trial.frames else trial.phase - 1
     if observed.refreshes <= 1 or kept < 0 or not timeline.phases[kept].watched:
         return trial
-    return replace(trial, dropped=trial.dropped + observed.refreshes - 1)
+    return trial._replace(dropped=trial.dropped + observed.refreshes - 1)

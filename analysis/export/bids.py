@@ -19,6 +19,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_json
 from protocols.journal import SessionStart
+from protocols.outside import markdown, page_bytes
 
 VERSION = "1.11.1"
 _NOT_IN_BEH = ("session", "participant", "simulated")
@@ -52,7 +53,7 @@ def write_bids(content: Content, folder: Path) -> tuple[str, ...]:
         " the clips with their hashes; their pixels are not part of this data set.",
         *(() if content.public else _odd(content.tables.warnings)),
     )
-    (folder / "README.md").write_text(readme, encoding="utf-8")
+    (folder / "README.md").write_bytes(page_bytes(readme))
     return tuple(notes)
 
 
@@ -244,4 +245,7 @@ def _description(content: Content) -> dict[str, Json]:
 def _odd(warnings: tuple[str, ...]) -> tuple[str, ...]:
     if not warnings:
         return ()
-    return ("What is odd about these data:", "\n".join(f"- {warning}" for warning in warnings))
+    return (
+        "What is odd about these data:",
+        "\n".join(f"- {markdown(warning)}" for warning in warnings),
+    )

@@ -8,6 +8,7 @@ import pandas as pd
 
 from protocols.columns import Column
 from protocols.hashing import Json
+from protocols.outside import page_bytes
 
 NOTHING = "n/a"
 
@@ -48,7 +49,7 @@ def write_tsv(path: Path, table: pd.DataFrame, columns: Sequence[FileColumn]) ->
     names = [column.name for column in columns if column.name in table]
     rows = ("\t".join(map(cell, row)) for row in table[names].itertuples(index=False))
     lines = ["\t".join(names), *rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_bytes(page_bytes("\n".join(lines) + "\n"))
 
 
 def cell(value: object) -> str:

@@ -11,6 +11,7 @@ from analysis.export.public import scrub
 from analysis.journals import Progress
 from analysis.tidy import Tidy
 from protocols.hashing import Json
+from protocols.outside import json_bytes, markdown
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -58,8 +59,8 @@ class Content:
         sessions = self.tables.sessions
         whole = int((sessions["status"] == "completed").sum())
         lines = [
-            f"# {self.title}",
-            self.description,
+            f"# {markdown(self.title)}",
+            markdown(self.description),
             f"{len(sessions)} participants, {whole} of them with a completed sitting. A trial:"
             f" {self.protocol.task.description(self.protocol)}."
             + (
@@ -70,7 +71,7 @@ class Content:
             *paragraphs,
         ]
         if self.source:
-            lines.append(f"Design after: {self.source}")
+            lines.append(f"Design after: {markdown(self.source)}")
         if self.public:
             lines.append(
                 "This is a public version. Participants were numbered anew; wall-clock times,"
@@ -111,7 +112,7 @@ def label(name: str) -> str:
 def write_json(path: Path, value: Json) -> None:
     """Write indented JSON, keys in the order given."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_bytes(json_bytes(json.dumps(value, indent=2, ensure_ascii=False) + "\n"))
 
 
 def _program() -> str:

@@ -18,6 +18,7 @@ from analysis.export.content import Content, label, write_json
 from analysis.export.psychds_rules import broken_rules
 from protocols.columns import SITTING_COLUMNS, Column
 from protocols.hashing import Json
+from protocols.outside import page_bytes
 
 _ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")
 _ANSWER_COLUMNS = (
@@ -56,14 +57,12 @@ def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
         for column in used:
             written.setdefault(column.name, column)
     write_json(folder / "dataset_description.json", _description(content, tuple(written.values())))
-    (folder / "README.md").write_text(
-        content.readme(
-            "`data/` holds one table each of sittings, attempts (void ones included), decisions and"
-            " answers to closing questions. `dataset_description.json`, and the JSON file beside"
-            " each table, say what every column means."
-        ),
-        encoding="utf-8",
+    readme = content.readme(
+        "`data/` holds one table each of sittings, attempts (void ones included), decisions and"
+        " answers to closing questions. `dataset_description.json`, and the JSON file beside each"
+        " table, say what every column means."
     )
+    (folder / "README.md").write_bytes(page_bytes(readme))
     if broken := broken_rules(folder):
         raise RuntimeError("the export breaks Psych-DS: " + "; ".join(map(str, broken)))
     return ()

@@ -5,6 +5,7 @@ from pathlib import Path
 from analysis.csv_table import write_table
 from analysis.export.content import Content
 from analysis.tidy import pwcmp_table
+from protocols.outside import page_bytes
 
 NAME = "pwcmp.csv"
 
@@ -22,5 +23,5 @@ def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
         " takes them.",
         lists_sittings=False,
     )
-    (folder / "README.md").write_text(text, encoding="utf-8")
+    (folder / "README.md").write_bytes(page_bytes(text))
     return ()

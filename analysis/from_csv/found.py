@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.values import as_json
+from protocols.outside import json_bytes
 
 Progress = Callable[[str, int, int], object]
 RESULTS = "results.json"
@@ -58,7 +59,7 @@ def write_found(found: Found, folder: Path) -> None:
         "result": as_json(found.result),
     }
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
-    (folder / RESULTS).write_text(text + "\n", encoding="utf-8", newline="\n")
+    (folder / RESULTS).write_bytes(json_bytes(text + "\n"))
 
 
 def number(value: float | None, digits: int = 3) -> str:

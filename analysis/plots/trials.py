@@ -52,7 +52,9 @@ def heat_map(
         head = 0.1 + (longest * size * 0.0085 if upright else lines * size * 0.018)
         figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
         axes = figure.subplots()
-        axes.imshow(shares, cmap=_DIVERGING, vmin=0.0, vmax=1.0, aspect="auto")
+        edges = (np.arange(count + 1) - 0.5 for count in (len(columns), len(rows)))
+        axes.pcolormesh(*edges, np.ma.masked_invalid(shares), cmap=_DIVERGING, vmin=0.0, vmax=1.0)
+        axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
             text = "-" if np.isnan(value) else share_text(float(value))
             axes.text(

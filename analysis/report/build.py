@@ -1,10 +1,8 @@
 """Builds the report folder: HTML, JSON, tables, figures; whole or not at all."""
 
-import gc
 import json
 import warnings as python_warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -25,6 +23,7 @@ from analysis.report.values import as_json, rows_as_json
 from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
+from protocols.outside import json_bytes, page_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -106,7 +105,7 @@ def _write(
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
             **analysis.constants,
         }
-        with python_warnings.catch_warnings(record=True) as caught, _old_objects_set_aside():
+        with python_warnings.catch_warnings(record=True) as caught:
             python_warnings.simplefilter("always")
             drawn = _draw(figures, work, files=figure_files, say=say)
         warnings = (*warnings, *_font_notes(caught))
@@ -130,26 +129,16 @@ def _write(
         html = report_page(
             source, results, drawn, warnings, provenance, beside_blocks(both), looks_blocks(stand)
         )
-        (work / HTML_NAME).write_text(html, encoding="utf-8", newline="\n")
+        (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         # Last: the folder is known as a report by this file.
-        (work / JSON_NAME).write_text(text + "\n", encoding="utf-8", newline="\n")
+        (work / JSON_NAME).write_bytes(json_bytes(text + "\n"))
     return ReportPaths(
         html=out / HTML_NAME,
         json=out / JSON_NAME,
         warnings=warnings,
         headline="SIMULATED data. " * source.simulated + analysis.headline(results, settings),
     )
-
-
-@contextmanager
-def _old_objects_set_aside() -> Iterator[None]:
-    """Let `gc.collect` look at what is made meanwhile alone; at all else it looks long."""
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 def _draw(
@@ -175,7 +164,6 @@ def _draw(
                 svg = figure_bytes(made, "svg")
             entry[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
         drawn.append(entry)
-        gc.collect()  # figures are circles, and hold their pixels
     say("drawing figures", len(figures), len(figures))
     return drawn
 

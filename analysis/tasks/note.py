@@ -12,6 +12,7 @@ from analysis.tasks import analysis_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
 from protocols.load import decode_utf8, read_bytes
+from protocols.outside import json_bytes
 from protocols.problems import problems_of
 from protocols.suggest import did_you_mean
 
@@ -31,7 +32,7 @@ def write_note(table: Path, kind: str, options: TableOptions) -> None:
         "analysis": {"kind": kind, **options.model_dump(mode="json")},
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
-    note_path(table).write_text(text + "\n", encoding="utf-8", newline="\n")
+    note_path(table).write_bytes(json_bytes(text + "\n"))
 
 
 def read_note(table: Path) -> tuple[str, TableOptions] | None:

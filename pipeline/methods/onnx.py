@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.limits import reading, visible_line
 from pipeline.methods.method import composite
 from pipeline.methods.onnx_files import network_files
+from protocols.outside import reading, visible_line
 
 _RANGES = {"0..1": (0.0, 1.0), "-1..1": (-1.0, 1.0)}
 _CURE = "export it as described in the documentation of the method onnx:FILE"
@@ -54,7 +54,7 @@ class OnnxNetwork:
         self.value_range = value_range
         self.multiple_px = multiple_px
         self._session = _open(path)
-        with reading(path, "an ONNX model"):  # its names may be no text
+        with reading(path, "an ONNX model", InputError):  # its names may be no text
             self._inputs = _understand(path, self._session)
 
     @staticmethod

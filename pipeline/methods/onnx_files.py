@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.limits import reading
+from protocols.outside import reading
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
 _LEADS: dict[str, dict[int, str]] = {
@@ -38,7 +38,7 @@ def network_files(path: Path) -> list[Path]:
         If it is no protocol buffer, or names a file outside its folder.
     """
     data = memoryview(path.read_bytes())
-    with reading(path, "an ONNX model"):
+    with reading(path, "an ONNX model", InputError):
         names = sorted(set(_locations(data, "model", 0)))
     found = [path]
     for name in names:

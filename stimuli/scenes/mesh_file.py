@@ -19,7 +19,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import InputError
-from pipeline.limits import VARIABLE, limit, reading
+from protocols.outside import LIMITS_VARIABLE, limit, reading
 from stimuli.scenes.mesh_inputs import (
     OnlyThese,
     check_lists,
@@ -96,24 +96,24 @@ def load_world(
     facets = lit and not _brings_normals(path)
     parts, triangles = [], 0
     materials: dict[int, Material] = {}
-    with reading(path, f"a whole {path.suffix} file"):  # names may be no text
+    with reading(path, f"a whole {path.suffix} file", InputError):  # names may be no text
         placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for transform, name in placed:
         geometry = scene.geometry[name]
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
         triangles += len(geometry.faces)
-        if triangles > (most := limit("triangles", MOST_TRIANGLES)):
+        if triangles > (most := limit("triangles", MOST_TRIANGLES, InputError)):
             raise InputError(
                 f"{path}: must have at most {most:,} triangles (has more); simplify it, cut away"
                 f" what the camera does not see, or raise the limit with"
-                f" {VARIABLE}=triangles=NUMBER"
+                f" {LIMITS_VARIABLE}=triangles=NUMBER"
             )
         matrix = np.asarray(transform, np.float64).copy()
         matrix[:3] *= scale
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
             continue  # scaled to nothing: it cannot be seen
-        with reading(path, f"a whole {path.suffix} file"):
+        with reading(path, f"a whole {path.suffix} file", InputError):
             part = _part(path, geometry, matrix, materials, lit)
         parts.append(Part(part.mesh.faceted(), part.material) if facets else part)
     if not parts:

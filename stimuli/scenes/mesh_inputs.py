@@ -31,6 +31,7 @@ _BASE_COLOUR = (
     ("pbrMetallicRoughness", "baseColorTexture"),
     ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
 )
+_UNMOVED = {"offset": [0, 0], "rotation": 0, "scale": [1, 1], "texCoord": 0}
 
 
 class OnlyThese(Resolver):
@@ -114,11 +115,19 @@ def check_textures(path: Path) -> None:
     Raises
     ------
     InputError
-        Naming the picture that cannot be read.
+        Naming the picture that cannot be read, or the material that no library has.
     """
     if path.suffix.lower() == ".obj":
-        for library in words_after(path, "mtllib"):
-            file = place_of(path.parent, library)
+        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
+        defined = {name for file in libraries for name in words_after(file, "newmtl")}
+        lost = sorted(set(words_after(path, "usemtl")) - defined)
+        if libraries and lost:
+            raise InputError(
+                f"{path}: must use materials that its libraries have"
+                f" ({', '.join(file.name for file in libraries)} lack {lost[0][:200]!r}); export it"
+                " again, with its materials"
+            )
+        for file in libraries:
             for image in _images_of(file):
                 picture = place_of(path.parent, image)
                 _decode(picture.read_bytes(), str(picture), f"which {file.name} names")
@@ -164,7 +173,15 @@ def _lines_of(path: Path) -> Counter[bytes]:
 
 
 def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
-    """Decode the picture of a glTF texture."""
+    """Decode the picture of a glTF texture, and refuse coordinates that its loader leaves out."""
+    found = entry.get("extensions")
+    moved = found.get("KHR_texture_transform") if isinstance(found, dict) else None
+    placed = [entry, moved if isinstance(moved, dict) else {}]
+    if any(by.get(key, own) != own for by in placed for key, own in _UNMOVED.items()):
+        raise InputError(
+            f"{path}: the colour of material {material!r} must lie by the first texture coordinates"
+            " (it has others, or KHR_texture_transform moves it); bake them and export it again"
+        )
     try:
         texture = read["textures"][entry["index"]]
         source = texture.get("source")
@@ -182,6 +199,8 @@ def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], mate
             return
         name = f"{path}: picture {image.get('name', source)!r}"
         data = _of_data_uri(uri) if isinstance(uri, str) else _of_view(path, read, image)
+    except InputError:
+        raise
     except (KeyError, IndexError, TypeError, ValueError, struct.error) as error:
         raise InputError(
             f"{path}: the texture of material {material!r} must lead to a picture"

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
-from pipeline.limits import check_values, reading
+from pipeline.limits import check_values
 from pipeline.warp.settings import WarpSettings
+from protocols.outside import reading
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour, load_plane
 
@@ -242,7 +243,7 @@ def _carry(values: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np
 def _load_disparity(path: Path) -> tuple[NDArray[np.float32], bool]:
     if path.suffix.lower() not in (".npy", ".npz"):
         return load_plane(path)
-    with reading(path, "a numpy file of one array"):
+    with reading(path, "a numpy file of one array", InputError):
         array = _load_array(path)
     if array.ndim != 2 or array.dtype.kind not in "fui":
         raise InputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.manifest import Clip, read_manifest
+from protocols.outside import visible
 from protocols.recipes.warped_clips import ClipName
 from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.score.metrics import HOLES, Metric
@@ -141,9 +142,10 @@ def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> S
             f" give the files: {ours[0]} {theirs[0]}"
         )
     width_px, height_px = _size(ours[0])
-    pair = Pair(test.name, ours, theirs, masks, width_px, height_px, 0.0 if pictures else fps)
-    items = (Subject(truth.name, "", test.name, pair),)
-    return Subjects(items, {"test": test.name, "reference": truth.name}, ())
+    name, rival = visible(test.name), visible(truth.name)  # nobody vouches for them
+    pair = Pair(name, ours, theirs, masks, width_px, height_px, 0.0 if pictures else fps)
+    items = (Subject(rival, "", name, pair),)
+    return Subjects(items, {"test": name, "reference": rival}, ())
 
 
 def frames_in(folder: Path) -> tuple[Path, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from protocols.errors import StudyError
+from protocols.outside import markdown, safe_cell
 from protocols.suggest import did_you_mean
 from stimuli.score.metrics import FRAME, HOLES, Metric
 from stimuli.score.run import Results
@@ -73,7 +74,7 @@ class Table:
     def markdown(self) -> str:
         """Render for a document; the best of each row in bold."""
         lines = [
-            "| | " + " | ".join(self.methods) + " |",
+            "| | " + " | ".join(map(markdown, self.methods)) + " |",
             "| --- |" + " ---: |" * len(self.methods),
         ]
         for scene, values in self.rows:
@@ -84,7 +85,7 @@ class Table:
                 else self.text(value)
                 for value in values
             ]
-            lines.append(f"| {scene} | " + " | ".join(cells) + " |")
+            lines.append(f"| {markdown(scene)} | " + " | ".join(cells) + " |")
         return "\n".join(lines)
 
 
@@ -126,13 +127,21 @@ def tables_csv(tables: tuple[Table, ...]) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     methods = list(dict.fromkeys(method for table in tables for method in table.methods))
-    writer.writerow(("metric", "unit", "better", "region", "size", "scene", *methods))
+    names = map(safe_cell, methods)
+    writer.writerow(("metric", "unit", "better", "region", "size", "scene", *names))
     for table in tables:
         metric = table.metric
         for scene, values in table.rows:
             by_method = dict(zip(table.methods, values, strict=True))
             cells = ("" if by_method.get(m) is None else table.text(by_method[m]) for m in methods)
-            head = (metric.name, metric.unit, metric.better, table.region, table.size, scene)
+            head = (
+                metric.name,
+                metric.unit,
+                metric.better,
+                table.region,
+                table.size,
+                safe_cell(scene),
+            )
             writer.writerow((*head, *cells))
     return buffer.getvalue()
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import Json
-from protocols.limits import check_rows, reading
+from protocols.limits import check_rows
 from protocols.load import load_display
+from protocols.outside import reading
 
 STANDARD_FHD = "standard_fhd"
 _INCH_M = 0.0254
@@ -155,7 +156,7 @@ def read_gaze(text: str | None) -> Gaze:
         return Gaze((_point(parts, "--gaze"),))
     path = Path(text)
     try:
-        with reading(path, "a CSV file in UTF-8"):
+        with reading(path, "a CSV file in UTF-8", StudyError):
             text = path.read_bytes().decode("utf-8-sig")
             check_rows(path, text)
             rows = list(csv.DictReader(io.StringIO(text, newline=""), restkey="(more)"))

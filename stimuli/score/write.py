@@ -12,6 +12,7 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import Json
+from protocols.outside import page_bytes, safe_cell
 from protocols.revision import code_revision, package_version
 from stimuli.score.available import versions
 from stimuli.score.run import Results
@@ -140,7 +141,7 @@ def scores_json(results: Results, times_ms: dict[str, float], renderer: str) -> 
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text.encode("utf-8"))
+    write_whole(path, page_bytes(text))
 
 
 def json_text(content: dict[str, Json]) -> str:
@@ -152,7 +153,7 @@ def _csv(heads: tuple[str, ...], rows: Iterable[list[str]]) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(heads)
-    writer.writerows(rows)
+    writer.writerows([*map(safe_cell, row[:3]), *row[3:]] for row in rows)  # names, then numbers
     return buffer.getvalue()
 
 

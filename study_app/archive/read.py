@@ -16,9 +16,10 @@ from typing import IO, BinaryIO
 
 from protocols.errors import StudyError
 from protocols.journal_file import find_journals, read_journal
-from protocols.limits import UNPACKED, VARIABLE, limit, reading
+from protocols.limits import UNPACKED
 from protocols.load import SECRET_SUFFIX, load_protocol
 from protocols.manifest import MANIFEST_NAME, read_manifest
+from protocols.outside import LIMITS_VARIABLE, limit, reading
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Index, plain
 from study_app.archive.seal import unseal
 from study_app.sittings import Sitting
@@ -77,7 +78,10 @@ def check(path: Path, file: BinaryIO) -> Findings:
         for entry in index.files:
             inside = entry.path.startswith(_UNPACKED)
             target = _target(unpack, entry.path) if inside else None
-            with reading(path, "a whole archive; copy it again"), archive.open(entry.path) as data:
+            with (
+                reading(path, "a whole archive", StudyError),
+                archive.open(entry.path) as data,
+            ):
                 found = _copied(data, target)
             if found != (entry.bytes, entry.sha256):
                 problems.append(f"{entry.path} was changed")
@@ -125,7 +129,7 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
         with _members(path, file) as (archive, index):
             part.mkdir(parents=True)
             for entry in index.files:
-                with reading(path, "a whole archive"), archive.open(entry.path) as data:
+                with reading(path, "a whole archive", StudyError), archive.open(entry.path) as data:
                     found = _copied(data, _target(part, entry.path))
                 if found != (entry.bytes, entry.sha256):
                     raise StudyError(f"{path}: {entry.path} was changed; nothing was restored")
@@ -141,17 +145,17 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
 @contextmanager
 def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Index]]:
     """Yield an archive whose members are exactly those of its list, and none of them a trap."""
-    with reading(path, "an archive of 'session archive'"):
+    with reading(path, "an archive of 'session archive'", StudyError):
         archive = zipfile.ZipFile(file)
     with archive:
         infos = {info.filename: info for info in archive.infolist()}
         size = os.fstat(file.fileno()).st_size
-        most = max(limit("unpacked", UNPACKED), _LARGER * size)
+        most = max(limit("unpacked", UNPACKED, StudyError), _LARGER * size)
         total = sum(info.file_size for info in archive.infolist())
         if total > most:
             raise StudyError(
                 f"{path}: must unpack to at most {most:,} bytes (says {total:,}); if it is right,"
-                f" raise the limit with {VARIABLE}=unpacked={total}"
+                f" raise the limit with {LIMITS_VARIABLE}=unpacked={total}"
             )
         for info in archive.infolist():
             if wrong := _trap(info, size):
@@ -162,7 +166,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
             raise StudyError(
                 f"{path}: must be an archive of 'session archive' (it has no {INDEX_NAME})"
             )
-        with reading(path, "a whole archive"):
+        with reading(path, "a whole archive", StudyError):
             listed = archive.read(INDEX_NAME)
         index = _index(path, listed)
         lacking = sorted({entry.path for entry in index.files} ^ (infos.keys() - {INDEX_NAME}))
@@ -192,7 +196,7 @@ def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
 
 
 def _index(path: Path, data: bytes) -> Index:
-    with reading(path, f"an archive whose {INDEX_NAME} is as it was written"):
+    with reading(path, f"an archive whose {INDEX_NAME} is as it was written", StudyError):
         index = Index.model_validate_json(data)
         if index.to_bytes() != data:
             raise ValueError("it was written anew")

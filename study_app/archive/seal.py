@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from protocols.errors import StudyError
-from protocols.limits import UNPACKED, limit
+from protocols.limits import UNPACKED
 from protocols.load import decode_utf8, read_bytes
+from protocols.outside import limit
 
 MAGIC = b"age-encryption.org/v1\n"
 _BY_PASSPHRASE = MAGIC + b"-> scrypt "
@@ -88,7 +89,7 @@ def unseal(
     pyrage = _pyrage()
     try:
         if head == _BY_PASSPHRASE:
-            if path.stat().st_size > (most := limit("unpacked", UNPACKED)):
+            if path.stat().st_size > (most := limit("unpacked", UNPACKED, StudyError)):
                 raise StudyError(
                     f"{path}: must have at most {most:,} bytes to be opened by a passphrase here;"
                     " decrypt it with 'age --decrypt'"

@@ -11,8 +11,9 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from protocols.outside import visible
 from protocols.revision import code_revision, package_version
-from study_app.cli.terminal import PlainConsole, say, visible
+from study_app.cli.terminal import PlainConsole, say
 from study_app.doctor import EVERY_JOB, Finding, Job, Status, examine, worst
 
 _STYLES = {Status.PASS: "#0072B2", Status.WARN: "bold #E69F00", Status.FAIL: "bold #D55E00"}

@@ -13,16 +13,9 @@ from rich.console import Console
 from rich.progress import Task, TextColumn
 from rich.text import Text
 
+from protocols.outside import visible
+
 _UNFOLDED = 10_000  # columns
-_KEPT = {0x09, 0x0A}
-_TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
-_CONTROLS = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
-_VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*_CONTROLS, *range(0xD800, 0xE000))}
-
-
-def visible(text: str) -> str:
-    """Return a text with control characters, turns of direction and lone surrogates spelt out."""
-    return text.translate(_VISIBLE)
 
 
 def say(*parts: object, file: TextIO | None = None) -> None:

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 
 from protocols.journal import GazeQuality
 from protocols.session_schema import Gaze
-from protocols.viewing import Viewing, angle_between_deg
+from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.trial import Watch
 
@@ -44,8 +44,7 @@ class FixationMonitor:
         self, rules: Gaze, viewing: Viewing, dot_deg: tuple[float, float], rate_hz: float
     ) -> None:
         self._rules = rules
-        self._viewing = viewing
-        self._dot = viewing.sight(*viewing.to_px(*dot_deg))
+        self._angle_to_dot_deg = viewing.angle_to(*viewing.to_px(*dot_deg))
         self._interval_s = 1.0 / rate_hz
         self._last_s = -math.inf  # stamp of the newest sample
         self._inside = False
@@ -132,7 +131,7 @@ class FixationMonitor:
                 self._blinks += 1
             self._lost_since_s = None
             self._pardoned_until_s = t_s + rules.blink_margin_s
-        angle = angle_between_deg(self._viewing.sight(x_px, y_px), self._dot)
+        angle = self._angle_to_dot_deg(x_px, y_px)
         self._angles += 1
         self._angle_sum_deg += angle
         if angle > self._angle_max_deg:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
-from protocols.limits import check_rows, reading, unpacked
+from protocols.limits import check_rows, unpacked
 from protocols.load import read_bytes
+from protocols.outside import reading
 
 _SCREEN = re.compile(
     r"^MSG\s+\S+\s+(?:DISPLAY_COORDS|GAZE_COORDS)\s*=?\s*"
@@ -62,7 +63,7 @@ def load_recording(path: Path) -> Recording:
     text = data.decode("utf-8", errors="replace")
     check_rows(path, text)
     name = path.name.removesuffix(".gz")
-    with reading(path, "a whole recording of gaze"):
+    with reading(path, "a whole recording of gaze", StudyError):
         if name.endswith(".asc"):
             return _read_asc(path, text)
         if name.endswith(".csv"):

@@ -119,7 +119,8 @@ class SimulatedGaze:
         end, found = min(self._next, self._dead), list[GazeSample]()
         while start < end:
             index, offset = divmod(start, _CHUNK)
-            found += self._samples_of(index)[offset : offset + end - start]
+            samples = self._samples_of(index)[offset : offset + end - start]
+            found = found + samples if found else samples
             start = (index + 1) * _CHUNK
         return found
 

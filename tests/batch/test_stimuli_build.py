@@ -25,7 +25,7 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.manifest import check_manifest, read_manifest
-from stimuli.batch_folder import move_over
+from stimuli.batch_folder import move_over, remove_strangers
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
@@ -315,6 +315,8 @@ def snapshot(folder: Path) -> dict[str, bytes]:
         "box__small__telea/notes.txt",
         "box__small__telea/000000.png.bak",
         "box__small__telea/sub/000000.png",
+        "box__small__telea/000099.png",
+        "holes/box__small/000099.png",
         ".build/mine.txt",
         ".build/debug/program",
     ],
@@ -351,6 +353,21 @@ def test_a_folder_that_no_build_made_is_refused_whatever_its_names(orders, inlin
     with pytest.raises(StudyError, match="must be an empty folder or one that a build made"):
         build(orders, tmp_path, inline)
     assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("noted", ["..", "../other", ".", "", "/"])
+def test_notes_of_a_build_lead_to_nothing_outside_its_folder(copy, noted):
+    beside = copy.parent / "000000.png"
+    beside.write_text("mine")
+    (copy.parent / "other").mkdir()
+    (copy.parent / "other/000000.png").write_text("mine")
+    (copy / ".build").mkdir()
+    (copy / ".build/names.json").write_text(json.dumps([noted]))
+
+    remove_strangers(copy, [clip.name for clip in read_manifest(copy).clips])
+
+    assert beside.exists()
+    assert (copy.parent / "other/000000.png").exists()
 
 
 def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monkeypatch):

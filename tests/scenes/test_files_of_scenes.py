@@ -118,6 +118,33 @@ def test_each_file_of_a_gltf_changes_its_key(gltf):
         path.write_bytes(data)
 
 
+@pytest.mark.parametrize("text", ["\ufeffnewmtl one\n", "newmtl other\n", ""])
+def test_a_material_that_no_library_has_is_no_plain_grey(obj, text):
+    (obj / "lib/m.mtl").write_text(f"{text}map_Kd a/t.png\nnewmtl two\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"m\.mtl lack 'one'\); export it again"):
+        load_world(obj / "s.obj")
+
+
+@pytest.mark.parametrize(
+    ("texture", "right"),
+    [
+        ({"texCoord": 1}, False),
+        ({"extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}}}, False),
+        ({"extensions": {"KHR_texture_transform": {"offset": [0.0, 0.0], "scale": [1, 1]}}}, True),
+        ({"extensions": []}, True),
+    ],
+)
+def test_a_picture_that_its_loader_would_put_elsewhere_is_refused(gltf, texture, right):
+    document = json.loads((gltf / "s.gltf").read_text())
+    document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] |= texture
+    (gltf / "s.gltf").write_text(json.dumps(document))
+    if right:
+        assert load_world(gltf / "s.gltf").parts[0].material.texture.max() > 0
+        return
+    with pytest.raises(InputError, match="must lie by the first texture coordinates"):
+        load_world(gltf / "s.gltf")
+
+
 def test_two_pictures_of_one_base_name_are_both_shown(obj):
     parts = load_world(obj / "s.obj").parts
     assert sorted(int(part.material.texture[0, 0, 0]) for part in parts) == [50, 200]

@@ -23,7 +23,7 @@ from analysis.csv_table import read_table
 from analysis.export.bids_gaze import read_samples
 from pipeline.errors import InputError
 from pipeline.image_file import read_pixels, write_pixels
-from pipeline.limits import VARIABLE, check_values, visible_line
+from pipeline.limits import check_values
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
@@ -31,6 +31,7 @@ from protocols.journal import SideFile
 from protocols.limits import unpacked
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
+from protocols.outside import LIMITS_VARIABLE, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
@@ -87,12 +88,12 @@ def test_a_billion_repeats_are_refused_at_once(tmp_path, command):
 
 def test_the_limit_on_trials_is_raised_by_the_environment(monkeypatch):
     study = DEMO.model_copy(update={"design": DEMO.design.model_copy(update={"repeats": 50})})
-    monkeypatch.setenv(VARIABLE, "values=9, trials=100")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=9, trials=100")
     with pytest.raises(StudyError, match="at most 100 trials"):
         planned_trials(study, "P01", 0)
-    monkeypatch.setenv(VARIABLE, "trials=1e5")
+    monkeypatch.setenv(LIMITS_VARIABLE, "trials=1e5")
     assert len(planned_trials(study, "P01", 0)) > 100
-    monkeypatch.setenv(VARIABLE, "trials=many")
+    monkeypatch.setenv(LIMITS_VARIABLE, "trials=many")
     with pytest.raises(StudyError, match="must read NAME=NUMBER"):
         planned_trials(study, "P01", 0)
 
@@ -142,10 +143,10 @@ def test_a_picture_of_any_size_is_refused_before_it_is_unpacked(tmp_path):
 def test_the_limit_on_pictures_is_raised_by_the_environment(tmp_path, monkeypatch):
     path = tmp_path / "p.png"
     Image.new("RGB", (40, 30)).save(path)
-    monkeypatch.setenv(VARIABLE, "values=3599")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=3599")
     with pytest.raises(InputError, match=r"40 x 30 x 3.*METAMERLAB_LIMITS=values=3600"):
         read_pixels(path)
-    monkeypatch.setenv(VARIABLE, "values=3600")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=3600")
     assert read_pixels(path).data.shape == (30, 40, 3)
     with pytest.raises(InputError, match="says that it holds -1 x 5"):
         check_values(path, -1, 5)
@@ -163,10 +164,10 @@ def test_numpy_files_are_looked_at_before_they_are_unpacked(tmp_path, monkeypatc
     for name in ("objects.npy", "cut.npz", "bad.npy"):
         with pytest.raises(InputError, match="must be a numpy file of one array"):
             _load_disparity(tmp_path / name)
-    monkeypatch.setenv(VARIABLE, "values=1000")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=1000")
     with pytest.raises(InputError, match="at most 1,000 numbers"):
         _load_disparity(tmp_path / "a.npz")
-    monkeypatch.setenv(VARIABLE, "values=19")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=19")
     with pytest.raises(InputError, match="4 x 5"):
         _load_disparity(tmp_path / "a.npy")
 
@@ -182,7 +183,7 @@ def test_gzip_files_unpack_to_a_limit(tmp_path, monkeypatch):
     for broken in (packed[:-9], packed[: len(packed) // 2], b"text", packed[:4] + b"\xff" * 40):
         with pytest.raises(StudyError, match="must be a whole gzip file"):
             unpacked(broken, path)
-    monkeypatch.setenv(VARIABLE, "unpacked=4e6")
+    monkeypatch.setenv(LIMITS_VARIABLE, "unpacked=4e6")
     with pytest.raises(StudyError, match="must unpack to at most 4,000,000 bytes"):
         unpacked(packed, path)
 
@@ -337,7 +338,7 @@ def test_frames_and_videos_are_looked_at_before_they_are_decoded(tmp_path, monke
         writer.write(np.zeros((12, 16, 3), np.uint8))
     writer.release()
     assert len(list(read_frames(video, (16, 12), 3, 30.0))) == 3
-    monkeypatch.setenv(VARIABLE, "values=100")
+    monkeypatch.setenv(LIMITS_VARIABLE, "values=100")
     with pytest.raises(InputError, match="16 x 12 x 3"):
         list(read_frames(video, (16, 12), 3, 30.0))
 
@@ -348,7 +349,7 @@ def test_a_picture_of_too_many_numbers_for_its_bytes_is_refused(tmp_path, monkey
     check_values(path, 90_000_000)
     with pytest.raises(InputError, match=r"numbers in each byte.*METAMERLAB_LIMITS=ratio=200000"):
         check_values(path, 10_000, 5_000, 4)
-    monkeypatch.setenv(VARIABLE, "ratio=200000")
+    monkeypatch.setenv(LIMITS_VARIABLE, "ratio=200000")
     check_values(path, 10_000, 5_000, 4)
 
 
@@ -368,10 +369,10 @@ def test_a_list_of_a_mesh_that_is_only_stated_is_refused(tmp_path, monkeypatch):
     obj = tmp_path / "s.obj"
     obj.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert load_world(obj).parts
-    monkeypatch.setenv(VARIABLE, "vertices=2")
+    monkeypatch.setenv(LIMITS_VARIABLE, "vertices=2")
     with pytest.raises(InputError, match="longer than 2"):
         load_world(obj)
-    monkeypatch.setenv(VARIABLE, "triangles=0")
+    monkeypatch.setenv(LIMITS_VARIABLE, "triangles=0")
     with pytest.raises(InputError, match="at most 0 triangles"):
         load_world(obj)
 
@@ -389,7 +390,7 @@ def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
     path.write_text("t_s,x_px,y_px\n" + "".join(f"{n},1,1\n" for n in range(5)))
     readers = (read_table, load_recording, lambda p: read_gaze(str(p)), read_stimuli)
     assert len(read_table(path)) == 5
-    monkeypatch.setenv(VARIABLE, "rows=5")
+    monkeypatch.setenv(LIMITS_VARIABLE, "rows=5")
     for read in readers:
         with pytest.raises(StudyError, match=r"at most 5 lines.*METAMERLAB_LIMITS=rows=6"):
             read(path)

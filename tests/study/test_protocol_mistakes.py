@@ -153,8 +153,8 @@ def test_every_single_unknown_key_is_refused(mistakes):
     ("content", "message"),
     [
         (b"format = 1\nname = \xff\n", "line 2: must be UTF-8 text (got byte 0xff)"),
-        (b"format = 1\nname = \n", "must be valid TOML (Invalid value (at line 2, column 8))"),
-        (b"[study]\n[study]\n", "must be valid TOML (Cannot declare ('study',) twice"),
+        (b"format = 1\nname = \n", "reader says: Invalid value (at line 2, column 8)); mend"),
+        (b"[study]\n[study]\n", "reader says: Cannot declare ('study',) twice"),
         (b"", "must be a study, with [study], [stimuli], [task] and so on, or a display"),
     ],
 )

@@ -862,7 +862,7 @@ def test_a_log_is_made_without_touching_the_disk(monkeypatch):
     monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
 
     def outcome(trial, _log: Log):
-        seen.append((timeline.phases[trial.index].name, list(touched)))
+        seen.append((timeline.phases[trial.phase].name, list(touched)))
 
     result = run_attempt(plan.trials[0], timeline, protocol.response, stage, None, outcome)
     monkeypatch.undo()

@@ -136,9 +136,9 @@ class AnyInputs(RuleBasedStateMachine):
         self.trial = after = advance(before, observed, self.timeline)
         self.outcomes += after.over and not before.over
         # One step forward, or to the blank at the end; never back, never skipping.
-        step = after.index - before.index
+        step = after.phase - before.phase
         last = len(self.timeline.phases) - 1
-        assert step in (0, 1) or (after.index == last and after.void_reason)
+        assert step in (0, 1) or (after.phase == last and after.void_reason)
         if step:
             assert after.frames == 0
         if before.over:  # what was decided stays decided
@@ -154,7 +154,7 @@ class AnyInputs(RuleBasedStateMachine):
         if trial is None:
             return
         timeline = self.timeline
-        assert trial.over == (trial.index > question(timeline))
+        assert trial.over == (trial.phase > question(timeline))
         assert not (trial.completed and trial.void_reason)
         assert (trial.answer is not None) == trial.completed
         assert trial.answer is None or trial.answer in timeline.phases[question(timeline)].ends_on
@@ -162,7 +162,7 @@ class AnyInputs(RuleBasedStateMachine):
         assert trial.frames >= 0
         if trial.done(timeline):
             return
-        phase = timeline.phases[trial.index]
+        phase = timeline.phases[trial.phase]
         shown = trial.shown_frames(timeline)
         assert [stimulus for stimulus, _ in shown] == [
             entry.stimulus for entry in phase.show if isinstance(entry, Clip | Image)
@@ -205,7 +205,7 @@ def test_an_undisturbed_attempt_shows_every_phase_for_its_planned_frames():
     """By hand: 3 dot + 4 + 2 gap + 4 + 1 answer + 2 rest = 16 flips."""
     shown, trial = [], Trial()
     while not trial.done(TIMELINE):
-        shown.append((trial.index, trial.shown_frames(TIMELINE)))
+        shown.append((trial.phase, trial.shown_frames(TIMELINE)))
         trial = advance(trial, Observed(answer="second"), TIMELINE)
 
     first, second = (
@@ -223,8 +223,8 @@ def test_an_undisturbed_attempt_shows_every_phase_for_its_planned_frames():
 def test_fixation_hold_starts_over_after_a_glance_away():
     away = Observed(gaze=Watch.AWAY)
 
-    assert run(*undisturbed(2), away, *undisturbed(2)).index == FIXATE
-    assert run(*undisturbed(2), away, *undisturbed(3)).index == FIRST
+    assert run(*undisturbed(2), away, *undisturbed(2)).phase == FIXATE
+    assert run(*undisturbed(2), away, *undisturbed(3)).phase == FIRST
 
 
 def test_a_dot_that_is_never_fixated_ends_the_attempt():
@@ -248,20 +248,20 @@ def test_gaze_that_leaves_voids_in_enforce_warns_in_warn_and_only_there(flips, g
 
 
 def test_gaze_away_for_less_than_the_rule_changes_nothing():
-    assert run(*undisturbed(3), *[Observed(gaze=Watch.AWAY)] * 10).index == RESPOND
+    assert run(*undisturbed(3), *[Observed(gaze=Watch.AWAY)] * 10).phase == RESPOND
 
 
 def test_gaze_is_free_once_the_question_is_asked():
     trial = run(*undisturbed(13), Observed(gaze=Watch.VIOLATION), Observed(gaze=Watch.LOSS))
 
-    assert trial.index == RESPOND
+    assert trial.phase == RESPOND
 
 
 def test_a_missed_refresh_skips_a_clip_frame_and_keeps_the_duration():
     """Four refreshes, two per clip frame; the second flip comes one late."""
     trial = run(*undisturbed(3), Observed(), Observed(refreshes=2))
-    assert (trial.index, trial.frames, trial.shown_frames(TIMELINE)) == (FIRST, 3, ((0, 1),))
-    assert run(Observed(), start=trial).index == GAP
+    assert (trial.phase, trial.frames, trial.shown_frames(TIMELINE)) == (FIRST, 3, ((0, 1),))
+    assert run(Observed(), start=trial).phase == GAP
     assert trial.dropped == 1
 
 
@@ -270,7 +270,7 @@ def test_a_late_onset_shortens_nothing():
     onset = run(*undisturbed(3))
     trial = run(Observed(refreshes=3), *undisturbed(3), start=onset)
 
-    assert trial.index == GAP
+    assert trial.phase == GAP
     assert trial.dropped == 0
 
 
@@ -294,13 +294,13 @@ def test_a_late_answer_voids_and_one_at_the_last_moment_counts():
     assert run(*waiting, Observed()).void_reason == "too-late"
     assert run(*waiting, Observed(), Observed(answer="first")).answer is None
     patient = two_intervals(timeout=None)
-    assert run(*undisturbed(500), timeline=patient).index == RESPOND
+    assert run(*undisturbed(500), timeline=patient).phase == RESPOND
 
 
 def test_an_answer_before_the_question_is_not_taken():
     trial = run(*undisturbed(9), Observed(answer="first"), *undisturbed(3))
 
-    assert trial.index == RESPOND
+    assert trial.phase == RESPOND
     assert trial.answer is None
 
 
@@ -389,7 +389,7 @@ def shown_by(timeline: Timeline, answer: str) -> list[tuple[str, tuple[tuple[int
     """Every flip of an undisturbed attempt: its phase, and what it shows of the stimuli."""
     shown, trial = [], Trial()
     while not trial.done(timeline):
-        shown.append((timeline.phases[trial.index].name, trial.shown_frames(timeline)))
+        shown.append((timeline.phases[trial.phase].name, trial.shown_frames(timeline)))
         trial = advance(trial, Observed(answer=answer), timeline)
     assert trial.answer == answer
     return shown
@@ -429,7 +429,7 @@ def test_gaze_is_watched_from_the_first_stimulus_to_the_last_of_any_task(flips):
 def test_answers_of_another_task_are_not_taken():
     trial = run(*undisturbed(7), Observed(answer="first"), timeline=side_by_side())
 
-    assert (trial.index, trial.answer) == (2, None)
+    assert (trial.phase, trial.answer) == (2, None)
     assert run(Observed(answer="left"), timeline=side_by_side(), start=trial).answer == "left"
 
 
@@ -444,9 +444,9 @@ def test_feedback_follows_the_answer_and_lasts_as_planned():
     timeline = two_intervals(feedback=3)
     trial = answered(timeline)
 
-    assert (trial.index, trial.over, trial.done(timeline)) == (FEEDBACK, True, False)
-    assert run(*undisturbed(2), timeline=timeline, start=trial).index == FEEDBACK
-    assert run(*undisturbed(3), timeline=timeline, start=trial).index == FEEDBACK + 1
+    assert (trial.phase, trial.over, trial.done(timeline)) == (FEEDBACK, True, False)
+    assert run(*undisturbed(2), timeline=timeline, start=trial).phase == FEEDBACK
+    assert run(*undisturbed(3), timeline=timeline, start=trial).phase == FEEDBACK + 1
 
 
 @pytest.mark.parametrize(
@@ -461,14 +461,14 @@ def test_nothing_that_happens_during_feedback_undoes_the_answer(disturbance):
     timeline = two_intervals(feedback=3)
     trial = run(disturbance, timeline=timeline, start=answered(timeline))
 
-    assert (trial.index, trial.answer, trial.void_reason) == (FEEDBACK, "first", None)
+    assert (trial.phase, trial.answer, trial.void_reason) == (FEEDBACK, "first", None)
 
 
 def test_a_void_attempt_has_no_feedback():
     timeline = two_intervals(feedback=3)
     trial = run(*undisturbed(7), Observed(interrupt="paused"), timeline=timeline)
 
-    assert trial.index == FEEDBACK + 1
+    assert trial.phase == FEEDBACK + 1
 
 
 def test_what_the_next_trial_needs_may_load_from_the_answer_on():

@@ -17,6 +17,7 @@ from PIL import Image as PillowImage
 from protocols.display import Display
 from protocols.load import load_protocol
 from protocols.manifest import Clip, Manifest
+from protocols.outside import page_bytes
 from protocols.recipes.warped_clips import ClipName
 from protocols.schema import StudyProtocol
 from stimuli.build import HOLES_FOLDER, survey_name
@@ -91,7 +92,7 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         out=os.path.relpath(layout.out),
         places=_places(layout),
     )
-    write_whole(layout.page, text.encode("utf-8"))
+    write_whole(layout.page, page_bytes(text))
 
 
 def _labels(protocol: StudyProtocol) -> dict[str, str]:

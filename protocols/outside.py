@@ -1,0 +1,118 @@
+"""What comes from outside, met in one way: limits, what libraries say of a file, hostile text.
+
+Every package shares this module, `pipeline` too; so it imports nothing of ours, and is told which
+exception its caller raises.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LIMITS_VARIABLE = "METAMERLAB_LIMITS"
+"""The environment variable that raises limits: ``values=4e9,trials=1e6``."""
+CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+"""Characters that no text of a user's needs, and XML does not allow."""
+FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
+"""How a cell begins that a spreadsheet would run, or that looks as if it had been made safe."""
+_KEPT = {0x09, 0x0A}
+_TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
+_HIDDEN = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
+_NO_CHARACTERS = {*range(0xD800, 0xE000), 0xFFFE, 0xFFFF}
+_NOT_IN_XML = {*range(0x20), *_NO_CHARACTERS} - _KEPT - {0x0D}
+_VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*_HIDDEN, *_NO_CHARACTERS)}
+
+_ON_PAGES = {code: ascii(chr(code))[1:-1] for code in _NOT_IN_XML}
+_MARKDOWN = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])|\|")
+"""Where HTML, a link, a picture or another cell would begin in Markdown."""
+
+
+def limit(name: str, default: int, error: type[Exception]) -> int:
+    """Return a limit: the one that the environment gives, or the default.
+
+    Raises
+    ------
+    error
+        If the variable does not read NAME=NUMBER, with commas between.
+    """
+    for entry in filter(None, os.environ.get(LIMITS_VARIABLE, "").split(",")):
+        key, _, value = entry.partition("=")
+        if key.strip() == name:
+            try:
+                return int(float(value))
+            except (ValueError, OverflowError):
+                raise error(
+                    f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
+                ) from None
+    return default
+
+
+@contextmanager
+def reading(
+    path: Path, what: str, error: type[Exception], cure: str = "export or copy it again"
+) -> Iterator[None]:
+    """Turn whatever a library raises about a user's file into one message.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it must be: ``a glTF 2.0 file``.
+    error : type of Exception
+        What is raised in place of everything but what says enough by itself: this exception,
+        and those of the file system.
+    """
+    try:
+        yield
+    except error:
+        raise
+    except RecursionError:
+        raise error(f"{path}: must be {what} (its brackets lie too deep)") from None
+    except MemoryError:
+        raise error(f"{path}: is too large for this machine's memory") from None
+    except Exception as found:
+        if isinstance(found, OSError) and (found.filename or found.errno == errno.EIO):
+            raise  # what libraries make of a file's contents names no file
+        reason = visible_line(str(found) or type(found).__name__)
+        raise error(f"{path}: must be {what} (its reader says: {reason}); {cure}") from found
+
+
+def visible(text: str) -> str:
+    """Return a text with control characters, turns of direction and half characters spelt out."""
+    return text.translate(_VISIBLE)
+
+
+def visible_line(message: str) -> str:
+    """Return the first line of what a library says, without what no terminal can show."""
+    line = next(iter(message.strip().splitlines()), "no reason given")
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)[:200].rstrip(".")
+
+
+def page_bytes(text: str) -> bytes:
+    """Return a page, SVG or Markdown as UTF-8, with what XML and UTF-8 cannot hold spelt out."""
+    return text.translate(_ON_PAGES).encode("utf-8")
+
+
+def json_bytes(text: str) -> bytes:
+    """Return JSON as UTF-8; half characters, as file names may have them, become escapes."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+def markdown(text: str) -> str:
+    """Return a text as a part of Markdown that is no HTML, link, picture or cell there."""
+    return _MARKDOWN.sub(r"\\\g<0>", text)
+
+
+def safe_cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula; what is no text stays as it is."""
+    return "'" + value if isinstance(value, str) and FORMULA.match(value) else value
+
+
+def original_cell(text: str) -> str:
+    """Return what `safe_cell` was given."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
