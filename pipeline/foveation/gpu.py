@@ -83,19 +83,23 @@ class Pooled:
             self._fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[moderngl.ComputeShader] = []
+        self._shaders: list[moderngl.ComputeShader | moderngl.Program] = []
 
     def compile(
         self, ctx: moderngl.Context, path: str, **constants: int | float | bool
     ) -> moderngl.ComputeShader:
         """Compile a shader that knows the pools."""
         shader = compile_compute(ctx, path, TILE=TILE, **self.constants, **constants)
+        self.tell(shader)
+        return shader
+
+    def tell(self, shader: moderngl.ComputeShader | moderngl.Program) -> None:
+        """Set what is fixed in a shader, and from now on its gaze."""
         for name, value in self._fixed.items():
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
             self._shaders.append(shader)
-        return shader
 
     def look(self, gaze_px: tuple[float, float]) -> None:
         """Tell all shaders where the eye looks."""

@@ -1,0 +1,120 @@
+"""Bytes of a baked texture that a picture touches.
+
+A mask has a bit for every texel of every plane. A look-up touches the texels that it weighs by more
+than nothing: up to four at a resolution, at two resolutions. What is counted are distinct texels,
+or the memory lines that hold them, as a cache that never forgets would fetch them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.textures.layout import Layout
+from pipeline.textures.reference import Fragments, lost_energy
+
+Key = tuple[int | None, int]
+"""Level (None: colour) and halvings of a plane."""
+Mask = NDArray[np.bool_]
+
+COLOUR_BYTES = 4
+"""Of a texel, as GPUs keep it."""
+LINE_BYTES = 64
+_CHUNK = 1 << 20  # fragments at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """What a picture reads: a mask (h, w) for each plane of which it reads anything."""
+
+    masks: Mapping[Key, Mask]
+
+    def bytes_of_texels(self, moment_bytes: int) -> int:
+        """With so many bytes of moments a level and texel."""
+        return sum(
+            int(mask.sum()) * _texel_bytes(key, moment_bytes) for key, mask in self.masks.items()
+        )
+
+    def bytes_of_lines(self, moment_bytes: int) -> int:
+        """The same by lines of `LINE_BYTES`, each a block of texels as square as can be."""
+        lines = 0
+        for key, mask in self.masks.items():
+            texels = LINE_BYTES // _texel_bytes(key, moment_bytes)
+            rows = 1 << (texels.bit_length() - 1) // 2
+            lines += int(_blocks(mask, rows, texels // rows).sum())
+        return LINE_BYTES * lines
+
+
+def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> Touched:
+    """Mark what is read for `fragments`; of moments nothing without `noise`."""
+    masks: dict[Key, Mask] = {}
+    place = fragments.place_px.reshape(-1, 2)
+    rho, eta = fragments.rho.ravel(), fragments.eta.ravel()
+    for start in range(0, len(rho), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        _mark(masks, layout, place[part], rho[part], eta[part], noise=noise)
+    return Touched(masks)
+
+
+def saved(foveated: int, unfoveated: int) -> float:
+    """Share of the bytes that foveation saves; below 0 where it needs more."""
+    return 1 - foveated / unfoveated
+
+
+def _mark(
+    masks: dict[Key, Mask],
+    layout: Layout,
+    place: NDArray[np.floating],
+    rho: NDArray[np.floating],
+    eta: NDArray[np.floating],
+    *,
+    noise: bool,
+) -> None:
+    count = layout.halvings
+    lod = np.clip(rho + eta, 0, count)
+    _mark_mips(masks, layout, None, 0, place, lod)
+    for level in range(count) if noise else ():
+        lost = lost_energy(level, rho, lod) > 0
+        if lost.any():
+            own = np.clip(lod[lost], level + 1, count)
+            _mark_mips(masks, layout, level, level + 1, place[lost], own)
+
+
+def _mark_mips(
+    masks: dict[Key, Mask],
+    layout: Layout,
+    level: int | None,
+    first: int,
+    place: NDArray[np.floating],
+    lod: NDArray[np.floating],
+) -> None:
+    for r in range(first, layout.halvings + 1):
+        here = np.abs(lod - r) < 1
+        if not here.any():
+            continue
+        height, width = layout.size(r)
+        mask = masks.setdefault((level, r), np.zeros((height, width), bool))
+        at = place[here] / 2.0**r - 0.5
+        corner = np.floor(at).astype(np.int32)
+        between = at > corner
+        for down in (0, 1):
+            rows = np.clip(corner[:, 1] + down, 0, height - 1)
+            for right in (0, 1):
+                columns = corner[:, 0] + right
+                columns = columns % width if layout.wraps else np.clip(columns, 0, width - 1)
+                seen = (between[:, 0] | (right == 0)) & (between[:, 1] | (down == 0))
+                mask[rows[seen], columns[seen]] = True
+
+
+def _texel_bytes(key: Key, moment_bytes: int) -> int:
+    return COLOUR_BYTES if key[0] is None else moment_bytes
+
+
+def _blocks(mask: Mask, rows: int, columns: int) -> Mask:
+    height, width = mask.shape
+    padded = np.pad(mask, ((0, -height % rows), (0, -width % columns)))
+    shape = padded.shape[0] // rows, rows, padded.shape[1] // columns, columns
+    return np.asarray(padded.reshape(shape).any(axis=(1, 3)))
