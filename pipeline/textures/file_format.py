@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.textures.bake import Baked, Rows, baked_of, bake_rows
+from pipeline.textures.bake import Baked, Rows, bake_rows, baked_of
 from pipeline.textures.layout import Layout, Plane
 
 ENDING = ".moments"
@@ -75,8 +75,7 @@ def _read(path: Path) -> Baked:
         head = file.read(_HEADER.size)
         if len(head) < _HEADER.size or not head.startswith(MAGIC):
             raise InputError(
-                "must be a baked texture, which begins with MMLT;"
-                " metamerlab texture bake makes one"
+                "must be a baked texture, which begins with MMLT; metamerlab texture bake makes one"
             )
         _, version, wraps, width, height = _HEADER.unpack(head)
         if version != VERSION:
@@ -98,7 +97,9 @@ def _read(path: Path) -> Baked:
         raise InputError("the checksum of its head does not hold: it was damaged; bake it again")
     data = np.memmap(path, np.uint8, "r", offset=start)
     held = {}
-    for plane, (check,) in zip(layout.planes(), _CHECK.iter_unpack(table[: -_CHECK.size]), strict=True):
+    for plane, (check,) in zip(
+        layout.planes(), _CHECK.iter_unpack(table[: -_CHECK.size]), strict=True
+    ):
         part = data[plane.at : plane.at + plane.nbytes]
         _prove(plane, part, check)
         held[plane.level, plane.halvings] = part.view(plane.dtype).reshape(
@@ -112,10 +113,8 @@ def _prove(plane: Plane, part: NDArray[np.uint8], check: int) -> None:
     found = 0
     for at in range(0, len(part), _CHUNK):
         chunk = part[at : at + _CHUNK]
-        found = zlib.crc32(chunk, found)
-        if plane.level is not None and (
-            (chunk.view("<u2") & _NOT_FINITE) == _NOT_FINITE
-        ).any():
+        found = zlib.crc32(chunk.data, found)
+        if plane.level is not None and ((chunk.view("<u2") & _NOT_FINITE) == _NOT_FINITE).any():
             raise InputError(f"{name} at resolution {plane.halvings} must be finite; bake it again")
     if found != check:
         raise InputError(

@@ -61,7 +61,8 @@ class TexturePass:
         levels: int,
         seed: int = 0,
     ) -> None:
-        self._held: list[Any] = []
+        self._held: list[moderngl.Program] = []
+        self._textures: dict[int, moderngl.Texture] = {}
         layout = baked.layout
         if layout.halvings + _FIRST_MOMENTS_UNIT > int(ctx.info["GL_MAX_TEXTURE_IMAGE_UNITS"]):
             raise GLUnavailableError(
@@ -111,8 +112,10 @@ class TexturePass:
 
     def release(self) -> None:
         """Free everything that was made here."""
-        for held in (*self._held, *self._textures.values()):
-            held.release()
+        for program in self._held:
+            program.release()
+        for texture in self._textures.values():
+            texture.release()
         self._held, self._textures = [], {}
 
     def _upload(self, ctx: moderngl.Context, baked: Baked, noise: SurfaceNoise) -> None:
@@ -148,14 +151,14 @@ def _set(shader: moderngl.Program, name: str, value: Any) -> None:
     uniform = shader.get(name, None)
     if isinstance(uniform, moderngl.Uniform):
         whole = isinstance(value, list | tuple) and uniform.array_length > 1
-        uniform.value = value[: uniform.array_length] if whole else (
-            value[0] if isinstance(value, list) else value
+        uniform.value = (
+            value[: uniform.array_length]
+            if whole
+            else (value[0] if isinstance(value, list) else value)
         )
 
 
-def _stacked(
-    ctx: moderngl.Context, images: Any, components: int, dtype: str
-) -> moderngl.Texture:
+def _stacked(ctx: moderngl.Context, images: Any, components: int, dtype: str) -> moderngl.Texture:
     """Images (h, w, components), the first the widest, below one another in one texture."""
     width = max(image.shape[1] for image in images)
     size = width, sum(len(image) for image in images)

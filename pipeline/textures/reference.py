@@ -36,6 +36,10 @@ class Fragments:
     rho: Floats
     eta: Floats
 
+    def where(self, chosen: NDArray[np.bool_]) -> Fragments:
+        """Only these, in one row: arrays (N)."""
+        return Fragments(self.place_px[chosen], self.rho[chosen], self.eta[chosen])
+
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
@@ -73,7 +77,7 @@ def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
     return Shaded(base, ycc @ RGB_FROM_YCBCR.T)
 
 
-def lost_energy(level: int, rho: Floats, lod: Floats) -> Floats:
+def lost_energy(level: int, rho: NDArray[np.floating], lod: NDArray[np.floating]) -> Floats:
     """Share of a level's energy that a pixel should show and the base lacks.
 
     Between two resolutions a share of the coefficients is there: ``level + 1 - lod``, from 0 to 1.
@@ -128,6 +132,9 @@ def texels(
         for right in (0, 1):
             columns = corner[..., 0] + right
             columns = columns % width if wraps else np.clip(columns, 0, width - 1)
-            y, x = (part[..., axis] if step else 1 - part[..., axis] for axis, step in ((1, down), (0, right)))
+            y, x = (
+                part[..., axis] if step else 1 - part[..., axis]
+                for axis, step in ((1, down), (0, right))
+            )
             found.append((rows, columns, y * x))
     return found

@@ -77,7 +77,8 @@ def surface_noise(seed: int, layout: Layout) -> SurfaceNoise:
     offset = (raw % np.uint64(NOISE_PER_TEXEL * TILE)).astype(np.int64).reshape(-1, 2)
     largest = GRAIN * tiles[kinds.index(max(kinds))].astype(np.float64)
     lags = [
-        (largest * np.roll(largest, (-down, -right), (0, 1))).mean(axis=(0, 1)) for down, right in LAGS
+        (largest * np.roll(largest, (-down, -right), (0, 1))).mean(axis=(0, 1))
+        for down, right in LAGS
     ]
     correlation = np.stack(lags, axis=-1) / (largest**2).mean(axis=(0, 1))[:, None]
     return SurfaceNoise(
@@ -106,10 +107,9 @@ def _tile(seed: int, columns: int) -> Bytes:
 def fitted_overlap() -> Floats:
     """What fit_overlap.py wrote: (STAGES, 2 * REACH + 1, 3, 3).
 
-    ``[j, REACH + d, b, c]``: the variance that band b of a level measures of unit noise in band c of
-    the level that is d coarser, where pixels are j halvings finer than the level: what the eye, or
-    a pyramid, finds of a level changes with its distance from the pixels. From the last j on it
-    stays.
+    ``[j, REACH + d, b, c]``: the variance that band b of a level measures of unit noise in band c
+    of the level that is d coarser, where pixels are j halvings finer than the level: what a pyramid
+    finds of a level changes with its distance from the pixels. From the last j on it stays.
     """
     text = resources.files("pipeline.textures").joinpath("overlap.json").read_text("utf-8")
     return np.array(json.loads(text)["overlap"])

@@ -1,1 +1,1 @@
-"""Scenes whose surfaces are read as statistics: a planet, spheres, and how many bytes they touch."""
+"""Scenes whose surfaces are read as statistics: a planet, and four globes."""

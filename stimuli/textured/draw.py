@@ -13,7 +13,7 @@ from pipeline.foveation.gpu import Pooled
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import check_size
 from pipeline.textures.bake import Baked
-from pipeline.textures.gpu import Output, TexturePass
+from pipeline.textures.gpu import TexturePass
 from pipeline.textures.reference import Fragments
 from stimuli.programs import columns, set_uniform, shader_text
 from stimuli.textured.scenes import Globe, TexturedScene, globe_vertices
@@ -76,7 +76,7 @@ class TexturedRenderer:
             strength=self._settings.noise if look == "metamer" else 0.0,
         )  # fmt: skip
         backdrop = (BACKDROP, BACKDROP, BACKDROP, 0.0)
-        return self._draw(scene, program, "colour", gaze_px, turn_deg, backdrop)[..., :3]
+        return self._draw(scene, program, gaze_px, turn_deg, backdrop)[..., :3]
 
     def fragments(
         self,
@@ -89,7 +89,7 @@ class TexturedRenderer:
         """What each pixel reads, and which pixels show a globe (H, W); elsewhere numbers are 0."""
         program = self._texture.use("fragments", foveated=foveated)
         nowhere = (0.0, 0.0, 0.0, -1.0)
-        found = self._draw(scene, program, "fragments", gaze_px, turn_deg, nowhere)
+        found = self._draw(scene, program, gaze_px, turn_deg, nowhere)
         shown = found[..., 3] >= 0
         found = np.where(shown[..., None], found, 0)
         return Fragments(found[..., :2], found[..., 2], found[..., 3]), shown  # type: ignore[arg-type]
@@ -104,7 +104,6 @@ class TexturedRenderer:
         self,
         scene: TexturedScene,
         program: moderngl.Program,
-        output: Output,
         gaze_px: tuple[float, float],
         turn_deg: float,
         backdrop: tuple[float, float, float, float],

@@ -67,7 +67,8 @@ def _fractal(height_px: int, seed: int, exponent: float) -> Plane:
             np.fft.fftfreq(2 * edge, 1 / (2 * edge))[:, None], np.arange(edge)[None]
         )
         part *= np.where((frequency >= inner) & (frequency < edge), 1, 0)
-        spectrum[np.ix_(np.fft.fftfreq(2 * edge, 1 / (2 * edge)).astype(int), range(edge))] += part
+        rows_of_part = np.fft.fftfreq(2 * edge, 1 / (2 * edge)).astype(int)
+        spectrum[rows_of_part, :edge] += part
         edge *= 2
     frequency = np.hypot(y[:, None], np.arange(columns // 2 + 1)[None]).astype(np.float32)
     spectrum *= np.maximum(frequency, 2.0) ** np.float32(-exponent)
