@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.textures.layout import Layout
-from pipeline.textures.reference import Fragments, lost_energy
+from pipeline.textures.reference import Fragments
 
 Key = tuple[int | None, int]
 """Level (None: colour) and halvings of a plane."""
@@ -49,13 +49,28 @@ class Touched:
 
 
 def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> Touched:
-    """Mark what is read for `fragments`; of moments nothing without `noise`."""
-    masks: dict[Key, Mask] = {}
+    """Mark what is read for `fragments`; of moments nothing without `noise`.
+
+    A fragment reads moments where it reads colour, of every level that it has lost: those from its
+    pixel's on that are finer than the resolution read. So fragments are sorted by that first level.
+    """
     place = fragments.place_px.reshape(-1, 2)
     rho, eta = fragments.rho.ravel(), fragments.eta.ravel()
+    by_first: dict[int, dict[int, Mask]] = {}
     for start in range(0, len(rho), _CHUNK):
         part = slice(start, start + _CHUNK)
-        _mark(masks, layout, place[part], rho[part], eta[part], noise=noise)
+        lod = np.clip(rho[part] + eta[part], 0, layout.halvings)
+        first = np.clip(np.floor(rho[part]), 0, layout.halvings).astype(int)
+        first[lod <= rho[part]] = layout.halvings  # nothing is lost
+        for value in np.unique(first).tolist():
+            chosen = first == value
+            _mark(by_first.setdefault(value, {}), layout, place[part][chosen], lod[chosen])
+    masks: dict[Key, Mask] = {}
+    for value, found in by_first.items():
+        for r, mask in found.items():
+            levels = range(value, r) if noise else ()
+            for key in ((None, r), *((level, r) for level in levels)):
+                masks[key] = masks[key] | mask if key in masks else mask
     return Touched(masks)
 
 
@@ -65,38 +80,18 @@ def saved(foveated: int, unfoveated: int) -> float:
 
 
 def _mark(
-    masks: dict[Key, Mask],
+    masks: dict[int, Mask],
     layout: Layout,
-    place: NDArray[np.floating],
-    rho: NDArray[np.floating],
-    eta: NDArray[np.floating],
-    *,
-    noise: bool,
-) -> None:
-    count = layout.halvings
-    lod = np.clip(rho + eta, 0, count)
-    _mark_mips(masks, layout, None, 0, place, lod)
-    for level in range(count) if noise else ():
-        lost = lost_energy(level, rho, lod) > 0
-        if lost.any():
-            own = np.clip(lod[lost], level + 1, count)
-            _mark_mips(masks, layout, level, level + 1, place[lost], own)
-
-
-def _mark_mips(
-    masks: dict[Key, Mask],
-    layout: Layout,
-    level: int | None,
-    first: int,
     place: NDArray[np.floating],
     lod: NDArray[np.floating],
 ) -> None:
-    for r in range(first, layout.halvings + 1):
+    """Mark texels by resolution."""
+    for r in range(layout.halvings + 1):
         here = np.abs(lod - r) < 1
         if not here.any():
             continue
         height, width = layout.size(r)
-        mask = masks.setdefault((level, r), np.zeros((height, width), bool))
+        mask = masks.setdefault(r, np.zeros((height, width), bool))
         at = place[here] / 2.0**r - 0.5
         corner = np.floor(at).astype(np.int32)
         between = at > corner

@@ -134,8 +134,6 @@ def test_every_changed_byte_and_every_cut_is_found(rng, tmp_path):
         damaged = bytearray(whole)
         damaged[at] ^= int(rng.integers(1, 256))
         path.write_bytes(damaged)
-        if at in (6, 7):  # padding of the header is under its checksum too
-            pass
         with pytest.raises(InputError, match=str(path)):
             read_baked(path)
     for cut in (0, 3, 15, 40, len(whole) - 1):
@@ -187,5 +185,5 @@ def test_moments_that_are_no_numbers_are_refused_though_their_checksums_hold(tmp
 
 
 def test_a_texture_that_cannot_go_round_is_told_a_width_that_can():
-    with pytest.raises(InputError, match="multiple of 16 px wide.*resize it to 96 px"):
+    with pytest.raises(InputError, match=r"multiple of 16 px wide.*resize it to 96 px"):
         Layout(100, 50, wraps=True)

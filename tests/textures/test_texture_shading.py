@@ -1,5 +1,7 @@
 """The shading core: levels of detail, continuity, noise that stays on the surface, energy."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -97,17 +99,15 @@ def test_there_is_no_seam_where_a_texture_goes_round(baked, noise):
     np.testing.assert_allclose(*shown, atol=2e-3)
 
 
-def test_noise_belongs_to_the_surface_not_to_the_pixel(baked, noise):
-    """A level's noise at a place is the same from wherever it is seen."""
-    place = np.random.default_rng(2).uniform(0, EDGE, (30, 30, 2))
-    seen = [noise.at(level, place) for level in range(4)]
-    moved = [noise.at(level, place + (0, 0)) for level in range(4)]
-    around = [noise.at(level, place + (EDGE, 0)) for level in range(4)]
-    for first, second, third in zip(seen, moved, around, strict=True):
-        np.testing.assert_array_equal(first, second)
-        np.testing.assert_allclose(first, third, atol=1e-6)
+def test_noise_goes_round_with_its_texture_and_differs_by_seed_and_level(noise):
+    place = np.random.default_rng(2).uniform(0, EDGE, (60, 60, 2))
+    seen = [noise.at(level, place) for level in range(3)]
+    for level, found in enumerate(seen):
+        around = noise.at(level, place + np.array((EDGE, 0)))
+        np.testing.assert_allclose(found, around, atol=1e-6)
     other = surface_noise(1, Layout(EDGE, EDGE, True)).at(1, place)
-    assert abs(np.corrcoef(seen[1].ravel(), other.ravel())[0, 1]) < 0.2
+    for second in (other, seen[0], seen[2]):
+        assert abs(np.corrcoef(seen[1].ravel(), second.ravel())[0, 1]) < 0.1
 
 
 def test_noise_has_unit_variance_at_and_between_its_texels():
@@ -129,9 +129,7 @@ def test_bands_that_pooling_takes_come_back(exponent, least, most):
     """Deviation of each oriented and high band over that of the texture, where bands are lost."""
     baked = bake(fractal(exponent))
     noise = surface_noise(0, baked.layout)
-    pooled, whole = (
-        shade(baked, facing(EDGE, EDGE, eta=eta), noise) for eta in (4.0, 0.0)
-    )
+    pooled, whole = (shade(baked, facing(EDGE, EDGE, eta=eta), noise) for eta in (4.0, 0.0))
     bands, blurred, wanted = (
         analyse(ycbcr_from_rgb(image.astype(np.float32))[..., :1], 3).bands
         for image in (pooled.base + pooled.noise, pooled.base, whole.base)
@@ -196,3 +194,37 @@ def test_mips_are_read_between_resolutions_by_their_shares():
     for lod, wanted in ((2.0, 10), (2.25, 15), (3.0, 30), (0.5, 10), (9.0, 30)):
         found = read_mips(mips, 2, np.full((1, 1), lod), place, wraps=False)
         assert found.item() == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_what_is_touched_is_what_is_read(rng, wraps):
+    """Fragments of all kinds: changing a texel that is not marked changes no colour, and marked
+    planes are those that a shader reads.
+    """
+    texture = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    baked = bake(texture, wraps=wraps)
+    shape = (3, 4)
+    place = np.stack([rng.uniform(0, 64, shape), rng.uniform(0, 48, shape)], axis=-1)
+    fragments = Fragments(place, rng.uniform(-1, 2, shape), rng.choice([0.0, 1.0, 1.7, 2.6], shape))
+    noise = surface_noise(0, baked.layout)
+    marked = touched(baked.layout, fragments, noise=True).masks
+
+    def shown(changed):
+        found = shade(changed, fragments, noise)
+        return found.base + found.noise
+
+    def poisoned(plane, key):
+        mask = marked.get(key, np.zeros(plane.shape[:2], bool))
+        other = 255 - plane if plane.dtype == np.uint8 else plane * 3 + np.float16(0.01)
+        return np.where(mask[..., None], plane, other)
+
+    same = dataclasses.replace(
+        baked,
+        colour=tuple(poisoned(plane, (None, r)) for r, plane in enumerate(baked.colour)),
+        moments=tuple(
+            tuple(poisoned(plane, (k, k + 1 + i)) for i, plane in enumerate(mips))
+            for k, mips in enumerate(baked.moments)
+        ),
+    )
+    np.testing.assert_array_equal(shown(same), shown(baked))
+    assert 0 < sum(mask.sum() for mask in marked.values()) < 48 * 64
