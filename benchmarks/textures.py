@@ -10,12 +10,14 @@ of bytes that moments may take: our file has 16 a level and texel. Beyond Blur r
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from collections.abc import Iterator
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.interpolate import griddata
 
 from benchmarks.machine import conditions
 from benchmarks.output import file_to_write
@@ -30,6 +32,7 @@ from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments
 from stimuli.textured.draw import TexturedRenderer
 from stimuli.textured.scenes import SCENES, WIDTH_DEG
+from stimuli.textured.to_files import open_texture
 
 TEXTURE_PX = 8192
 SMALL_PX = 64  # of the map that is drawn in its place: only its coordinates matter
@@ -37,6 +40,7 @@ SIZES_PX = (512, 4096)
 LAWS = ("v1", "v2", "authors")
 CAPS = (5, 2)
 BYTES = (16, 8, 4)
+TURNING_PX, TURNS_DEG = 256, (0.5, 2.0, 8.0)
 PAPER = {512: 0.52, 4096: 0.79}
 
 View = tuple[str, Layout, Fragments]
@@ -49,7 +53,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES_PX, metavar="PX")
     parser.add_argument("--laws", nargs="+", default=LAWS)
     parser.add_argument("--json", type=file_to_write)
+    parser.add_argument(
+        "--turn", action="store_true", help="only: does noise stay on a planet that turns?"
+    )
     arguments = parser.parse_args(argv)
+    if arguments.turn:
+        _print_turning()
+        return 0
     found = []
     for size_px in arguments.sizes:
         whole: dict[str, dict[str, int]] = {}
@@ -126,6 +136,34 @@ def _planet(geometry: FlatGeometry, law: str) -> tuple[Layout, Fragments]:
     drawn = drawn.where(shown)
     scaled = Fragments(drawn.place_px * larger, drawn.rho + np.log2(larger), drawn.eta)
     return Layout(TEXTURE_PX, TEXTURE_PX // 2, wraps=True), scaled
+
+
+def _print_turning() -> None:
+    """Correlate the noise of two frames: at the same places of the surface, at the same pixels."""
+    ctx = create_context()
+    geometry = Flat(WIDTH_DEG).of(TURNING_PX, TURNING_PX)
+    renderer = TexturedRenderer(ctx, open_texture(None), geometry, MetamerSettings())
+    dark = dataclasses.replace(SCENES["planet"], light=(0.0, 0.0, 0.0))
+    gaze_px = TURNING_PX * dark.gaze_share[0], TURNING_PX * dark.gaze_share[1]
+    seen = []
+    for turn_deg in (0.0, *TURNS_DEG):
+        fragments, shown = renderer.fragments(dark, gaze_px, foveated=True, turn_deg=turn_deg)
+        metamer, blur = (
+            renderer.picture(dark, look, gaze_px, turn_deg=turn_deg) for look in ("metamer", "blur")
+        )
+        seen.append((fragments.place_px, (metamer - blur)[..., 1], shown & (fragments.rho < 3)))
+    renderer.release()
+    release_context(ctx)
+    place, noise, there = seen[0]
+    table = Table("turned by, degrees", "noise at the same place", "at the same pixel")
+    for turn_deg, (other_place, other_noise, also) in zip(TURNS_DEG, seen[1:], strict=True):
+        carried = griddata(place[there], noise[there], other_place[also], method="cubic")
+        both = np.isfinite(carried)
+        on_surface = np.corrcoef(carried[both], other_noise[also][both])[0, 1]
+        same = there & also
+        on_screen = np.corrcoef(noise[same], other_noise[same])[0, 1]
+        table.add_row(f"{turn_deg:g}", f"{on_surface:.2f}", f"{on_screen:.2f}")
+    Console().print(table)
 
 
 def _table(found: list[dict[str, object]]) -> Table:

@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 COLOUR_BYTES = 4
 """Of a texel, as GPUs keep it."""
 LINE_BYTES = 64
-_CHUNK = 1 << 20  # fragments at a time
+_CHUNK = 1 << 21  # fragments at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +91,32 @@ def _mark(
         if not here.any():
             continue
         height, width = layout.size(r)
-        mask = masks.setdefault(r, np.zeros((height, width), bool))
-        at = place[here] / 2.0**r - 0.5
-        corner = np.floor(at).astype(np.int32)
-        between = at > corner
-        for down in (0, 1):
-            rows = np.clip(corner[:, 1] + down, 0, height - 1)
-            for right in (0, 1):
-                columns = corner[:, 0] + right
-                columns = columns % width if layout.wraps else np.clip(columns, 0, width - 1)
-                seen = (between[:, 0] | (right == 0)) & (between[:, 1] | (down == 0))
-                mask[rows[seen], columns[seen]] = True
+        # A frame of one texel more around it takes what lies beyond the border, until `_folded`.
+        framed = np.zeros((height + 2, width + 2), bool)
+        at = place[here] * np.float32(0.5**r) - np.float32(0.5)
+        corner = np.floor(at)
+        x, y = (at > corner).T
+        first = corner.clip(-1, (width, height)).astype(np.int64) + 1
+        first[:, 0] = np.minimum(first[:, 0], width)
+        first[:, 1] = np.minimum(first[:, 1], height)
+        index = first[:, 1] * (width + 2) + first[:, 0]
+        flat = framed.reshape(-1)
+        flat[index] = True
+        flat[index[x] + 1] = True
+        flat[index[y] + width + 2] = True
+        flat[index[x & y] + width + 3] = True
+        folded = _folded(framed, wraps=layout.wraps)
+        masks[r] = masks[r] | folded if r in masks else folded
+
+
+def _folded(framed: Mask, *, wraps: bool) -> Mask:
+    """Look-ups beyond the border read the texels at it, or at the other side."""
+    left, right = (-2, 1) if wraps else (1, -2)
+    framed[:, left] |= framed[:, 0]
+    framed[:, right] |= framed[:, -1]
+    framed[1] |= framed[0]
+    framed[-2] |= framed[-1]
+    return framed[1:-1, 1:-1]
 
 
 def _texel_bytes(key: Key, moment_bytes: int) -> int:

@@ -133,7 +133,7 @@ def show_scene(
     name : str
         One of `scenes.SCENES`.
     out : Path
-        The sheet, .png.
+        The sheet, .png or .jpg.
     baked : Path, optional
         A texture that `bake_file` made; by default our planet's map.
     gaze, display, fov_deg

@@ -60,7 +60,9 @@ def bake(
 @app.command()
 def show(
     scene: Annotated[str, typer.Argument(help="planet or spheres.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="The sheet to write, .png.")] = Path("texture.png"),
+    out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
+        "texture.png"
+    ),
     baked: Annotated[
         Path | None,
         typer.Option(
@@ -103,7 +105,7 @@ def show(
     from stimuli.textured.to_files import metamer_settings, show_scene
 
     with user_errors():
-        check_file(out, (".png",))
+        check_file(out, (".png", ".jpg"))
         if animate is not None:
             check_file(animate, ENDINGS)
         chosen = metamer_settings(read_parameters(settings or [], ["metamer"]))

@@ -159,7 +159,7 @@ def test_bake_and_show_from_file_to_sheet(tmp_path, bits):
         (("show", "planet", "--baked", "odd.png"), "baked texture"),
         (("show", "planet", "--set", "chroma=full"), "chroma=follow"),
         (("show", "planet", "--set", "colour=3"), "colour"),
-        (("show", "planet", "--out", "x.jpg"), "must end in .png"),
+        (("show", "planet", "--out", "x.gif"), "must end in .png"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_message(tmp_path, monkeypatch, arguments, message):
