@@ -26,9 +26,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.copying import Copy
 from benchmarks.output import PagePart, file_to_write
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
@@ -39,7 +41,7 @@ from pipeline.shiftmap.gpu import ShiftMapPass
 from pipeline.shiftmap.settings import ShiftMapSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.warp.gpu import WarpPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
 
@@ -59,18 +61,6 @@ MASKS = {  # name: (share of the frame, hole width px at 1024, what)
     "thin": (0.05, 8, "5 % of the pixels, strips of 8 px at 1024"),
     "wide": (0.15, 80, "15 % of the pixels, strips of 80 px at 1024"),
 }
-
-_COPY = """\
-#version 430
-layout(local_size_x = 8, local_size_y = 8) in;
-layout(rgba32f, binding = 0) uniform readonly image2D image;
-layout(rgba32f, binding = 1) uniform writeonly image2D copied;
-void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, imageSize(copied)))) return;
-    imageStore(copied, pixel, imageLoad(image, pixel));
-}
-"""
 
 
 @dataclass(frozen=True)
@@ -119,17 +109,14 @@ class Bench:
         self.flow_px = texture_from(ctx, self.frame.flow_px, "rg32f")
         self.filled = create_texture(ctx, self.size, "rgba32f")
         self.push_pull = PushPullPass(ctx, self.size)
-        self.copier = ctx.compute_shader(_COPY)
+        self.copier = Copy(ctx, "rgba32f")
         self._push_pull_ms: list[float] = []
 
     def run_push_pull(self) -> None:
         self.push_pull(self.image, self.filled)
 
     def run_copy(self) -> None:
-        self.image.bind_to_image(0, read=True, write=False)
-        self.filled.bind_to_image(1, read=False, write=True)
-        self.copier.run(-(-self.edge_px // 8), -(-self.edge_px // 8))
-        self.ctx.memory_barrier()
+        self.copier((self.image, self.filled))
 
     def time_all(self, methods: Iterable[str], repeats: int) -> list[Timing]:
         """Time methods one after another, and put all on one clock."""
@@ -214,7 +201,7 @@ class Bench:
             texture_from(self.ctx, flow_px, "rg32f"),
         )
         warp = WarpPass(self.ctx, self.size)
-        warped = WarpTextures.create(self.ctx, self.size)
+        warped = FrameTextures.create(self.ctx, self.size)
 
         def release() -> None:
             for item in (*textures, warp, warped):

@@ -8,32 +8,15 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
+from benchmarks.copying import Copy
 from pipeline.frame import SourceFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.warp.gpu import WarpPass
 
 EDGES = (512, 1024, 2048)
-
-# What the warp cannot do without: read every input once, write every output once.
-_COPY = """\
-#version 430
-layout(local_size_x = 8, local_size_y = 8) in;
-layout(rgba32f, binding = 0) uniform readonly image2D colour;
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;
-layout(rgba32f, binding = 3) uniform writeonly image2D colour_out;
-layout(r32f, binding = 4) uniform writeonly image2D depth_out;
-layout(rg32f, binding = 5) uniform writeonly image2D flow_out;
-void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, imageSize(colour_out)))) return;
-    imageStore(colour_out, pixel, imageLoad(colour, pixel));
-    imageStore(depth_out, pixel, imageLoad(depth_m, pixel));
-    imageStore(flow_out, pixel, imageLoad(flow_px, pixel));
-}
-"""
 
 
 @dataclass(frozen=True)
@@ -69,17 +52,12 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
         texture_from(ctx, frame.depth_m, "r32f"),
         texture_from(ctx, flow_px, "rg32f"),
     )
-    warp, warped = WarpPass(ctx, size), WarpTextures.create(ctx, size)
-    copied = tuple(create_texture(ctx, size, name) for name in ("rgba32f", "r32f", "rg32f"))
-    shader = ctx.compute_shader(_COPY)
-
-    def copy() -> None:
-        for unit, texture in enumerate((*sources, *copied)):
-            texture.bind_to_image(unit)
-        shader.run(-(-edge_px // 8), -(-edge_px // 8))
-        ctx.memory_barrier()
-
-    copy_ms = measure(ctx, copy, repeats=repeats).median_ms
+    warp, warped = WarpPass(ctx, size), FrameTextures.create(ctx, size)
+    formats = ("rgba32f", "r32f", "rg32f")
+    copied = tuple(create_texture(ctx, size, name) for name in formats)
+    copy = Copy(ctx, *formats)
+    pairs = tuple(zip(sources, copied, strict=True))
+    copy_ms = measure(ctx, lambda: copy(*pairs), repeats=repeats).median_ms
     warp_ms = measure(ctx, lambda: warp(*sources, warped), repeats=repeats).median_ms
     result = WarpTiming(
         edge_px=edge_px,
@@ -89,7 +67,7 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
         bytes_per_pixel=warp.held_bytes / edge_px**2,
         dispatches=warp.dispatches,
     )
-    for resource in (*sources, *copied, warp, warped, shader):
+    for resource in (*sources, *copied, warp, warped, copy):
         resource.release()
     return result
 

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.methods.method import Method, Plate, PlateMethod
+from pipeline.frame_textures import FrameTextures
+from pipeline.methods.method import Method, Plate, PlateMethod, TextureMethod
+from pipeline.methods.on_gpu import filled_colour
 
 
 class Views(Protocol):
@@ -14,6 +16,10 @@ class Views(Protocol):
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`."""
+        ...
+
+    def warped_textures(self, frame: int) -> FrameTextures:
+        """The same, on the GPU."""
         ...
 
     def source_key(self, frame: int) -> int:
@@ -39,6 +45,10 @@ class Fills:
     def frame(self, frame: int) -> NDArray[np.float32]:
         """Return the filled frame, (H, W, 3)."""
         if not isinstance(self._method, PlateMethod):
+            if isinstance(self._method, TextureMethod):
+                textures = self._views.warped_textures(frame)
+                self._method.fill_textures(textures, self._seed)
+                return filled_colour(textures)
             return self._filled(frame)[1]
         source = self._views.source_key(frame)
         if self._plate is None or source != self._source or frame < self._next:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
-from pipeline.gl.texture import read_back, texture_from, upload
-from pipeline.warp.gpu import WarpPass, WarpTextures
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import create_texture, read_back, upload
+from pipeline.second_source.gpu import CompletePass
+from pipeline.warp.gpu import WarpPass
 from pipeline.warp.settings import WarpSettings, Window
 from stimuli.motion import MotionPass, border_gap_px
 from stimuli.paths import Path
@@ -42,6 +44,51 @@ class Shot:
     def frames(self) -> int:
         """Frames of the clip."""
         return len(self.path.poses)
+
+
+class _Source:
+    """A picture on the GPU, and what warps pictures of its size."""
+
+    def __init__(
+        self, ctx: moderngl.Context, size: tuple[int, int], window: Window, settings: WarpSettings
+    ) -> None:
+        self.size = size
+        height, width = size
+        self._colour = create_texture(ctx, (width, height), "rgba32f")
+        self._depth_m = create_texture(ctx, (width, height), "r32f")
+        self._motion = MotionPass(ctx, (width, height))
+        self._warp = WarpPass(ctx, (width, height), window, settings)
+        self._warped = FrameTextures.create(ctx, (window.width_px, window.height_px))
+
+    def load(self, key: int, picture: SourceFrame, camera: Camera) -> None:
+        """Upload the picture taken at `key`."""
+        self.key, self.camera = key, camera
+        opaque = np.ones(picture.size, np.float32)
+        upload(self._colour, np.dstack([picture.colour, opaque]))
+        upload(self._depth_m, picture.depth_m)
+
+    def warp_to(self, target: Camera) -> FrameTextures:
+        """Warp to what another camera sees."""
+        self._motion(self._depth_m, self.camera, target)
+        return self._warped_now()
+
+    def warp_along(
+        self, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32]
+    ) -> FrameTextures:
+        """Warp along a motion that is known."""
+        upload(self._motion.flow_px, flow_px)
+        upload(self._motion.target_depth_m, target_depth_m)
+        return self._warped_now()
+
+    def release(self) -> None:
+        """Free everything."""
+        for held in (self._colour, self._depth_m, self._motion, self._warp, self._warped):
+            held.release()
+
+    def _warped_now(self) -> FrameTextures:
+        motion = self._motion
+        self._warp(self._colour, motion.target_depth_m, motion.flow_px, self._warped)
+        return self._warped
 
 
 class Footage:
@@ -80,21 +127,34 @@ class Footage:
         # A rim is found by the holes' motion.
         bare = holes_only and scenery.rim_px == 0
         self._settings = WarpSettings("remove" if bare else "full", rim_px=scenery.rim_px)
-        self._held: list[moderngl.Texture | MotionPass | WarpPass | WarpTextures] = []
-        self._source_frame: int | None = None
-        self._camera: Camera | None = None
-        self._frame: SourceFrame | None = None
+        self._first: _Source | None = None
+        self._second: _Source | None = None
+        self._complete: CompletePass | None = None
         if margin_px is None:
             margin_px = scenery.own_margin_px(shot.size_px)
         self.margin_px = self._find_margin(probe) if margin_px is None else margin_px
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`; a real frame of temporal up-sampling has no holes."""
-        return replace(self._warp(frame).read_back(), frame_index=frame)
+        return replace(self.warped_textures(frame).read_back(), frame_index=frame)
+
+    def warped_textures(self, frame: int) -> FrameTextures:
+        """Warp the source to `frame`, on the GPU; the next call overwrites the textures.
+
+        Where the path has a second source, it completes what the first one did not see.
+        """
+        path = self.shot.path
+        self._first, result = self._warp(self._first, path.source(frame), frame)
+        second = path.second(frame)
+        if second is not None:
+            self._second, seen = self._warp(self._second, second, frame)
+            self._complete = self._complete or CompletePass(self._ctx)
+            self._complete(result, seen)
+        return result
 
     def holes(self, frame: int) -> NDArray[np.bool_]:
         """Return the hole mask of `frame`, shape (H, W)."""
-        colour: NDArray[np.float32] = read_back(self._warp(frame).colour)
+        colour: NDArray[np.float32] = read_back(self.warped_textures(frame).colour)
         return np.asarray(colour[..., 3] == 0)
 
     def truth(self, frame: int) -> NDArray[np.float32]:
@@ -108,69 +168,46 @@ class Footage:
 
     def source_key(self, frame: int) -> int:
         """The frame that is seen where the source of `frame` is taken, -1 for the centre."""
-        sources = self.shot.path.source_frames
-        return -1 if sources is None else sources[frame]
+        return self.shot.path.source(frame)
 
     def release(self) -> None:
         """Free what is held on the GPU; the scenery stays."""
-        for resource in self._held:
-            resource.release()
-        self._held.clear()
-        self._source_frame = None
+        for held in (self._first, self._second, self._complete):
+            if held is not None:
+                held.release()
+        self._first = self._second = self._complete = None
 
-    def _warp(self, frame: int) -> WarpTextures:
-        camera = self._take_source(frame)
-        colour, depth, motion, warp, textures = self._passes
-        known = self._scenery.motion(
-            self.shot.size_px, self.margin_px, self.source_key(frame), frame
-        )
-        if known is None:
-            motion(depth, camera, self._target(frame, camera))
-        else:
-            upload(motion.flow_px, known[0])
-            upload(motion.target_depth_m, known[1])
-        warp(colour, motion.target_depth_m, motion.flow_px, textures)
-        return textures
+    def _warp(self, source: _Source | None, key: int, frame: int) -> tuple[_Source, FrameTextures]:
+        """Warp the picture taken at `key` to `frame`, with the passes of `source` if they fit."""
+        if source is None or source.key != key:
+            picture, camera = self._picture(key, self.margin_px)
+            if source is None or source.size != picture.size:
+                if source is not None:
+                    source.release()
+                window = Window.inside_margin(picture.size, self.margin_px)
+                source = _Source(self._ctx, picture.size, window, self._settings)
+            source.load(key, picture, camera)
+        known = self._scenery.motion(self.shot.size_px, self.margin_px, key, frame)
+        if known is not None:
+            return source, source.warp_along(*known)
+        return source, source.warp_to(self._target(key, frame, source.camera))
 
-    def _target(self, frame: int, source: Camera) -> Camera:
-        """The frame's camera, in the source's pixel grid."""
+    def _picture(self, key: int, margin_px: int) -> tuple[SourceFrame, Camera]:
+        shot = self.shot
+        pose = shot.path.pose_of(key)
+        return self._scenery.source(shot.size_px, margin_px, pose, shot.extent_m, key)
+
+    def _target(self, key: int, frame: int, source: Camera) -> Camera:
+        """The frame's camera, in the pixel grid of the source at `key`."""
         path, extent_m = self.shot.path, self.shot.extent_m
-        start, end = path.source_pose(frame), path.poses[frame]
+        start, end = path.pose_of(key), path.poses[frame]
         base = source
-        if path.source_frames is not None:  # undo the source's own pose first
+        if key >= 0:  # undo the source's own pose first
             pose = source.world_from_camera.copy()
             pose[:3, :3] = pose[:3, :3] @ start.rotation.T
             pose[:3, 3] -= pose[:3, :3] @ (extent_m * start.offset)
             base = replace(source, world_from_camera=pose)
         return end.applied_to(base, extent_m)
-
-    def _take_source(self, frame: int) -> Camera:
-        """Put the source of `frame` on the GPU, unless it is there."""
-        key = self.source_key(frame)
-        if self._source_frame == key and self._held:
-            assert self._camera is not None
-            return self._camera
-        shot = self.shot
-        source, camera = self._scenery.source(
-            shot.size_px, self.margin_px, shot.path.source_pose(frame), shot.extent_m, key
-        )
-        self._upload(source)
-        self._source_frame, self._camera = key, camera
-        return camera
-
-    def _upload(self, source: SourceFrame) -> None:
-        for resource in self._held:
-            resource.release()
-        height, width = source.size
-        padded = np.concatenate([source.colour, np.ones((height, width, 1), np.float32)], axis=-1)
-        colour = texture_from(self._ctx, padded, "rgba32f")
-        depth = texture_from(self._ctx, source.depth_m, "r32f")
-        motion = MotionPass(self._ctx, (width, height))
-        window = Window.inside_margin(source.size, self.margin_px)
-        warp = WarpPass(self._ctx, (width, height), window, self._settings)
-        textures = WarpTextures.create(self._ctx, (window.width_px, window.height_px))
-        self._passes = (colour, depth, motion, warp, textures)
-        self._held = [colour, depth, motion, warp, textures]
 
     def _find_margin(self, probe: list[int] | None) -> int:
         shot = self.shot
@@ -182,18 +219,9 @@ class Footage:
             for frame in frames:
                 key = self.source_key(frame)
                 if taken is None or taken[0] != key:
-                    taken = (
-                        key,
-                        *self._scenery.source(
-                            shot.size_px,
-                            margin,
-                            shot.path.source_pose(frame),
-                            shot.extent_m,
-                            key,
-                        ),
-                    )
+                    taken = (key, *self._picture(key, margin))
                 _, source, camera = taken
-                target = self._target(frame, camera)
+                target = self._target(key, frame, camera)
                 gap = max(gap, border_gap_px(camera, target, source.depth_m, margin))
             if gap <= -1.0:
                 return margin

@@ -6,17 +6,15 @@ Twin: `pipeline.camera.flow_between`.
 from __future__ import annotations
 
 from importlib import resources
-from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.camera import Camera
-from pipeline.gl.shader import compile_source, flatten
+from pipeline.gl.compute import Shader
+from pipeline.gl.shader import flatten
 from pipeline.gl.texture import check_texture, create_texture
-
-TILE = 8
 
 
 class MotionPass:
@@ -33,9 +31,8 @@ class MotionPass:
     """
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
-        self._ctx = ctx
         self.size = size
-        self._shader = compile_source(
+        self._shader = Shader.of(
             ctx, flatten("shaders/motion.comp.glsl", {}, resources.files("stimuli"))
         )
         self.flow_px = create_texture(ctx, size, "rg32f")
@@ -58,12 +55,10 @@ class MotionPass:
             ("target_centre", (target.cx_px, target.cy_px)),
             ("still", still),
         ):
-            _set(self._shader, name, value)
-        depth_m.bind_to_image(0, read=True, write=False)
-        self.flow_px.bind_to_image(1, read=False, write=True)
-        self.target_depth_m.bind_to_image(2, read=False, write=True)
-        self._shader.run(-(-self.size[0] // TILE), -(-self.size[1] // TILE))
-        self._ctx.memory_barrier()
+            self._shader[name] = value
+        self._shader.run_over(
+            self.size, depth_m=depth_m, flow_px=self.flow_px, target_depth_m=self.target_depth_m
+        )
 
     def release(self) -> None:
         """Free textures and shader."""
@@ -124,9 +119,3 @@ def _moved(
             axis=-1,
         )
     return image, moved[:, 2]
-
-
-def _set(shader: Any, name: str, value: object) -> None:
-    uniform = shader.get(name, None)
-    if isinstance(uniform, moderngl.Uniform):
-        uniform.value = value

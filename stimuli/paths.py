@@ -63,14 +63,25 @@ class Path:
     source_frames : list of int, optional
         With temporal up-sampling, the real frame that each frame is warped from; left out: all
         frames are warped from the camera at the path's centre.
+    second_frames : list of int or None, optional
+        The real frame that holes are completed from, for the frames that have one.
     """
 
     poses: list[Pose]
     source_frames: list[int] | None = None
+    second_frames: list[int | None] | None = None
 
-    def source_pose(self, frame: int) -> Pose:
-        """Return the pose of the picture that `frame` is warped from."""
-        return STILL if self.source_frames is None else self.poses[self.source_frames[frame]]
+    def source(self, frame: int) -> int:
+        """The frame that is seen where the picture of `frame` is taken, -1 for the centre."""
+        return -1 if self.source_frames is None else self.source_frames[frame]
+
+    def second(self, frame: int) -> int | None:
+        """The same of the picture that completes it; None where there is none."""
+        return None if self.second_frames is None else self.second_frames[frame]
+
+    def pose_of(self, source: int) -> Pose:
+        """Return the pose of a picture that frames are warped from."""
+        return STILL if source < 0 else self.poses[source]
 
 
 def make_path(path: CameraPath, frames: int, fps: float) -> Path:
@@ -83,7 +94,14 @@ def make_path(path: CameraPath, frames: int, fps: float) -> Path:
     """
     if isinstance(path, UpsamplingPath):
         poses = [STILL] * frames if path.along is None else make_path(path.along, frames, fps).poses
-        return Path(poses, [k - k % path.real_every for k in range(frames)])
+        every = path.real_every
+        before = [k - k % every for k in range(frames)]
+        if not path.second_source:
+            return Path(poses, before)
+        after = [k + every if k + every < frames else None for k in before]
+        is_real = [k % every == 0 for k in range(frames)]
+        second = [None if real else key for real, key in zip(is_real, after, strict=True)]
+        return Path(poses, before, second)
     if isinstance(path, CirclePath):
         return Path(_circle(path, frames))
     if isinstance(path, LinePath):

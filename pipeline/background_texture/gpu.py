@@ -6,23 +6,26 @@ Twin: reference.py.
 import moderngl
 
 from pipeline.background_texture import reference
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture, texture_bytes
+from pipeline.gl.passes import Pass
 from pipeline.inpaint.regions import WorkLists
 
 
-class SeekPass:
+class SeekPass(Pass):
     """Find from where each hole pixel takes its texture. Twin: reference.texture_origins.
 
     Writes hole pixels of a texture of its own: rg32f, (x, y), negative where there is none.
     """
 
     def __init__(
-        self, ctx: moderngl.Context, size: tuple[int, int], depth_threshold: float
+        self,
+        ctx: moderngl.Context,
+        size: tuple[int, int],
+        lists: WorkLists,
+        depth_threshold: float,
     ) -> None:
         steps = {f"STEP_{k}": step for k, step in enumerate(reference.STEPS_PX)}
-        self._shader = compile_compute(
-            ctx,
+        super().__init__(ctx)
+        self._seek = self._shader(
             "background_texture/seek.comp.glsl",
             REACH=reference.REACH_PX,
             INSET=reference.INSET_PX,
@@ -30,13 +33,10 @@ class SeekPass:
             OCTANT_TANGENT=reference.OCTANT_TANGENT,
             **steps,
         )
-        self._shader["depth_threshold"] = depth_threshold
-        self.origin_px = create_texture(ctx, size, "rg32f")
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory, bytes."""
-        return texture_bytes(self.origin_px)
+        self._lists = lists
+        self._hold(**lists.shared)
+        self._seek["depth_threshold"] = depth_threshold
+        self.origin_px = self._texture(size, "rg32f")
 
     def __call__(
         self,
@@ -44,18 +44,9 @@ class SeekPass:
         depth_m: moderngl.Texture,
         flow_px: moderngl.Texture,
         z_near_m: float,
-        lists: WorkLists,
     ) -> moderngl.Texture:
         """Return the texture of origins; one dispatch over the pixels with a hole."""
-        image.bind_to_image(0, read=True, write=False)
-        depth_m.bind_to_image(1, read=True, write=False)
-        flow_px.bind_to_image(2, read=True, write=False)
-        self.origin_px.bind_to_image(3, read=False, write=True)
-        self._shader["z_near_m"] = z_near_m
-        lists.run(self._shader, ("holes", 1))
+        self._seek["z_near_m"] = z_near_m
+        frame = {"image": image, "depth_m": depth_m, "flow_px": flow_px}
+        self._lists.run(self._seek, ("holes", 1), origin=self.origin_px, **frame)
         return self.origin_px
-
-    def release(self) -> None:
-        """Free shader and texture."""
-        self._shader.release()
-        self.origin_px.release()

@@ -10,10 +10,10 @@
 #include "pixels.glsl"
 #include "guided.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
-layout(rg32f, binding = 3) uniform writeonly image2D origin;  // x, y; negative: none
+layout(rgba32f) uniform readonly image2D image;  // a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform readonly image2D flow_px;  // target minus source
+layout(rg32f) uniform writeonly image2D origin;  // x, y; negative: none
 
 #include "sides.glsl"
 

@@ -12,3 +12,13 @@ def band_constants() -> dict[str, float]:
         "ORIENTED_EDGE": float(kernels.oriented[1, 2]),
         "ORIENTED_CORNER": float(kernels.oriented[0, 2]),
     }
+
+
+def low_constants() -> dict[str, float]:
+    """The low-pass's taps: of the inner two by two, beside them, and at the corners."""
+    low = fitted_kernels().low
+    return {
+        "LOW_INNER": float(low[1, 1]),
+        "LOW_MIXED": float(low[0, 1]),
+        "LOW_OUTER": float(low[0, 0]),
+    }

@@ -120,7 +120,7 @@ def flatten(
             origin.append((name, number))
 
     add(path, _read(folder, path, "compile_compute"))
-    code = _COMMENT.sub(" ", "\n".join(written))
+    code = code_of("\n".join(written))
     for key in constants:
         if key not in declared:
             raise ShaderError(f"{path}: no '#constant {key}' in it or its includes; remove {key}=")
@@ -128,6 +128,11 @@ def flatten(
             name, number = declared[key]
             raise ShaderError(f"{name}:{number}: constant {key} is never used")
     return Source("\n".join(lines) + "\n", tuple(origin))
+
+
+def code_of(text: str) -> str:
+    """A shader's text without its comments."""
+    return _COMMENT.sub(" ", text)
 
 
 def _read(root: Traversable, path: str, wanted_by: str) -> str:

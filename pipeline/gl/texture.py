@@ -64,6 +64,12 @@ def format_of(texture: moderngl.Texture) -> Format:
     return fmt
 
 
+def image_format(texture: moderngl.Texture | moderngl.TextureArray) -> str:
+    """The name of a texture's format; "none of ours" for one that was made elsewhere."""
+    fmt = _BY_DTYPE.get((texture.components, texture.dtype))
+    return fmt.name if fmt else "none of ours"
+
+
 def check_texture(
     texture: moderngl.Texture, name: str, size: tuple[int, int], format_name: str
 ) -> None:

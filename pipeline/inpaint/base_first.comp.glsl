@@ -13,14 +13,14 @@
 // A row of blocks: rows are read on and on (8x8 of them take half as long again).
 layout(local_size_x = LIST_GROUP) in;
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;   // background's inside holes
-layout(rgba32f, binding = 2) uniform writeonly image2D halves;  // of 2x2
-layout(r32f, binding = 3) uniform writeonly image2D half_guide;
-layout(rgba32f, binding = 4) uniform writeonly image2D quarters;  // of 4x4
-layout(r32f, binding = 5) uniform writeonly image2D quarter_guide;
-layout(rg32f, binding = 6) uniform writeonly image2D extents;  // of 4x4: least, largest guide
-layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
+layout(rgba32f) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;   // background's inside holes
+layout(rgba32f) uniform writeonly image2D halves;  // of 2x2
+layout(r32f) uniform writeonly image2D half_guide;
+layout(rgba32f) uniform writeonly image2D quarters;  // of 4x4
+layout(r32f) uniform writeonly image2D quarter_guide;
+layout(rg32f) uniform writeonly image2D extents;  // of 4x4: least, largest guide
+layout(std430) writeonly buffer Cells { uint cells[]; };
 
 uniform float z_near_m;
 uniform uvec2 first_and_columns[RESOLUTIONS];

@@ -6,10 +6,10 @@
 #include "guided.glsl"
 #include "taps.glsl"
 
-layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // complete
-layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
+layout(rgba32f) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rgba32f) uniform readonly image2D coarse;  // complete
+layout(r32f) uniform readonly image2D coarse_guide;
 
 uniform float z_near_m;
 

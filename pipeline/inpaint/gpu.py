@@ -11,8 +11,8 @@ import moderngl
 
 from pipeline.errors import InputError
 from pipeline.features.reference import MAX_LEVELS
-from pipeline.gl.shader import compile_compute, set_array
-from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import check_size, check_texture
 from pipeline.inpaint.reference import RELAXED_RESOLUTIONS
 from pipeline.inpaint.region import CELL, MOST_EDGE_PX
 from pipeline.inpaint.regions import FIRST_STORED, LIST_GROUP, WorkLists
@@ -63,7 +63,7 @@ class Resolutions:
         return sum(self.texels(r) for r in range(self.top, len(self.sizes)))
 
 
-class GuidePyramid:
+class GuidePyramid(Pass):
     """The guide of resolutions 1 to the top, one float per pixel: the farthest of each 2x2.
 
     Written by the base chain, read by all. `extents`, least and largest of each 4x4 pixels, are
@@ -71,29 +71,19 @@ class GuidePyramid:
     """
 
     def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
+        super().__init__(ctx)
         self._guides = [
-            create_texture(ctx, resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
+            self._texture(resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
         ]
-        self.extents = create_texture(ctx, resolutions.sizes[2], "rg32f")
-        self.scratch = ctx.buffer(reserve=4 * resolutions.tail_texels * MAX_LEVELS)
+        self.extents = self._texture(resolutions.sizes[2], "rg32f")
+        self.scratch = self._buffer(4 * resolutions.tail_texels * MAX_LEVELS)
 
     def at(self, resolution: int) -> moderngl.Texture:
         """The guide of one resolution, from 1 to the top."""
         return self._guides[resolution - 1]
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory, bytes."""
-        return sum(map(texture_bytes, (*self._guides, self.extents))) + self.scratch.size
 
-    def release(self) -> None:
-        """Free guides and scratch."""
-        for texture in (*self._guides, self.extents):
-            texture.release()
-        self.scratch.release()
-
-
-class ChainPass:
+class ChainPass(Pass):
     """Pull and push of one kind of chain between its finest resolution and 1x1.
 
     Parameters
@@ -117,25 +107,21 @@ class ChainPass:
         gamma: float,
         depth_threshold: float,
     ) -> None:
-        self._ctx = ctx
+        super().__init__(ctx)
         self._resolutions = resolutions
         self._lists = lists
         self._guide = guide
         self._is_base = is_base
         self._relaxed = RELAXED_RESOLUTIONS if is_base else 0
-        self._pull = compile_compute(
-            ctx,
+        self._pull = self._shader(
             "inpaint/pull.comp.glsl",
             IS_BASE=is_base,
             TILE=CELL,
             PLANES=planes,
             MOST_CHAINS=MAX_LEVELS,
         )
-        self._push = compile_compute(
-            ctx, "inpaint/push.comp.glsl", PLANES=planes, GAMMA=float(gamma)
-        )
-        self._tail = compile_compute(
-            ctx,
+        self._push = self._shader("inpaint/push.comp.glsl", PLANES=planes, GAMMA=float(gamma))
+        self._tail = self._shader(
             "inpaint/tail.comp.glsl",
             GROUP=TAIL_GROUP,
             CHAIN_TEXELS=resolutions.tail_texels,
@@ -144,23 +130,24 @@ class ChainPass:
             RELAXED=max(0, self._relaxed - resolutions.top),
             GAMMA=float(gamma),
         )
-        self._shaders = [self._pull, self._push, self._tail]
         if is_base:
-            self._relax = compile_compute(
-                ctx, "inpaint/relax.comp.glsl", IS_FINEST=False, GAMMA=float(gamma)
+            self._relax = self._shader(
+                "inpaint/relax.comp.glsl", IS_FINEST=False, GAMMA=float(gamma)
             )
-            self._shaders.append(self._relax)
-        for shader in self._shaders:
-            shader["depth_threshold"] = depth_threshold
+        self._set(depth_threshold=depth_threshold)
+        self._hold(**lists.shared)
         self._finest = 1 if is_base else FIRST_STORED
         top = resolutions.top
         self._texels = {}
         for r in range(self._finest, top + 1):
             width, height = resolutions.sizes[r]
             size = (planes * width, self._chains(r) * height)
-            self._texels[r] = create_texture(ctx, size, "rgba32f")
-        self._scratch = ctx.buffer(
-            reserve=16 * planes * resolutions.tail_texels * self._chains(top)
+            self._texels[r] = self._texture(size, "rgba32f")
+        self._tail.hold(
+            top=self.at(top),
+            top_guide=guide.at(top),
+            scratch=self._buffer(16 * planes * resolutions.tail_texels * self._chains(top)),
+            scratch_guide=guide.scratch,
         )
 
     def at(self, resolution: int) -> moderngl.Texture:
@@ -172,11 +159,6 @@ class ChainPass:
         """How many dispatches one call makes."""
         relaxed = sum(r < self._relaxed for r in self._pushes)
         return len(self._pulls) + 1 + len(self._pushes) + 2 * relaxed
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory of texels and scratch, bytes."""
-        return sum(map(texture_bytes, self._texels.values())) + self._scratch.size
 
     def __call__(self) -> None:
         """Complete all resolutions, given the finest of each chain."""
@@ -215,55 +197,42 @@ class ChainPass:
 
     def _pull_step(self, r: int) -> None:
         shader = self._pull
-        self._bind(r, r + 1)
         shader["fine_size"] = self._resolutions.sizes[r]
         shader["fine_region"] = self._regions(r)
         shader["incomplete_list"] = self._lists.appendable(self._incomplete(r + 1))
-        self._lists.run(shader, ("source" if self._is_base else "pulled", r + 1))
+        key = ("source" if self._is_base else "pulled", r + 1)
+        self._lists.run(shader, key, **self._fine_and_coarse(r))
 
     def _push_step(self, r: int) -> None:
         shader = self._push
-        self._bind(r, r + 1)
         shader["coarse_size"] = self._resolutions.sizes[r + 1]
-        self._lists.run(shader, self._incomplete(r))
+        self._lists.run(shader, self._incomplete(r), **self._fine_and_coarse(r))
 
     def _relax_steps(self, r: int) -> None:
-        shader = self._relax
-        self.at(r).bind_to_image(0)
-        self._guide.at(r).bind_to_image(1)
         for parity in (0, 1):
-            shader["parity"] = parity
-            self._lists.run(shader, self._incomplete(r))
+            self._relax["parity"] = parity
+            self._lists.run(
+                self._relax, self._incomplete(r), level=self.at(r), guide=self._guide.at(r)
+            )
 
-    def _bind(self, fine: int, coarse: int) -> None:
-        self.at(fine).bind_to_image(0)
-        self.at(coarse).bind_to_image(1)
-        self._guide.at(fine).bind_to_image(2)
-        self._guide.at(coarse).bind_to_image(3)
+    def _fine_and_coarse(self, r: int) -> dict[str, moderngl.Texture]:
+        return {
+            "fine": self.at(r),
+            "coarse": self.at(r + 1),
+            "fine_guide": self._guide.at(r),
+            "coarse_guide": self._guide.at(r + 1),
+        }
 
     def _tail_step(self) -> None:
         top = self._resolutions.top
         shader = self._tail
-        self.at(top).bind_to_image(0)
-        self._scratch.bind_to_storage_buffer(5)
-        self._guide.at(top).bind_to_image(2)
-        self._guide.scratch.bind_to_storage_buffer(7)
         shader["top_size"] = self._resolutions.sizes[top]
         shader["top_region"] = self._regions(top)
         shader["guide_region"] = self._lists.region(("source", top))
         shader.run(self._chains(top))
-        self._ctx.memory_barrier()
-
-    def release(self) -> None:
-        """Free texels, scratch and shaders."""
-        for texture in self._texels.values():
-            texture.release()
-        self._scratch.release()
-        for shader in self._shaders:
-            shader.release()
 
 
-class GuidedBasePass:
+class GuidedBasePass(Pass):
     """Fill the holes of one frame's colour from its background, in place.
 
     The method `push-pull-depth`, and what `metameric` adds its noise to. Known pixels keep
@@ -289,47 +258,40 @@ class GuidedBasePass:
         depth_threshold: float = 0.04,
         tiles: int = 0,
     ) -> None:
+        super().__init__(ctx)
         check_size(ctx, size)
         self.resolutions = Resolutions(size, levels)
         sizes = self.resolutions.sizes[: self.resolutions.top + 1]
-        self.lists = WorkLists(ctx, sizes, levels, tiles)
-        self.guide = GuidePyramid(ctx, self.resolutions)
-        self.chain = ChainPass(
-            ctx,
-            self.resolutions,
-            self.lists,
-            self.guide,
-            planes=BASE_PLANES,
-            is_base=True,
-            gamma=gamma,
-            depth_threshold=depth_threshold,
+        self.lists = self._part(WorkLists(ctx, sizes, levels, tiles))
+        self.guide = self._part(GuidePyramid(ctx, self.resolutions))
+        self.chain = self._part(
+            ChainPass(
+                ctx,
+                self.resolutions,
+                self.lists,
+                self.guide,
+                planes=BASE_PLANES,
+                is_base=True,
+                gamma=gamma,
+                depth_threshold=depth_threshold,
+            )
         )
-        self._first = compile_compute(
-            ctx,
-            "inpaint/base_first.comp.glsl",
-            CELL=CELL,
-            RESOLUTIONS=len(self.lists.cell_grids),
+        self._first = self._shader(
+            "inpaint/base_first.comp.glsl", CELL=CELL, RESOLUTIONS=len(self.lists.cell_grids)
         )
-        set_array(self._first, "first_and_columns", self.lists.cell_grids)
+        self._first["first_and_columns"] = self.lists.cell_grids
         self._first["holes_list"] = self.lists.appendable(("holes", 1))
         self._first["half_list"] = self.lists.appendable(("base", 1))
         self._first["quarter_list"] = self.lists.appendable(("base", 2))
-        self._last = compile_compute(ctx, "inpaint/base_last.comp.glsl")
-        self._relax = compile_compute(
-            ctx, "inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma)
-        )
-        for shader in (self._first, self._last, self._relax):
-            shader["depth_threshold"] = depth_threshold
+        self._last = self._shader("inpaint/base_last.comp.glsl")
+        self._relax = self._shader("inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma))
+        self._set(depth_threshold=depth_threshold)
+        self._hold(**self.lists.shared)
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         return self.lists.dispatches + 1 + self.chain.dispatches + 1 + 2
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        return self.lists.held_bytes + self.guide.held_bytes + self.chain.held_bytes
 
     def __call__(self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float) -> None:
         """Fill `image` (rgba32f; alpha 1 known, 0 hole; alpha stays).
@@ -338,35 +300,27 @@ class GuidedBasePass:
         """
         check_texture(image, "image", self.resolutions.size, "rgba32f")
         check_texture(depth_m, "depth_m", self.resolutions.size, "r32f")
+        self._set(z_near_m=z_near_m)
+        halves, half_guide = self.chain.at(1), self.guide.at(1)
         self.lists.reset()
-        self._first["z_near_m"] = z_near_m
-        image.bind_to_image(0, read=True, write=False)
-        depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_image(2)
-        self.guide.at(1).bind_to_image(3)
-        self.chain.at(2).bind_to_image(4)
-        self.guide.at(2).bind_to_image(5)
-        self.guide.extents.bind_to_image(6)
         width, height = self.resolutions.sizes[2]
-        self._first.run(-(-width // LIST_GROUP), height)
+        self._first.run(
+            -(-width // LIST_GROUP),
+            height,
+            image=image,
+            depth_m=depth_m,
+            halves=halves,
+            half_guide=half_guide,
+            quarters=self.chain.at(2),
+            quarter_guide=self.guide.at(2),
+            extents=self.guide.extents,
+        )
         self.lists.build()
         self.chain()
-        self._last["z_near_m"] = z_near_m
-        image.bind_to_image(0, read=True, write=True)
-        depth_m.bind_to_image(1, read=True, write=False)
-        self.chain.at(1).bind_to_image(2)
-        self.guide.at(1).bind_to_image(3)
-        self.lists.run(self._last, ("holes", 1))
-        self._relax["z_near_m"] = z_near_m
+        holes = ("holes", 1)
+        self.lists.run(
+            self._last, holes, image=image, depth_m=depth_m, coarse=halves, coarse_guide=half_guide
+        )
         for parity in (0, 1):
             self._relax["parity"] = parity
-            self.lists.run(self._relax, ("holes", 1))
-
-    def release(self) -> None:
-        """Free everything this pass made."""
-        self.lists.release()
-        self.guide.release()
-        self.chain.release()
-        self._first.release()
-        self._last.release()
-        self._relax.release()
+            self.lists.run(self._relax, holes, level=image, depth_m=depth_m)

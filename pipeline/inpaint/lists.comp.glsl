@@ -29,10 +29,10 @@ struct Region {
     int end_chain;
 };
 
-layout(std430, binding = 0) readonly buffer Cells { uint cells[]; };
-layout(std430, binding = 3) writeonly buffer Active { uint active_tiles[]; };
-layout(std430, binding = 6) readonly buffer Regions { Region regions[]; };
-layout(std430, binding = 7) readonly buffer OfGroups { uint region_of_group[]; };
+layout(std430) readonly buffer Cells { uint cells[]; };
+layout(std430) writeonly buffer Active { uint active_tiles[]; };
+layout(std430) readonly buffer Regions { Region regions[]; };
+layout(std430) readonly buffer OfGroups { uint region_of_group[]; };
 
 bool near_a_hole(Region region, ivec2 tile) {
     // The cells that the tile overlaps: one or part of one, or several if cells are finer.

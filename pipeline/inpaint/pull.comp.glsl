@@ -11,13 +11,13 @@
 #include "taps.glsl"
 #include "planes.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D fine;
-layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
-layout(r32f, binding = 2) uniform readonly image2D fine_guide;
+layout(rgba32f) uniform readonly image2D fine;
+layout(rgba32f) uniform writeonly image2D coarse;
+layout(r32f) uniform readonly image2D fine_guide;
 #if IS_BASE
-layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
+layout(r32f) uniform writeonly image2D coarse_guide;
 #else
-layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
+layout(r32f) uniform readonly image2D coarse_guide;
 #endif
 
 uniform ivec2 fine_size;

@@ -9,10 +9,10 @@
 #include "taps.glsl"
 #include "planes.glsl"
 
-layout(rgba32f, binding = 0) uniform image2D fine;
-layout(rgba32f, binding = 1) uniform readonly image2D coarse;  // complete
-layout(r32f, binding = 2) uniform readonly image2D fine_guide;
-layout(r32f, binding = 3) uniform readonly image2D coarse_guide;
+layout(rgba32f) uniform image2D fine;
+layout(rgba32f) uniform readonly image2D coarse;  // complete
+layout(r32f) uniform readonly image2D fine_guide;
+layout(r32f) uniform readonly image2D coarse_guide;
 
 uniform ivec2 coarse_size;
 

@@ -42,7 +42,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.gl.shader import compile_compute
+from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.passes import Pass
 from pipeline.inpaint.region import (
     CELL,
     SOURCE_RINGS,
@@ -103,7 +104,7 @@ class _Region:
         return self.chains.start, self.chains.stop
 
 
-class WorkLists:
+class WorkLists(Pass):
     """All regions and work lists of one frame size, rebuilt for each frame.
 
     Parameters
@@ -114,6 +115,11 @@ class WorkLists:
         Pyramid levels.
     tiles : int
         How many entries ``("tiles", 0)`` has room for.
+
+    Attributes
+    ----------
+    shared : dict of buffers
+        For the shaders that mark cells, and that read lists or append to them.
     """
 
     dispatches = 2
@@ -125,7 +131,7 @@ class WorkLists:
         levels: int,
         tiles: int = 0,
     ) -> None:
-        self._ctx = ctx
+        super().__init__(ctx)
         self.sizes = sizes
         self._levels = levels
         self._grids = [self._grid(r) for r in range(source_resolution(levels) + 1)]
@@ -138,35 +144,41 @@ class WorkLists:
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
         self._reset_groups = -(-max(cell_count, len(self._lists)) // LIST_GROUP)
         self._build_groups = flag_count // LIST_GROUP
-        self._cells = ctx.buffer(reserve=4 * cell_count)
-        self._counts = ctx.buffer(reserve=_COUNTS_STRIDE * len(self._lists))
-        self._entries = ctx.buffer(reserve=4 * (last_list.first + last_list.capacity))
-        self._active = ctx.buffer(reserve=4 * flag_count)
-        self._packed_regions = ctx.buffer(self._pack_regions().tobytes())
-        self._region_of_group = ctx.buffer(self._regions_of_groups().tobytes())
-        self._reset = compile_compute(ctx, "inpaint/reset.comp.glsl")
+        self._cells = self._buffer(4 * cell_count)
+        self._counts = self._buffer(_COUNTS_STRIDE * len(self._lists))
+        self._entries = self._buffer(4 * (last_list.first + last_list.capacity))
+        self._active = self._buffer(4 * flag_count)
+        self._reset = self._shader("inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
         self._reset["list_count"] = len(self._lists)
-        self._build = compile_compute(ctx, "inpaint/lists.comp.glsl", GROUP=LIST_GROUP)
+        self._build = self._shader("inpaint/lists.comp.glsl", GROUP=LIST_GROUP)
+        self._packed_regions = self._buffer(self._pack_regions().tobytes())
+        self._region_of_group = self._buffer(self._regions_of_groups().tobytes())
+        self._build.hold(regions=self._packed_regions, of_groups=self._region_of_group)
+        self.shared: dict[str, Resource] = {
+            "cells": self._cells,
+            "counts": self._counts,
+            "entries": self._entries,
+            "active": self._active,
+        }
+        self._hold(**self.shared)
 
     def reset(self) -> None:
-        """Forget the last frame; storage buffers 0 to 2 stay bound for what marks cells next."""
-        self._cells.bind_to_storage_buffer(0)
-        self._counts.bind_to_storage_buffer(1)
-        self._entries.bind_to_storage_buffer(2)
+        """Forget the last frame."""
         self._reset.run(self._reset_groups)
-        self._ctx.memory_barrier()
 
     def build(self) -> None:
-        """List the tiles near marked cells; storage buffers 1 to 3 stay bound for all passes."""
-        self._ctx.memory_barrier()
-        self._active.bind_to_storage_buffer(3)
-        self._packed_regions.bind_to_storage_buffer(6)
-        self._region_of_group.bind_to_storage_buffer(7)
+        """List the tiles near marked cells."""
         self._build.run(self._build_groups)
-        self._ctx.memory_barrier()
 
-    def run(self, shader: moderngl.ComputeShader, key: Key, resolution: int | None = None) -> None:
+    def run(
+        self,
+        shader: Shader,
+        key: Key,
+        resolution: int | None = None,
+        /,
+        **resources: Resource,
+    ) -> None:
         """Dispatch `shader` over one list; it writes `resolution`, by default the list's own.
 
         It includes tiles.glsl for a list by tile, pixels.glsl for one by pixel.
@@ -174,10 +186,9 @@ class WorkLists:
         item = self._lists[key]
         shader["list_index"] = item.index
         shader["list_first"] = item.first
-        if "work_size" in shader:
+        if shader.uses("work_size"):
             shader["work_size"] = self.sizes[item.resolution if resolution is None else resolution]
-        shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index)
-        self._ctx.memory_barrier()
+        shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index, **resources)
 
     def appendable(self, key: Key) -> tuple[int, int]:
         """Index and first entry of a list by pixel: what a pass needs to append to it."""
@@ -219,29 +230,6 @@ class WorkLists:
         item = self._regions[key]
         flags = np.frombuffer(self._active.read(), np.uint32)[item.first : item.first + item.tiles]
         return np.asarray(flags.reshape(-1, self._columns(item.resolution)) != 0)
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory of the lists, bytes."""
-        return sum(buffer.size for buffer in self._buffers)
-
-    def release(self) -> None:
-        """Free buffers and shaders."""
-        for buffer in self._buffers:
-            buffer.release()
-        for shader in (self._reset, self._build):
-            shader.release()
-
-    @property
-    def _buffers(self) -> tuple[moderngl.Buffer, ...]:
-        return (
-            self._cells,
-            self._counts,
-            self._entries,
-            self._active,
-            self._packed_regions,
-            self._region_of_group,
-        )
 
     def _columns(self, resolution: int) -> int:
         """Tiles per row of a resolution."""

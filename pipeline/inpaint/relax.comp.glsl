@@ -10,15 +10,15 @@
 #include "guided.glsl"
 
 #if IS_FINEST
-layout(rgba32f, binding = 0) uniform image2D level;  // rgb: encoded colour; a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
+layout(rgba32f) uniform image2D level;  // rgb: encoded colour; a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
 
 uniform float z_near_m;
 
 float guide_at(ivec2 pixel) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r); }
 #else
-layout(rgba32f, binding = 0) uniform image2D level;  // a: validity
-layout(r32f, binding = 1) uniform readonly image2D guide;
+layout(rgba32f) uniform image2D level;  // a: validity
+layout(r32f) uniform readonly image2D guide;
 
 float guide_at(ivec2 pixel) { return imageLoad(guide, pixel).r; }
 #endif

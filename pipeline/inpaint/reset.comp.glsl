@@ -3,8 +3,8 @@
 
 layout(local_size_x = 64) in;
 
-layout(std430, binding = 0) writeonly buffer Cells { uint cells[]; };
-layout(std430, binding = 1) writeonly buffer Counts { uvec4 counts[]; };  // groups x, y, z; entries
+layout(std430) writeonly buffer Cells { uint cells[]; };
+layout(std430) writeonly buffer Counts { uvec4 counts[]; };  // groups x, y, z; entries
 
 uniform uint cell_count;
 uniform uint list_count;

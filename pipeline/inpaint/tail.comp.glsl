@@ -16,10 +16,10 @@
 
 layout(local_size_x = GROUP) in;
 
-layout(rgba32f, binding = 0) uniform image2D top;
-layout(std430, binding = 5) coherent buffer Scratch { vec4 scratch[]; };
-layout(r32f, binding = 2) uniform readonly image2D top_guide;
-layout(std430, binding = 7) coherent buffer ScratchGuide { float scratch_guide[]; };
+layout(rgba32f) uniform image2D top;
+layout(std430) coherent buffer Scratch { vec4 scratch[]; };
+layout(r32f) uniform readonly image2D top_guide;
+layout(std430) coherent buffer ScratchGuide { float scratch_guide[]; };
 
 uniform ivec2 top_size;
 uniform uvec3 top_region[MOST_CHAINS];  // active tiles of each chain

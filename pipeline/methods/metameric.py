@@ -3,8 +3,9 @@
 import moderngl
 
 from pipeline.errors import InputError
+from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.methods.guided import Guided
+from pipeline.methods.on_gpu import Guided
 from pipeline.printed.gpu import PrintedPass
 from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.gpu import MetamericPass
@@ -52,8 +53,9 @@ class Metameric(Guided[MetamericPass]):
     def _build(self, size: tuple[int, int]) -> MetamericPass:
         return MetamericPass(self._ctx, size, self._settings)
 
-    def _run(self, filler: MetamericPass, z_near_m: float, seed: int) -> None:
-        filler(*self._textures, z_near_m=z_near_m, seed=seed)
+    def _run(self, filler: MetamericPass, frame: FrameTextures, seed: int) -> None:
+        z_near_m = self._nearest_m(frame)
+        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m, seed=seed)
 
 
 class PushPullDepth(Guided[GuidedBasePass]):
@@ -80,9 +82,13 @@ class PushPullDepth(Guided[GuidedBasePass]):
             self._ctx, size, gamma=self._gamma, depth_threshold=self._depth_threshold
         )
 
-    def _run(self, filler: GuidedBasePass, z_near_m: float, seed: int) -> None:  # noqa: ARG002
-        image, depth_m, _ = self._textures
-        filler(image, depth_m, z_near_m)
+    def _run(
+        self,
+        filler: GuidedBasePass,
+        frame: FrameTextures,
+        seed: int,  # noqa: ARG002
+    ) -> None:
+        filler(frame.colour, frame.depth_m, self._nearest_m(frame))
 
 
 class MetamericPaper(Guided[PrintedPass]):
@@ -106,5 +112,6 @@ class MetamericPaper(Guided[PrintedPass]):
     def _build(self, size: tuple[int, int]) -> PrintedPass:
         return PrintedPass(self._ctx, size, self._settings)
 
-    def _run(self, filler: PrintedPass, z_near_m: float, seed: int) -> None:
-        filler(*self._textures, z_near_m=z_near_m, seed=seed)
+    def _run(self, filler: PrintedPass, frame: FrameTextures, seed: int) -> None:
+        z_near_m = self._nearest_m(frame)
+        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m, seed=seed)

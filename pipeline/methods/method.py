@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 
 
 class Method(Protocol):
@@ -40,6 +41,15 @@ class Method(Protocol):
 
     def release(self) -> None:
         """Free what the method holds on the GPU; nothing for methods that hold nothing."""
+        ...
+
+
+@runtime_checkable
+class TextureMethod(Method, Protocol):
+    """A method that fills on the GPU: a frame that is there need not leave it."""
+
+    def fill_textures(self, frame: FrameTextures, seed: int) -> None:
+        """Fill the holes of `frame.colour` in place; `fill` of the same frame gives the same."""
         ...
 
 
@@ -78,10 +88,21 @@ def composite(warped: WarpedFrame, filled: NDArray[np.floating]) -> NDArray[np.f
         )
     result = warped.colour.copy()
     inside = filled[warped.hole]
+    check_finite(inside)
+    result[warped.hole] = inside.clip(0.0, 1.0)
+    return result
+
+
+def check_finite(inside: NDArray[np.floating]) -> None:
+    """Require finite colours in the holes.
+
+    Raises
+    ------
+    InputError
+        If some are not.
+    """
     if not np.isfinite(inside).all():
         raise InputError(
             f"the fill must be finite in every hole (got {int((~np.isfinite(inside)).sum())}"
             " values that are NaN or infinite)"
         )
-    result[warped.hole] = inside.clip(0.0, 1.0)
-    return result

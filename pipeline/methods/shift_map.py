@@ -2,7 +2,8 @@
 
 import moderngl
 
-from pipeline.methods.guided import Guided
+from pipeline.frame_textures import FrameTextures
+from pipeline.methods.on_gpu import Guided
 from pipeline.shiftmap.gpu import ShiftMapPass
 from pipeline.shiftmap.plate import ShiftMapPlate
 from pipeline.shiftmap.settings import ShiftMapSettings
@@ -32,5 +33,6 @@ class ShiftMap(Guided[ShiftMapPass]):
     def _build(self, size: tuple[int, int]) -> ShiftMapPass:
         return ShiftMapPass(self._ctx, size, self._settings)
 
-    def _run(self, filler: ShiftMapPass, z_near_m: float, seed: int) -> None:  # noqa: ARG002
-        filler(*self._textures, z_near_m=z_near_m)
+    def _run(self, filler: ShiftMapPass, frame: FrameTextures, seed: int) -> None:  # noqa: ARG002
+        z_near_m = self._nearest_m(frame)
+        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m)

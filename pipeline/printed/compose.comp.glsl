@@ -8,8 +8,8 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 #include "ycbcr.glsl"
 
-layout(rgba32f, binding = 0) uniform image2D image;  // encoded R'G'B'; a: 1 known, 0 hole
-layout(rgba32f, binding = 1) uniform readonly image2D ycbcr;
+layout(rgba32f) uniform image2D image;  // encoded R'G'B'; a: 1 known, 0 hole
+layout(rgba32f) uniform readonly image2D ycbcr;
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);

@@ -3,16 +3,14 @@
 Dense, one pass after another, as the paper has it: it is here to be compared with, not to be fast.
 """
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import moderngl
 import numpy as np
 
-from pipeline.features.gpu import band_constants
-from pipeline.features.reference import fitted_kernels
-from pipeline.gl.shader import Constant, compile_compute
-from pipeline.gl.texture import check_size, check_texture, create_texture, texture_bytes
+from pipeline.features.gpu import band_constants, low_constants
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import check_size, check_texture
 from pipeline.printed.noise import TILE as NOISE_TILE
 from pipeline.printed.noise import printed_noise
 from pipeline.printed.settings import PrintedSettings
@@ -26,7 +24,7 @@ SINGLE = (1, 1)  # planes of the residual
 Size = tuple[int, int]
 
 
-class PrintedPass:
+class PrintedPass(Pass):
     """Fill the holes of frames of one size by `metameric-paper`.
 
     Compiles and allocates once, on construction; the noise is made when the seed changes. A call
@@ -44,33 +42,36 @@ class PrintedPass:
     """
 
     def __init__(self, ctx: moderngl.Context, size: Size, settings: PrintedSettings) -> None:
+        super().__init__(ctx)
         check_size(ctx, _stacked(size, BANDS))
-        self._ctx = ctx
         self.size = size
         self.settings = settings
         levels = settings.levels
-        self._shaders: list[moderngl.ComputeShader] = []
-        self._textures: list[moderngl.Texture] = []
-        low = fitted_kernels().low
-        taps = {
-            "LOW_INNER": float(low[1, 1]),
-            "LOW_MIXED": float(low[0, 1]),
-            "LOW_OUTER": float(low[0, 0]),
-        }
+        taps, bands = low_constants(), {"TILE": TILE, **band_constants()}
         outer = {name: taps[name] for name in ("LOW_MIXED", "LOW_OUTER")}
-        self._split = self._compile("split")
-        self._halve = self._compile("halve", **taps)
-        self._measure = self._compile("moments", RESIDUAL=False, **band_constants())
-        self._residual = self._compile("moments", RESIDUAL=True, **band_constants())
-        self._pull = {k: self._compile("pull", COLUMNS=k[0], ROWS=k[1]) for k in (BANDS, SINGLE)}
-        self._push = {k: self._compile("push", COLUMNS=k[0], ROWS=k[1]) for k in (BANDS, SINGLE)}
-        self._synthesise = self._compile("synthesise", **outer, **band_constants())
-        self._shade = self._compile("shade", NOISE_TILE=NOISE_TILE, ANCHOR_REACH_PX=ANCHOR_REACH_PX)
-        self._compose = self._compile("compose")
-        for shader in self._pull.values():
-            shader["depth_threshold"] = settings.depth_threshold
-        for shader in self._push.values():
-            shader["gamma"] = settings.gamma
+        self._split = self._shader("printed/split.comp.glsl", TILE=TILE)
+        self._halve = self._shader("printed/halve.comp.glsl", TILE=TILE, **taps)
+        moments = "printed/moments.comp.glsl"
+        self._measure = self._shader(moments, RESIDUAL=False, **bands)
+        self._residual = self._shader(moments, RESIDUAL=True, **bands)
+        self._pull, self._push = (
+            {
+                (columns, rows): self._shader(
+                    f"printed/{step}.comp.glsl", TILE=TILE, COLUMNS=columns, ROWS=rows
+                )
+                for columns, rows in (BANDS, SINGLE)
+            }
+            for step in ("pull", "push")
+        )
+        self._synthesise = self._shader("printed/synthesise.comp.glsl", **outer, **bands)
+        self._shade = self._shader(
+            "printed/shade.comp.glsl",
+            TILE=TILE,
+            NOISE_TILE=NOISE_TILE,
+            ANCHOR_REACH_PX=ANCHOR_REACH_PX,
+        )
+        self._compose = self._shader("printed/compose.comp.glsl", TILE=TILE)
+        self._set(depth_threshold=settings.depth_threshold, gamma=settings.gamma)
 
         sizes = [size, *coarser_sizes(size)]
         # Past 1x1 nothing changes.
@@ -91,11 +92,6 @@ class PrintedPass:
         self._image = [self._texture(one, "rgba32f") for one in here[:-1]]
         self._noise = self._texture((3 * NOISE_TILE, levels * NOISE_TILE), "rgba32f")
         self._seed: int | None = None
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        return sum(texture_bytes(texture) for texture in self._textures)
 
     @property
     def dispatches(self) -> int:
@@ -135,30 +131,44 @@ class PrintedPass:
         self._pull_colours(image, depth_m)
         levels = self.settings.levels
         for k in range(levels):
-            self._run(
-                self._measure,
-                [self._low[k], self._guide[k], self._planes[k], self._state_of(k)],
-                self._sizes[k],
-            )
+            here = {"low": self._low[k], "guide": self._guide[k]}
+            moments = {"planes": self._planes[k], "state": self._state_of(k)}
+            self._measure.run_over(self._sizes[k], **here, **moments)
             self._inpaint(k, BANDS)
-            finer = [self._low[k], self._guide[k]]
-            coarser = [self._low[k + 1], self._guide[k + 1]]
-            self._run(self._halve, [*finer, *coarser], self._sizes[k + 1])
-        whole = [self._low[levels], self._guide[levels]]
-        result = [self._planes[levels], self._state_of(levels)]
-        pulled = [self._pulled, self._pulled_state]
-        self._run(self._residual, [*whole, *result, *pulled], self._sizes[levels])
+            self._halve.run_over(
+                self._sizes[k + 1],
+                fine=self._low[k],
+                fine_guide=self._guide[k],
+                coarse=self._low[k + 1],
+                coarse_guide=self._guide[k + 1],
+            )
+        self._residual.run_over(
+            self._sizes[levels],
+            low=self._low[levels],
+            guide=self._guide[levels],
+            planes=self._planes[levels],
+            state=self._state_of(levels),
+            pulled=self._pulled,
+            pulled_state=self._pulled_state,
+        )
         self._inpaint(levels, SINGLE)
         below = self._planes[levels]
         for k in reversed(range(levels)):
-            self._run(self._synthesise, [below, self._planes[k], self._image[k]], self._sizes[k])
-            below = self._image[k]
+            bands, result = self._planes[k], self._image[k]
+            self._synthesise.run_over(self._sizes[k], coarse=below, planes=bands, image=result)
+            below = result
         for k in range(levels):
             self._shade["level"] = k
             self._shade["level_size"] = self._sizes[k]
-            bound = [below, self._planes[k], self._noise, flow_px, image]
-            self._run(self._shade, bound, self.size)
-        self._run(self._compose, [image, below], self.size)
+            self._shade.run_over(
+                self.size,
+                ycbcr=below,
+                planes=self._planes[k],
+                noise=self._noise,
+                flow_px=flow_px,
+                image=image,
+            )
+        self._compose.run_over(self.size, image=image, ycbcr=below)
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand.
@@ -177,13 +187,6 @@ class PrintedPass:
         self._noise.write(np.pad(rows, ((0, 0), (0, 0), (0, 1))).tobytes())
         self._seed = seed
 
-    def release(self) -> None:
-        """Free everything this pass made."""
-        for texture in self._textures:
-            texture.release()
-        for shader in self._shaders:
-            shader.release()
-
     @property
     def _pulled(self) -> moderngl.Texture:
         """Colours pulled to the residual's level."""
@@ -195,42 +198,35 @@ class PrintedPass:
     def _pull_colours(self, image: moderngl.Texture, depth_m: moderngl.Texture) -> None:
         """Begin the pyramid, and pull its colours to the residual's level."""
         states = [*self._state[: self._last], self._pulled_state]
-        first = [self._low[0], self._guide[0], states[0]]
-        self._run(self._split, [image, depth_m, *first], self.size)
+        first = {"low": self._low[0], "guide": self._guide[0], "state": states[0]}
+        self._split.run_over(self.size, image=image, depth_m=depth_m, **first)
         chain = [self._low[0], *self._coarser[SINGLE][: self._last]]
-        for fine, coarse in pairwise(zip(chain, states, strict=True)):
-            self._run(self._pull[SINGLE], [*fine, *coarse], coarse[1].size)
+        self._pull_down(SINGLE, list(zip(chain, states, strict=True)))
 
     def _inpaint(self, level: int, planes: Size) -> None:
         """Pull a level's planes to 1x1 and push them back."""
         state = self._state[min(level, len(self._state) - 1) :]
         chain = [self._planes[level], *self._coarser[planes][len(self._state) - len(state) :]]
-        steps = list(pairwise(zip(chain, state, strict=True)))
-        for (fine, fine_state), (coarse, coarse_state) in steps:
-            bound = [fine, fine_state, coarse, coarse_state]
-            self._run(self._pull[planes], bound, coarse_state.size)
-        for (fine, fine_state), (coarse, coarse_state) in reversed(steps):
+        levels = list(zip(chain, state, strict=True))
+        self._pull_down(planes, levels)
+        for (fine, fine_state), (coarse, coarse_state) in reversed(list(pairwise(levels))):
             self._push[planes]["coarse_size"] = coarse_state.size
-            self._run(self._push[planes], [fine, fine_state, coarse], fine_state.size)
+            self._push[planes].run_over(
+                fine_state.size, fine=fine, fine_state=fine_state, coarse=coarse
+            )
 
-    def _run(
-        self, shader: moderngl.ComputeShader, bound: Sequence[moderngl.Texture], size: Size
+    def _pull_down(
+        self, planes: Size, levels: list[tuple[moderngl.Texture, moderngl.Texture]]
     ) -> None:
-        """Dispatch one invocation per pixel of `size`, textures bound in order."""
-        for unit, texture in enumerate(bound):
-            texture.bind_to_image(unit, read=True, write=True)
-        shader.run(-(-size[0] // TILE), -(-size[1] // TILE))
-        self._ctx.memory_barrier()
-
-    def _compile(self, name: str, **constants: Constant) -> moderngl.ComputeShader:
-        shader = compile_compute(self._ctx, f"printed/{name}.comp.glsl", TILE=TILE, **constants)
-        self._shaders.append(shader)
-        return shader
-
-    def _texture(self, size: Size, format_name: str) -> moderngl.Texture:
-        texture = create_texture(self._ctx, size, format_name)
-        self._textures.append(texture)
-        return texture
+        """Pull planes and state from each level to the next coarser one."""
+        for (fine, fine_state), (coarse, coarse_state) in pairwise(levels):
+            self._pull[planes].run_over(
+                coarse_state.size,
+                fine=fine,
+                fine_state=fine_state,
+                coarse=coarse,
+                coarse_state=coarse_state,
+            )
 
 
 def _stacked(size: Size, planes: Size) -> Size:

@@ -9,10 +9,10 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(rgba32f, binding = 0) uniform readonly image2D fine;     // Y'CbCr; a: 1 known, 0 hole, or PARTLY
-layout(r32f, binding = 1) uniform readonly image2D fine_guide;
-layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
-layout(r32f, binding = 3) uniform writeonly image2D coarse_guide;
+layout(rgba32f) uniform readonly image2D fine;     // Y'CbCr; a: 1 known, 0 hole, or PARTLY
+layout(r32f) uniform readonly image2D fine_guide;
+layout(rgba32f) uniform writeonly image2D coarse;
+layout(r32f) uniform writeonly image2D coarse_guide;
 
 const float PARTLY = -1.0;  // known in part
 

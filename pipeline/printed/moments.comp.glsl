@@ -10,15 +10,15 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 #include "bands.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D low;  // Y'CbCr, 0 in holes; a: see halve
-layout(r32f, binding = 1) uniform readonly image2D guide;
+layout(rgba32f) uniform readonly image2D low;  // Y'CbCr, 0 in holes; a: see halve
+layout(r32f) uniform readonly image2D guide;
 // Bands high, along x, along y side by side; squares below them.
-layout(rgba32f, binding = 2) uniform writeonly image2D planes;
-layout(rg32f, binding = 3) uniform writeonly image2D state;  // validity, guide
+layout(rgba32f) uniform writeonly image2D planes;
+layout(rg32f) uniform writeonly image2D state;  // validity, guide
 
 #if RESIDUAL
-layout(rgba32f, binding = 4) uniform readonly image2D pulled;
-layout(rg32f, binding = 5) uniform readonly image2D pulled_state;
+layout(rgba32f) uniform readonly image2D pulled;
+layout(rg32f) uniform readonly image2D pulled_state;
 #else
 vec4 at(ivec2 pixel, ivec2 last) { return imageLoad(low, clamp(pixel, ivec2(0), last)); }
 

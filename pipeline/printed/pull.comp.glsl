@@ -8,10 +8,10 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(rgba32f, binding = 0) uniform readonly image2D fine;
-layout(rg32f, binding = 1) uniform readonly image2D fine_state;  // validity, guide
-layout(rgba32f, binding = 2) uniform writeonly image2D coarse;
-layout(rg32f, binding = 3) uniform writeonly image2D coarse_state;
+layout(rgba32f) uniform readonly image2D fine;
+layout(rg32f) uniform readonly image2D fine_state;  // validity, guide
+layout(rgba32f) uniform writeonly image2D coarse;
+layout(rg32f) uniform writeonly image2D coarse_state;
 
 uniform float depth_threshold;
 

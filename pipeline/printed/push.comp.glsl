@@ -8,9 +8,9 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(rgba32f, binding = 0) uniform image2D fine;
-layout(rg32f, binding = 1) uniform readonly image2D fine_state;  // validity, guide
-layout(rgba32f, binding = 2) uniform readonly image2D coarse;    // complete
+layout(rgba32f) uniform image2D fine;
+layout(rg32f) uniform readonly image2D fine_state;  // validity, guide
+layout(rgba32f) uniform readonly image2D coarse;    // complete
 
 uniform ivec2 coarse_size;  // of one plane
 uniform float gamma;

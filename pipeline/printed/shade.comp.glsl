@@ -8,11 +8,11 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-layout(rgba32f, binding = 0) uniform image2D ycbcr;            // the sum so far
-layout(rgba32f, binding = 1) uniform readonly image2D planes;  // means side by side, squares below
-layout(rgba32f, binding = 2) uniform readonly image2D noise;   // bands side by side, levels below
-layout(rg32f, binding = 3) uniform readonly image2D flow_px;
-layout(rgba32f, binding = 4) uniform readonly image2D image;   // a: 1 known, 0 hole
+layout(rgba32f) uniform image2D ycbcr;            // the sum so far
+layout(rgba32f) uniform readonly image2D planes;  // means side by side, squares below
+layout(rgba32f) uniform readonly image2D noise;   // bands side by side, levels below
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rgba32f) uniform readonly image2D image;   // a: 1 known, 0 hole
 
 uniform int level;
 uniform ivec2 level_size;  // of one plane

@@ -8,11 +8,11 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 #include "ycbcr.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // encoded R'G'B'; a: 1 known
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rgba32f, binding = 2) uniform writeonly image2D low;   // Y'CbCr, 0 in holes; a: 1 known
-layout(r32f, binding = 3) uniform writeonly image2D guide;    // 0 nearest, 1 at infinity
-layout(rg32f, binding = 4) uniform writeonly image2D state;   // validity, guide
+layout(rgba32f) uniform readonly image2D image;  // encoded R'G'B'; a: 1 known
+layout(r32f) uniform readonly image2D depth_m;
+layout(rgba32f) uniform writeonly image2D low;   // Y'CbCr, 0 in holes; a: 1 known
+layout(r32f) uniform writeonly image2D guide;    // 0 nearest, 1 at infinity
+layout(rg32f) uniform writeonly image2D state;   // validity, guide
 
 uniform float z_near_m;
 

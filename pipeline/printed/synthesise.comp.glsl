@@ -10,9 +10,9 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 #include "bands.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D coarse;  // Y'CbCr
-layout(rgba32f, binding = 1) uniform readonly image2D planes;  // bands side by side
-layout(rgba32f, binding = 2) uniform writeonly image2D image;
+layout(rgba32f) uniform readonly image2D coarse;  // Y'CbCr
+layout(rgba32f) uniform readonly image2D planes;  // bands side by side
+layout(rgba32f) uniform writeonly image2D image;
 
 vec3 plane(ivec2 pixel, int index, ivec2 size) {
     return imageLoad(planes, clamp(pixel, ivec2(0), size - 1) + ivec2(index * size.x, 0)).rgb;

@@ -5,17 +5,17 @@ from typing import ClassVar
 
 import moderngl
 
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import check_size, check_texture, create_texture
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import check_size, check_texture
 
 TILE = 8  # work-group edge, pixels
 
 
-class PyramidPass:
+class PyramidPass(Pass):
     """Fill the unknown pixels of one rgba32f texture of a fixed size, level by level.
 
-    What one level does is up to the two shaders that a subclass names: `down` halves
-    (sampler 0, image 0), `up` completes (samplers 0 fine and 1 coarse, image 0).
+    What one level does is up to the two shaders that a subclass names: `down` halves `fine` into
+    `coarse`, `up` completes `fine` from `coarse` into `filled`.
 
     Compiles and allocates once, on construction. A call binds and dispatches: twice
     log2 of the longer edge, rounded up.
@@ -35,14 +35,14 @@ class PyramidPass:
     up: ClassVar[str]
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
+        super().__init__(ctx)
         check_size(ctx, size)
-        self._ctx = ctx
-        self._down = compile_compute(ctx, self.down, TILE=TILE)
-        self._up = compile_compute(ctx, self.up, TILE=TILE)
+        self._down = self._shader(self.down, TILE=TILE)
+        self._up = self._shader(self.up, TILE=TILE)
         self.size = size
         # A single pixel still gets a level below it, so that it takes the path of the others.
         sizes = coarser_sizes(size) or [(1, 1)]
-        self._coarser = [create_texture(ctx, level, "rgba32f") for level in sizes]
+        self._coarser = [self._texture(level, "rgba32f") for level in sizes]
 
     @property
     def dispatches(self) -> int:
@@ -64,24 +64,10 @@ class PyramidPass:
         check_texture(filled, "filled", self.size, "rgba32f")
         levels = [image, *self._coarser]
         for fine, coarse in pairwise(levels):
-            fine.use(0)
-            self._dispatch(self._down, coarse)
-        for index in reversed(range(len(levels) - 1)):
-            levels[index].use(0)
-            levels[index + 1].use(1)
-            self._dispatch(self._up, levels[index] if index else filled)
-
-    def _dispatch(self, shader: moderngl.ComputeShader, target: moderngl.Texture) -> None:
-        target.bind_to_image(0, read=False, write=True)
-        shader.run(-(-target.width // TILE), -(-target.height // TILE))
-        self._ctx.memory_barrier()
-
-    def release(self) -> None:
-        """Free textures and shaders."""
-        for texture in self._coarser:
-            texture.release()
-        self._down.release()
-        self._up.release()
+            self._down.run_over(coarse.size, fine=fine, coarse=coarse)
+        for index, (fine, coarse) in reversed(list(enumerate(pairwise(levels)))):
+            result = fine if index else filled
+            self._up.run_over(result.size, fine=fine, coarse=coarse, filled=result)
 
 
 class PushPullPass(PyramidPass):

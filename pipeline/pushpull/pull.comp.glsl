@@ -7,8 +7,8 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // rgb: encoded colour. a: confidence in [0, 1]; 0 means unknown.
-layout(binding = 0) uniform sampler2D fine;                     // W x H
-layout(rgba32f, binding = 0) uniform writeonly image2D coarse;  // ceil(W / 2) x ceil(H / 2)
+uniform sampler2D fine;                     // W x H
+layout(rgba32f) uniform writeonly image2D coarse;  // ceil(W / 2) x ceil(H / 2)
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);

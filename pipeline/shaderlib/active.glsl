@@ -1,6 +1,6 @@
 // Which tiles are in a region.
 
-layout(std430, binding = 3) readonly buffer Active { uint active_tiles[]; };
+layout(std430) readonly buffer Active { uint active_tiles[]; };
 
 // `region`: where its flags start, tiles per row, log2 of a tile's edge in pixels.
 bool is_active(uvec3 region, ivec2 pixel) {

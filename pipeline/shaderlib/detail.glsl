@@ -4,7 +4,7 @@
 
 #constant DETAIL_LIMIT  // deviations: more of the background's detail is another object's edge
 
-layout(rg32f, binding = 5) uniform readonly image2D origin;  // x, y; negative: none
+layout(rg32f) uniform readonly image2D origin;  // x, y; negative: none
 uniform sampler2D coarser[LEVELS];  // levels 1 and on of the filled frame
 
 // All four taps are known pixels, which nobody writes.

@@ -3,8 +3,8 @@
 #define LIST_GROUP 64       // pixels of a list that one work group visits
 #define MOST_GROUPS 32768u  // in a row of work groups: every driver takes that many
 
-layout(std430, binding = 1) buffer Counts { uint counts[]; };  // of a list: groups x, y, z; entries
-layout(std430, binding = 2) buffer Entries { uint entries[]; };  // x + (y << 14) + (chain << 28)
+layout(std430) buffer Counts { uint counts[]; };  // of a list: groups x, y, z; entries
+layout(std430) buffer Entries { uint entries[]; };  // x + (y << 14) + (chain << 28)
 
 uint entry_of(ivec2 place, int chain) {
     return uint(place.x) + (uint(place.y) << 14) + (uint(chain) << 28);

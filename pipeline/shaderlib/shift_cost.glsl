@@ -14,7 +14,7 @@
 #include "shift_tiles.glsl"
 #include "shift_planes.glsl"
 
-layout(rg32ui, binding = 0) uniform readonly uimage2D planes;
+layout(rg32ui) uniform readonly uimage2D planes;
 
 uniform uint list_index;
 uniform uint list_first;

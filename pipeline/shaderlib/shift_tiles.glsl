@@ -18,7 +18,7 @@ struct Tile {
     uint wanted;     // and what is copied
 };
 
-layout(std430, binding = 4) buffer Tiles { Tile tiles[]; };
+layout(std430) buffer Tiles { Tile tiles[]; };
 
 uniform ivec2 table_size;
 

@@ -15,9 +15,9 @@
 // pixel of a where nothing else shows it.
 
 // Images, not samplers: llvmpipe loads them three times faster.
-layout(r32f, binding = 0) uniform readonly image2D depth_m;   // in the target's view; inf is
+layout(r32f) uniform readonly image2D depth_m;   // in the target's view; inf is
                                                               // sky, <= 0 behind the camera
-layout(rg32f, binding = 1) uniform readonly image2D flow_px;  // target minus source
+layout(rg32f) uniform readonly image2D flow_px;  // target minus source
 
 uniform ivec2 target_size;
 uniform ivec2 target_origin;  // in source pixels

@@ -4,15 +4,15 @@
 // Eq. 1's partition as integers: the top bit says "stretched". Below it, a surface's key
 // falls with inverse depth (nearest wins) and a stretched quad's rises (farthest wins).
 
-layout(std430, binding = 0) buffer Keys { uint keys[]; };        // per target pixel
-layout(std430, binding = 1) buffer Winners { uint winners[]; };  // per target pixel, quad + part * quads
-layout(std430, binding = 2) buffer Large {
+layout(std430) buffer Keys { uint keys[]; };        // per target pixel
+layout(std430) buffer Winners { uint winners[]; };  // per target pixel, quad + part * quads
+layout(std430) buffer Large {
     uint large_count;
     uint unreached;      // nonzero: some target pixel was reached by no quad
     uint large[];        // quads left to large.comp.glsl; room for all there are
 };
 // What to draw of each listed quad: bit k for part k, and TORN. Written by classify.comp.glsl.
-layout(std430, binding = 3) buffer Parts { uint parts[]; };
+layout(std430) buffer Parts { uint parts[]; };
 
 const uint TORN = 1u << 8;
 

@@ -2,12 +2,12 @@
 
 #constant IS_FINEST  // 1: level 0, whose guide comes from depth
 
-layout(rgba32f, binding = 0) uniform readonly image2D level;  // see measure()
+layout(rgba32f) uniform readonly image2D level;  // see measure()
 #if IS_FINEST
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
+layout(r32f) uniform readonly image2D depth_m;
 uniform float z_near_m;
 float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r); }
 #else
-layout(r32f, binding = 1) uniform readonly image2D level_guide;
+layout(r32f) uniform readonly image2D level_guide;
 float guide_at(ivec2 place) { return imageLoad(level_guide, place).r; }
 #endif

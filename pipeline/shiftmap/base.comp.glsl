@@ -13,12 +13,12 @@
 #include "shift_tiles.glsl"
 #include "shift_planes.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;
-layout(rgba32i, binding = 3) uniform readonly iimage2D ways;
-layout(rgba32f, binding = 4) uniform readonly image2D ends;
-layout(rgba32f, binding = 5) uniform writeonly image2D base;  // a: how far from thin
+layout(rgba32f) uniform readonly image2D image;  // a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rgba32i) uniform readonly iimage2D ways;
+layout(rgba32f) uniform readonly image2D ends;
+layout(rgba32f) uniform writeonly image2D base;  // a: how far from thin
 
 uniform float z_near_m;
 uniform float depth_threshold;

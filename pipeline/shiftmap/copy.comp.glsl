@@ -11,13 +11,13 @@
 #include "shift_blend.glsl"
 #include "ycbcr.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;
-layout(rgba32f, binding = 3) uniform readonly image2D base;
-layout(rgba32f, binding = 4) uniform readonly image2D quarters;
-layout(r32f, binding = 5) uniform readonly image2D quarter_guide;
-layout(rgba32f, binding = 6) uniform writeonly image2D detail;
+layout(rgba32f) uniform readonly image2D image;  // a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rgba32f) uniform readonly image2D base;
+layout(rgba32f) uniform readonly image2D quarters;
+layout(r32f) uniform readonly image2D quarter_guide;
+layout(rgba32f) uniform writeonly image2D detail;
 
 uniform float z_near_m;
 

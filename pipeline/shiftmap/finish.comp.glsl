@@ -5,10 +5,10 @@
 #include "pixels.glsl"
 #include "shift_blend.glsl"
 
-layout(rgba32f, binding = 0) uniform image2D image;  // a: 1 known, 0 hole
-layout(rg32f, binding = 1) uniform readonly image2D flow_px;
-layout(rgba32f, binding = 2) uniform readonly image2D base;
-layout(rgba32f, binding = 3) uniform readonly image2D detail;
+layout(rgba32f) uniform image2D image;  // a: 1 known, 0 hole
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rgba32f) uniform readonly image2D base;
+layout(rgba32f) uniform readonly image2D detail;
 
 uniform float gain;
 

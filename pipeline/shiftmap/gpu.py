@@ -7,8 +7,8 @@ compares; each tile's first shift, and the sweeps; the detail; and all put toget
 import moderngl
 
 from pipeline.background_texture.reference import MARGIN_PX, OCTANT_TANGENT
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import check_texture, create_texture, texture_bytes
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import check_texture
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.shiftmap import settings as fixed
@@ -44,7 +44,7 @@ _CONSTANTS: dict[str, tuple[str, ...]] = {  # of settings.py, by pass
 }
 
 
-class ShiftMapPass:
+class ShiftMapPass(Pass):
     """Fill the holes of one frame's colour, in place. Known pixels keep their bits.
 
     A call makes `dispatches` dispatches and allocates nothing.
@@ -58,21 +58,23 @@ class ShiftMapPass:
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: ShiftMapSettings
     ) -> None:
+        super().__init__(ctx)
         self.size, self.settings = size, settings
-        self._ctx = ctx
         rows, columns = table_size((size[1], size[0]))
-        self.base = GuidedBasePass(
-            ctx,
-            size,
-            gamma=MetamericSettings.gamma,
-            depth_threshold=settings.depth_threshold,
-            tiles=rows * columns,
+        self.base = self._part(
+            GuidedBasePass(
+                ctx,
+                size,
+                gamma=MetamericSettings.gamma,
+                depth_threshold=settings.depth_threshold,
+                tiles=rows * columns,
+            )
         )
         self.lists = self.base.lists
         self.textures = {
-            name: create_texture(ctx, size, format_name) for name, format_name in _FORMATS.items()
+            name: self._texture(size, format_name) for name, format_name in _FORMATS.items()
         }
-        self.tiles = ctx.buffer(reserve=TILE_BYTES * rows * columns)
+        self.tiles = self._buffer(TILE_BYTES * rows * columns)
         self._reset_groups = -(-rows * columns // RESET_GROUP)
         tiles_list, tiles_first = self.lists.appendable(TILES)
         more: dict[str, dict[str, int | float]] = {
@@ -86,34 +88,25 @@ class ShiftMapPass:
         }
         threshold = {"THRESHOLD_STEPS": round(fixed.GUIDE_STEPS * settings.depth_threshold)}
         more["first"] = more["sweep"] = {**threshold}
-        self._shaders = {
-            name: compile_compute(
-                ctx,
+        self._steps = {
+            name: self._shader(
                 f"shiftmap/{name}.comp.glsl",
                 **{key: getattr(fixed, key) for key in keys},
                 **more.get(name, {}),
             )
             for name, keys in _CONSTANTS.items()
         }
-        for shader in self._shaders.values():
-            for name, value in (
-                ("depth_threshold", settings.depth_threshold),
-                ("table_size", (columns, rows)),
-                ("gain", settings.gain),
-            ):
-                if name in shader:
-                    shader[name] = value
+        self._set(
+            depth_threshold=settings.depth_threshold,
+            table_size=(columns, rows),
+            gain=settings.gain,
+        )
+        self._hold(**self.lists.shared, **self.textures, tiles=self.tiles)
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         return self.base.dispatches + 7 + len(fixed.STEPS_PX)
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        own = sum(map(texture_bytes, self.textures.values())) + self.tiles.size
-        return self.base.held_bytes + own
 
     def __call__(
         self,
@@ -138,37 +131,24 @@ class ShiftMapPass:
         """
         check_texture(depth_m, "depth_m", self.size, "r32f")
         check_texture(flow_px, "flow_px", self.size, "rg32f")
-        self.tiles.bind_to_storage_buffer(4)
-        self._shaders["reset"].run(self._reset_groups)
+        self._steps["reset"].run(self._reset_groups)
         self.base(image, depth_m, z_near_m)
-        self.tiles.bind_to_storage_buffer(4)
-        for shader in self._shaders.values():
-            if "z_near_m" in shader:
-                shader["z_near_m"] = z_near_m
-        own = self.textures
-        low = (self.base.chain.at(fixed.LOW_RESOLUTION), self.base.guide.at(fixed.LOW_RESOLUTION))
-        holes = ("holes", 1)
-        self._run("ways", holes, image, depth_m, flow_px, *low, own["ways"], own["ends"])
-        self._run("base", holes, image, depth_m, flow_px, own["ways"], own["ends"], own["base"])
-        self._run("planes", ("source", 1), image, depth_m, own["base"], *low, own["planes"])
-        self._run("first", TILES, own["planes"])
+        self._set(z_near_m=z_near_m)
+        self._hold(
+            image=image,
+            depth_m=depth_m,
+            flow_px=flow_px,
+            quarters=self.base.chain.at(fixed.LOW_RESOLUTION),
+            quarter_guide=self.base.guide.at(fixed.LOW_RESOLUTION),
+        )
+        run, steps, holes = self.lists.run, self._steps, ("holes", 1)
+        run(steps["ways"], holes)
+        run(steps["base"], holes)
+        run(steps["planes"], ("source", 1))
+        run(steps["first"], TILES)
         for turn, step_px in enumerate(fixed.STEPS_PX):
-            self._shaders["sweep"]["before"] = turn % 2
-            self._shaders["sweep"]["step_px"] = step_px
-            self._run("sweep", TILES, own["planes"])
-        self._run("copy", holes, image, depth_m, flow_px, own["base"], *low, own["detail"])
-        self._run("finish", holes, image, flow_px, own["base"], own["detail"])
-
-    def _run(self, name: str, key: tuple[str, int], *textures: moderngl.Texture) -> None:
-        for unit, texture in enumerate(textures):
-            texture.bind_to_image(unit)
-        self.lists.run(self._shaders[name], key)
-
-    def release(self) -> None:
-        """Free everything this pass made."""
-        self.base.release()
-        self.tiles.release()
-        for texture in self.textures.values():
-            texture.release()
-        for shader in self._shaders.values():
-            shader.release()
+            steps["sweep"]["before"] = turn % 2
+            steps["sweep"]["step_px"] = step_px
+            run(steps["sweep"], TILES)
+        run(steps["copy"], holes)
+        run(steps["finish"], holes)

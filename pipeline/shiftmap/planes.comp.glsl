@@ -6,12 +6,12 @@
 #include "guided.glsl"
 #include "shift_planes.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;  // a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rgba32f, binding = 2) uniform readonly image2D base;
-layout(rgba32f, binding = 3) uniform readonly image2D quarters;
-layout(r32f, binding = 4) uniform readonly image2D quarter_guide;
-layout(rg32ui, binding = 5) uniform writeonly uimage2D planes;
+layout(rgba32f) uniform readonly image2D image;  // a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rgba32f) uniform readonly image2D base;
+layout(rgba32f) uniform readonly image2D quarters;
+layout(r32f) uniform readonly image2D quarter_guide;
+layout(rg32ui) uniform writeonly uimage2D planes;
 
 uniform float z_near_m;
 

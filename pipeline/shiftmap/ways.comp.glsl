@@ -7,13 +7,13 @@
 #include "pixels.glsl"
 #include "guided.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D image;
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;
-layout(rgba32f, binding = 3) uniform readonly image2D quarters;
-layout(r32f, binding = 4) uniform readonly image2D quarter_guide;
-layout(rgba32i, binding = 5) uniform writeonly iimage2D ways;  // step x, y; steps; width
-layout(rgba32f, binding = 6) uniform writeonly image2D ends;   // low-pass and guide there
+layout(rgba32f) uniform readonly image2D image;
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rgba32f) uniform readonly image2D quarters;
+layout(r32f) uniform readonly image2D quarter_guide;
+layout(rgba32i) uniform writeonly iimage2D ways;  // step x, y; steps; width
+layout(rgba32f) uniform writeonly image2D ends;   // low-pass and guide there
 
 #include "sides.glsl"
 #include "quarters.glsl"

@@ -10,7 +10,7 @@
 // A row of tiles, so that the lists follow the rows as well.
 layout(local_size_x = LIST_GROUP) in;
 
-layout(rg32f, binding = 0) uniform readonly image2D extents;  // of 4x4 pixels: least, largest guide
+layout(rg32f) uniform readonly image2D extents;  // of 4x4 pixels: least, largest guide
 
 uniform float depth_threshold;
 uniform uvec3 source_region;

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.gpu import band_constants
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture, texture_bytes
+from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
@@ -23,7 +22,7 @@ from pipeline.statistics.lacking import (
 BANDS = 3  # high, along x, along y: so many texels side by side
 
 
-class VariancePass:
+class VariancePass(Pass):
     """Measure the bands around the holes, carry their moments into them, say what is lacking.
 
     The result is `texels`, an image in which the levels lie as `places` says: texels of
@@ -51,6 +50,7 @@ class VariancePass:
         skip_depth_edges: bool,
         with_gain: bool,
     ) -> None:
+        super().__init__(ctx)
         self._base = base
         self._levels = levels
         sizes = base.resolutions.sizes[1 : levels + 1]
@@ -64,16 +64,18 @@ class VariancePass:
         self.places = np.array(
             [(*size, *corner) for size, corner in zip(sizes, corners, strict=True)], np.int32
         )
-        self.texels = create_texture(ctx, (BANDS * widest, height), "rgba32f")
-        self.chain = ChainPass(
-            ctx,
-            base.resolutions,
-            base.lists,
-            base.guide,
-            planes=MOMENT_PLANES,
-            is_base=False,
-            gamma=gamma,
-            depth_threshold=depth_threshold,
+        self.texels = self._texture((BANDS * widest, height), "rgba32f")
+        self.chain = self._part(
+            ChainPass(
+                ctx,
+                base.resolutions,
+                base.lists,
+                base.guide,
+                planes=MOMENT_PLANES,
+                is_base=False,
+                gamma=gamma,
+                depth_threshold=depth_threshold,
+            )
         )
         bands = {
             **band_constants(),
@@ -83,8 +85,7 @@ class VariancePass:
         }
         # For coarser levels, and for the finest.
         self._first = [
-            compile_compute(
-                ctx,
+            self._shader(
                 "statistics/moments_first.comp.glsl",
                 IS_FINEST=finest,
                 TILE=CELL // 2,
@@ -93,8 +94,7 @@ class VariancePass:
             for finest in (False, True)
         ]
         self._lacking = [
-            compile_compute(
-                ctx,
+            self._shader(
                 "statistics/lacking.comp.glsl",
                 IS_FINEST=finest,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
@@ -105,39 +105,40 @@ class VariancePass:
             )
             for finest in (False, True)
         ]
-        for shader in (*self._first, *self._lacking):
-            shader["depth_threshold"] = depth_threshold
+        self._set(depth_threshold=depth_threshold)
+        self._hold(**base.lists.shared)
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         return self._levels + self.chain.dispatches + self._levels
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory, bytes."""
-        return self.chain.held_bytes + texture_bytes(self.texels)
-
     def __call__(
         self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture, z_near_m: float
     ) -> None:
         """Write `texels`, given the filled frame's levels (`LowBandPass`)."""
+        self._set(z_near_m=z_near_m)
+        lists = self._base.lists
         for k, level in enumerate(levels):
             shader = self._first[k == 0]
-            self._bind(shader, k, level, depth_m, z_near_m)
-            lists = self._base.lists
             shader["halves_list"] = lists.appendable(("halves", k))
             shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
-            lists.run(shader, ("first", k), k + FIRST_STORED)
+            moments = self.chain.at(k + FIRST_STORED)
+            seen = self._seen(k, level, depth_m)
+            lists.run(shader, ("first", k), k + FIRST_STORED, moments=moments, **seen)
         self.chain()
-        self.texels.bind_to_image(3, read=False, write=True)
         for k, level in enumerate(levels):
             shader = self._lacking[k == 0]
-            self._bind(shader, k, level, depth_m, z_near_m)
-            self._base.chain.at(k + 1).bind_to_image(6)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
             shader["corner"] = tuple(self.places[k, 2:].tolist())
-            self._base.lists.run(shader, ("halves", k))
+            lists.run(
+                shader,
+                ("halves", k),
+                coarse=self.chain.at(k + FIRST_STORED),
+                variances=self.texels,
+                base=self._base.chain.at(k + 1),
+                **self._seen(k, level, depth_m),
+            )
 
     def level_of(self, texels: NDArray[np.float32], k: int) -> NDArray[np.float32]:
         """What `texels`, read back, holds of a level: (rows, columns, BANDS, 4)."""
@@ -145,29 +146,11 @@ class VariancePass:
         here = texels[top : top + rows, left : left + BANDS * columns]
         return here.reshape(rows, columns, BANDS, 4)
 
-    def _bind(
-        self,
-        shader: moderngl.ComputeShader,
-        k: int,
-        level: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        z_near_m: float,
-    ) -> None:
-        """A level's colour and guide, the guides of both halvings, and its stored moments."""
+    def _seen(
+        self, k: int, level: moderngl.Texture, depth_m: moderngl.Texture
+    ) -> dict[str, moderngl.Texture]:
+        """A level's colour and guide, and the guides of both halvings."""
         guide = self._base.guide
-        level.bind_to_image(0, read=True, write=False)
-        if k == 0:
-            depth_m.bind_to_image(1, read=True, write=False)
-            shader["z_near_m"] = z_near_m
-        else:
-            guide.at(k).bind_to_image(1)
-        self.chain.at(k + FIRST_STORED).bind_to_image(2)
-        guide.at(k + 1).bind_to_image(4)
-        guide.at(k + FIRST_STORED).bind_to_image(5)
-
-    def release(self) -> None:
-        """Free everything this pass made."""
-        self.chain.release()
-        self.texels.release()
-        for shader in (*self._first, *self._lacking):
-            shader.release()
+        own = {"level_guide": guide.at(k)} if k else {"depth_m": depth_m}
+        halved = {"half_guide": guide.at(k + 1), "quarter_guide": guide.at(k + FIRST_STORED)}
+        return {"level": level, **own, **halved}

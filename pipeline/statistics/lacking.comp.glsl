@@ -17,11 +17,11 @@
 #include "moments.glsl"
 #include "window.glsl"
 
-layout(rgba32f, binding = 2) uniform readonly image2D coarse;  // moments of 4x4, complete
-layout(rgba32f, binding = 3) uniform writeonly image2D variances;  // w: guide, gain
-layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
-layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
-layout(rgba32f, binding = 6) uniform readonly image2D base;        // of 2x2; a: confidence
+layout(rgba32f) uniform readonly image2D coarse;  // moments of 4x4, complete
+layout(rgba32f) uniform writeonly image2D variances;  // w: guide, gain
+layout(r32f) uniform readonly image2D half_guide;     // of 2x2
+layout(r32f) uniform readonly image2D quarter_guide;  // of 4x4
+layout(rgba32f) uniform readonly image2D base;        // of 2x2; a: confidence
 
 uniform ivec2 coarse_size;
 uniform ivec2 corner;  // of this level's variances

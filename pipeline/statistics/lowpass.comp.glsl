@@ -11,11 +11,11 @@
 
 #include "tiles.glsl"
 
-layout(rgba32f, binding = 0) uniform readonly image2D fine;
-layout(rgba32f, binding = 1) uniform writeonly image2D coarse;
+layout(rgba32f) uniform readonly image2D fine;
+layout(rgba32f) uniform writeonly image2D coarse;
 
 #if DEPTH_EDGES
-layout(r32f, binding = 2) uniform readonly image2D depth_m;
+layout(r32f) uniform readonly image2D depth_m;
 uniform float z_near_m;
 uniform float depth_threshold;
 

@@ -11,9 +11,9 @@
 #include "moments.glsl"
 #include "window.glsl"
 
-layout(rgba32f, binding = 2) uniform writeonly image2D moments;
-layout(r32f, binding = 4) uniform readonly image2D half_guide;     // of 2x2
-layout(r32f, binding = 5) uniform readonly image2D quarter_guide;  // of 4x4
+layout(rgba32f) uniform writeonly image2D moments;
+layout(r32f) uniform readonly image2D half_guide;     // of 2x2
+layout(r32f) uniform readonly image2D quarter_guide;  // of 4x4
 
 uniform uvec2 halves_list;      // index and first entry: 2x2 that push has to complete
 uniform uvec2 incomplete_list;  // the same for 4x4

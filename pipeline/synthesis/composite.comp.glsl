@@ -19,17 +19,17 @@
 #include "taps.glsl"
 #include "ycbcr.glsl"
 
-layout(rgba32f, binding = 0) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
-layout(r32f, binding = 1) uniform readonly image2D depth_m;
+layout(rgba32f) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
 #if ANCHOR == 1
-layout(rg32f, binding = 2) uniform readonly image2D flow_px;  // target minus source
+layout(rg32f) uniform readonly image2D flow_px;  // target minus source
 #endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
 // w of the second: gain of the background's detail, with BACKGROUND.
-layout(rgba32f, binding = 4) uniform readonly image2D variances;
+layout(rgba32f) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
-layout(rgba32f, binding = 3) uniform readonly image2D noise;
+layout(rgba32f) uniform readonly image2D noise;
 
 uniform float z_near_m;
 uniform float noise_scale;

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.background_texture.gpu import SeekPass
 from pipeline.errors import InputError
-from pipeline.gl.shader import compile_compute, set_array
-from pipeline.gl.texture import check_texture, create_texture, texture_bytes
+from pipeline.gl.compute import Resource
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import check_texture
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.noise.mixing import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
@@ -28,7 +29,7 @@ from pipeline.synthesis.settings import (
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 
 
-class MetamericPass:
+class MetamericPass(Pass):
     """Fill the holes of frames of one size with metamers of their background.
 
     Compiles and allocates once, on construction and when the seed changes. A call binds
@@ -48,39 +49,49 @@ class MetamericPass:
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
     ) -> None:
+        super().__init__(ctx)
         check_limits(ctx, size)
         self.size = size
         self.settings = settings
         levels = settings.levels
         from_background = settings.texture == "background"
-        self.base = GuidedBasePass(
-            ctx,
-            size,
-            levels=levels,
-            gamma=settings.gamma,
-            depth_threshold=settings.depth_threshold,
+        self.base = self._part(
+            GuidedBasePass(
+                ctx,
+                size,
+                levels=levels,
+                gamma=settings.gamma,
+                depth_threshold=settings.depth_threshold,
+            )
         )
-        self.low_bands = LowBandPass(
-            ctx,
-            self.base,
-            levels + from_background,  # detail is a level less the next coarser one
-            skip_depth_edges=settings.skip_depth_edges,
-            depth_threshold=settings.depth_threshold,
+        self.low_bands = self._part(
+            LowBandPass(
+                ctx,
+                self.base,
+                levels + from_background,  # detail is a level less the next coarser one
+                skip_depth_edges=settings.skip_depth_edges,
+                depth_threshold=settings.depth_threshold,
+            )
         )
         self._channels = 1 if settings.channels == "correlated" else 3
-        self.variances = VariancePass(
-            ctx,
-            self.base,
-            levels=levels,
-            cross=settings.channels == "correlated",
-            gamma=settings.gamma,
-            depth_threshold=settings.depth_threshold,
-            skip_depth_edges=settings.skip_depth_edges,
-            with_gain=from_background,
+        self.variances = self._part(
+            VariancePass(
+                ctx,
+                self.base,
+                levels=levels,
+                cross=settings.channels == "correlated",
+                gamma=settings.gamma,
+                depth_threshold=settings.depth_threshold,
+                skip_depth_edges=settings.skip_depth_edges,
+                with_gain=from_background,
+            )
         )
-        self._seek = SeekPass(ctx, size, settings.depth_threshold) if from_background else None
-        self._composite = compile_compute(
-            ctx,
+        self._seek = (
+            self._part(SeekPass(ctx, size, self.base.lists, settings.depth_threshold))
+            if from_background
+            else None
+        )
+        self._composite = self._shader(
             "synthesis/composite.comp.glsl",
             LEVELS=levels,
             CHANNELS=self._channels,
@@ -92,14 +103,11 @@ class MetamericPass:
             BACKGROUND=from_background,
             DETAIL_LIMIT=DETAIL_LIMIT,
         )
-        if from_background:
-            set_array(self._composite, "coarser", np.arange(levels, dtype=np.int32))
+        self._noise = self._texture((TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f")
+        self._hold(**self.base.lists.shared, noise=self._noise, variances=self.variances.texels)
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
-        set_array(self._composite, "level_size", self.variances.places)
-        self._noise = create_texture(
-            ctx, (TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f"
-        )
+        self._composite["level_size"] = self.variances.places
         self._seed: int | None = None
 
     @property
@@ -112,15 +120,6 @@ class MetamericPass:
             + (1 if self._seek else 0)
             + 1  # composite
         )
-
-    @property
-    def held_bytes(self) -> int:
-        """Memory beyond the caller's textures, bytes."""
-        passes = (self.base, self.low_bands, self.variances)
-        own = texture_bytes(self._noise)
-        if self._seek:
-            own += self._seek.held_bytes
-        return sum(item.held_bytes for item in passes) + own
 
     @property
     def origin_px(self) -> moderngl.Texture:
@@ -144,7 +143,7 @@ class MetamericPass:
         # (levels, channels, row, column, band) to one texel's levels and channels together.
         texels = np.pad(noise.tiles.transpose(2, 3, 0, 1, 4), ((0, 0),) * 4 + ((0, 1),))
         self._noise.write(texels.tobytes())
-        set_array(self._composite, "lag_correlation", noise.lag_correlation.reshape(-1, len(LAGS)))
+        self._composite["lag_correlation"] = noise.lag_correlation.reshape(-1, len(LAGS))
         self._seed = seed
 
     def __call__(
@@ -184,37 +183,12 @@ class MetamericPass:
         self.base(image, depth_m, z_near_m)
         levels = self.low_bands(image, depth_m, z_near_m)
         self.variances(levels[: self.settings.levels], depth_m, z_near_m)
+        frame = {"image": image, "depth_m": depth_m, "flow_px": flow_px}
+        detail: dict[str, Resource] = {}
         if self._seek:
-            origin = self._seek(image, depth_m, flow_px, z_near_m, self.base.lists)
-            origin.bind_to_image(5, read=True, write=False)
-            for unit, level in enumerate(levels[1:]):
-                level.use(unit)
-        self._compose(image, depth_m, flow_px, z_near_m)
-
-    def _compose(
-        self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
-        z_near_m: float,
-    ) -> None:
-        image.bind_to_image(0, read=True, write=True)
-        depth_m.bind_to_image(1, read=True, write=False)
-        flow_px.bind_to_image(2, read=True, write=False)
-        self._noise.bind_to_image(3, read=True, write=False)
-        self.variances.texels.bind_to_image(4)
+            detail = {"origin": self._seek(**frame, z_near_m=z_near_m), "coarser": levels[1:]}
         self._composite["z_near_m"] = z_near_m
-        self.base.lists.run(self._composite, ("holes", 1))
-
-    def release(self) -> None:
-        """Free everything this pass made."""
-        self.base.release()
-        self.low_bands.release()
-        self.variances.release()
-        self._noise.release()
-        self._composite.release()
-        if self._seek:
-            self._seek.release()
+        self.base.lists.run(self._composite, ("holes", 1), **frame, **detail)
 
 
 def check_limits(ctx: moderngl.Context, size: tuple[int, int]) -> None:

@@ -8,13 +8,13 @@
 
 layout(local_size_x = LANES) in;
 
-layout(std430, binding = 2) buffer Large {
+layout(std430) buffer Large {
     uint large_count;
     uint unreached;
 };
 
-layout(r32f, binding = 4) uniform image2D warped_depth_m;   // 0: not reached
-layout(rg32f, binding = 5) uniform image2D warped_flow_px;
+layout(r32f) uniform image2D warped_depth_m;   // 0: not reached
+layout(rg32f) uniform image2D warped_flow_px;
 
 uniform ivec2 along;     // (1, 0) for rows, then (0, 1) for columns
 uniform float fallback;  // depth of a line that nothing reached

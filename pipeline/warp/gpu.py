@@ -1,17 +1,15 @@
 """The warp on the GPU. Twin: reference.py."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
-from pipeline.gl.shader import compile_compute
-from pipeline.gl.texture import create_texture, format_of, read_back, texture_from
+from pipeline.gl.passes import Pass
+from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
@@ -25,50 +23,7 @@ _UNTOUCHED = b"\xff\xff\xff\xff"
 RINGS = 2  # of vertices around the source
 
 
-@dataclass(frozen=True, eq=False)
-class WarpTextures:
-    """A warped frame on the GPU.
-
-    Attributes
-    ----------
-    colour : rgba32f
-        Encoded R'G'B'; alpha 1 where known, all zero in holes.
-    depth_m : r32f
-        Depth; the background's in holes.
-    flow_px : rg32f
-        Target minus source position of what is shown; the background's in holes.
-    """
-
-    colour: moderngl.Texture
-    depth_m: moderngl.Texture
-    flow_px: moderngl.Texture
-
-    @classmethod
-    def create(cls, ctx: moderngl.Context, size: tuple[int, int]) -> Self:
-        """Make uninitialised textures of `size` (width, height)."""
-        return cls(
-            create_texture(ctx, size, "rgba32f"),
-            create_texture(ctx, size, "r32f"),
-            create_texture(ctx, size, "rg32f"),
-        )
-
-    def read_back(self) -> WarpedFrame:
-        """Copy into arrays."""
-        colour: NDArray[np.float32] = read_back(self.colour)
-        return WarpedFrame(
-            np.ascontiguousarray(colour[..., :3]),
-            read_back(self.depth_m),
-            colour[..., 3] == 0,
-            read_back(self.flow_px),
-        )
-
-    def release(self) -> None:
-        """Free the textures."""
-        for texture in (self.colour, self.depth_m, self.flow_px):
-            texture.release()
-
-
-class WarpPass:
+class WarpPass(Pass):
     """Warp source textures of one size into one window.
 
     Compiles and allocates once, on construction: 8 bytes per window pixel and 8 per source
@@ -97,33 +52,28 @@ class WarpPass:
         window: Window | None = None,
         settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
     ) -> None:
+        super().__init__(ctx)
         self.window = window or Window(0, 0, *source_size)
         _check_fits(ctx, source_size, self.window)
-        self._ctx = ctx
         self.source_size = source_size
         self.settings = settings
         self._mesh = _mesh_size(source_size)
         extend = settings.variant == "full"
-        lanes = self._lanes = SOFTWARE_LANES if describe(ctx).software else LANES
-        self._small = compile_compute(
-            ctx, "warp/small.comp.glsl", TILE=TILE, SMALL=SMALL, EXTEND=extend
+        lanes = SOFTWARE_LANES if describe(ctx).software else LANES
+        self._small = self._shader("warp/small.comp.glsl", TILE=TILE, SMALL=SMALL, EXTEND=extend)
+        self._classify = self._shader(
+            "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
         )
-        self._classify = compile_compute(
-            ctx, "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
-        )
-        self._large = compile_compute(
-            ctx,
+        self._large = self._shader(
             "warp/large.comp.glsl",
             LANES=lanes,
             SMEAR=settings.variant == "smear",
             HIDE=settings.variant == "remove",
         )
-        self._resolve = compile_compute(ctx, "warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
-        self._continue = compile_compute(ctx, "warp/continue.comp.glsl", LANES=lanes)
-        self._shaders = [self._small, self._classify, self._large, self._resolve, self._continue]
+        self._resolve = self._shader("warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
+        self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
-            compile_compute(
-                ctx,
+            self._shader(
                 "warp/rim.comp.glsl",
                 TILE=TILE,
                 CLEAR=clear,
@@ -132,38 +82,32 @@ class WarpPass:
             )
             for clear in ((False, True) if settings.rim_px > 0 else ())
         ]
-        self._shaders += self._rim
         width, height = self.window.width_px, self.window.height_px
-        for shader in self._shaders:
-            _set(shader, "target_size", (width, height))
-            _set(shader, "target_origin", (self.window.x_px, self.window.y_px))
-            _set(shader, "stretch", settings.stretch_subpixels(self.window))
+        self._set(
+            target_size=(width, height),
+            target_origin=(self.window.x_px, self.window.y_px),
+            stretch=settings.stretch_subpixels(self.window),
+        )
         # Room for every key and every quad: overflow cannot happen.
-        self._keys = ctx.buffer(_UNTOUCHED * (width * height))
-        self._winners = ctx.buffer(_UNTOUCHED * (width * height))
-        self._list = ctx.buffer(reserve=_list_bytes(source_size))
-        self._parts = ctx.buffer(reserve=_list_bytes(source_size))
-
-    @property
-    def _buffers(self) -> tuple[moderngl.Buffer, ...]:
-        return self._keys, self._winners, self._list, self._parts
+        self._large_quads = self._buffer(_list_bytes(source_size))
+        self._hold(
+            keys=self._buffer(_UNTOUCHED * (width * height)),
+            winners=self._buffer(_UNTOUCHED * (width * height)),
+            large=self._large_quads,
+            parts=self._buffer(_list_bytes(source_size)),
+        )
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
         return (8 if self.settings.variant == "full" else 6) + len(self._rim)
 
-    @property
-    def held_bytes(self) -> int:
-        """Memory that the pass itself holds."""
-        return sum(buffer.size for buffer in self._buffers)
-
     def __call__(
         self,
         colour: moderngl.Texture,
         depth_m: moderngl.Texture,
         flow_px: moderngl.Texture,
-        warped: WarpTextures,
+        warped: FrameTextures,
     ) -> None:
         """Warp `colour`, seen at `depth_m` by the target, along `flow_px` into `warped`.
 
@@ -175,47 +119,36 @@ class WarpPass:
             Depth of each source pixel in the target's view; <= 0 is behind it.
         flow_px : texture of the source's size, rg32f
             Target minus source position; finite.
-        warped : WarpTextures of the window's size
+        warped : FrameTextures of the window's size
             Overwritten.
         """
         self._check(colour, depth_m, flow_px, warped)
-        for unit, source in enumerate((depth_m, flow_px, colour)):
-            source.bind_to_image(unit, read=True, write=False)
-        for unit, buffer in enumerate(self._buffers):
-            buffer.bind_to_storage_buffer(unit)
-        self._list.write(bytes(8))
-        columns, rows = (-(-edge // TILE) for edge in self._mesh)
+        motion = {"depth_m": depth_m, "flow_px": flow_px}
+        self._large_quads.write(bytes(8))
         for index in (0, 1):
-            _set(self._small, "round_index", index)
-            _set(self._large, "round_index", index)
-            self._small.run(columns, rows)
-            self._ctx.memory_barrier()
+            self._set(round_index=index)
+            self._small.run_over(self._mesh, **motion)
             if index == 0:
-                self._classify.run(GROUPS)
-                self._ctx.memory_barrier()
-            self._large.run(GROUPS)
-            self._ctx.memory_barrier()
-        width, height = self.window.width_px, self.window.height_px
-        for unit, result in enumerate((warped.colour, warped.depth_m, warped.flow_px), start=3):
-            result.bind_to_image(unit, read=True, write=True)
-        self._resolve.run(-(-width // TILE), -(-height // TILE))
-        self._ctx.memory_barrier()
+                self._classify.run(GROUPS, **motion)
+            self._large.run(GROUPS, **motion)
+        size = self.window.width_px, self.window.height_px
+        result = {"warped_colour": warped.colour, "warped_flow_px": warped.flow_px}
+        depth = {"warped_depth_m": warped.depth_m}
+        self._resolve.run_over(size, colour=colour, **motion, **result, **depth)
         if self.settings.variant == "full":
-            for along, lines, fallback in (((1, 0), height, 0.0), ((0, 1), width, np.inf)):
-                _set(self._continue, "along", along)
-                _set(self._continue, "fallback", fallback)
-                self._continue.run(-(-lines // self._lanes))
-                self._ctx.memory_barrier()
+            for along, lines, fallback in (((1, 0), size[1], 0.0), ((0, 1), size[0], np.inf)):
+                self._continue["along"] = along
+                self._continue["fallback"] = fallback
+                self._continue.run_over((lines, 1), warped_flow_px=warped.flow_px, **depth)
         for shader in self._rim:
-            shader.run(-(-width // TILE), -(-height // TILE))
-            self._ctx.memory_barrier()
+            shader.run_over(size, **result)
 
     def _check(
         self,
         colour: moderngl.Texture,
         depth_m: moderngl.Texture,
         flow_px: moderngl.Texture,
-        warped: WarpTextures,
+        warped: FrameTextures,
     ) -> None:
         shown = (self.window.width_px, self.window.height_px)
         for name, texture, size, format_name in (
@@ -232,13 +165,6 @@ class WarpPass:
                     f"{name} must be {format_name} of {size[0]}x{size[1]} for this pass"
                     f" (got {found} of {texture.width}x{texture.height})"
                 )
-
-    def release(self) -> None:
-        """Free buffers and shaders."""
-        for buffer in self._buffers:
-            buffer.release()
-        for shader in self._shaders:
-            shader.release()
 
 
 def warp_frame(
@@ -280,7 +206,7 @@ def warp_frame(
         texture_from(ctx, depth_m, "r32f"),
         texture_from(ctx, flow_px, "rg32f"),
     )
-    warped = WarpTextures.create(ctx, (warp.window.width_px, warp.window.height_px))
+    warped = FrameTextures.create(ctx, (warp.window.width_px, warp.window.height_px))
     try:
         warp(*sources, warped)
         return warped.read_back()
@@ -307,10 +233,3 @@ def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Win
             f" per pixel (got {source_size[0]}x{source_size[1]}"
             f" and {window.width_px}x{window.height_px}); use smaller images"
         )
-
-
-def _set(shader: moderngl.ComputeShader, name: str, value: object) -> None:
-    """Set a uniform, unless the compiler found it unused in this shader."""
-    uniform = shader.get(name, None)
-    if isinstance(uniform, moderngl.Uniform):
-        uniform.value = value

@@ -11,13 +11,13 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
 
-layout(rgba32f, binding = 2) uniform readonly image2D colour;  // encoded R'G'B', source
+layout(rgba32f) uniform readonly image2D colour;  // encoded R'G'B', source
 
 // rgb: encoded colour, 0 in holes. a: 1 known, 0 hole.
-layout(rgba32f, binding = 3) uniform writeonly image2D warped_colour;
+layout(rgba32f) uniform writeonly image2D warped_colour;
 // Metres; in holes the background's. 0 where no quad reached: continue.comp.glsl fills it.
-layout(r32f, binding = 4) uniform writeonly image2D warped_depth_m;
-layout(rg32f, binding = 5) uniform writeonly image2D warped_flow_px;
+layout(r32f) uniform writeonly image2D warped_depth_m;
+layout(rg32f) uniform writeonly image2D warped_flow_px;
 
 // 1 / depth is linear in the image plane. This form gives back one depth of three exactly
 // where it alone counts, and where all three are the same.

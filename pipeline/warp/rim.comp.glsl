@@ -12,10 +12,10 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // NOTHING, as the last stage left them; RIM between the two dispatches.
-layout(std430, binding = 0) buffer Keys { uint keys[]; };
+layout(std430) buffer Keys { uint keys[]; };
 
-layout(rgba32f, binding = 3) uniform image2D warped_colour;  // a: 1 known, 0 hole
-layout(rg32f, binding = 5) uniform readonly image2D warped_flow_px;
+layout(rgba32f) uniform image2D warped_colour;  // a: 1 known, 0 hole
+layout(rg32f) uniform readonly image2D warped_flow_px;
 
 const uint NOTHING = 0xFFFFFFFFu;
 const uint RIM = 0u;

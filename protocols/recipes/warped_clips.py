@@ -109,7 +109,7 @@ class StereoPath(Model):
     """How far the last frame lies, in baselines of the pair."""
 
 
-class UpsamplingPath(Model):
+class UpsamplingPath(Grown):
     """Temporal up-sampling: every n-th frame is real, the others are warped from it ([MI] 5)."""
 
     kind: Literal["upsampling"]
@@ -118,6 +118,19 @@ class UpsamplingPath(Model):
         None
     )
     """How the camera of a rendered scene moves; an OpenEXR sequence brings its own motion."""
+    second_source: bool = False
+    """Whether the next real frame fills, before any method does, what the last one did not see."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("second_source",)
+
+    @model_validator(mode="after")
+    def _backwards_too(self) -> UpsamplingPath:
+        if self.second_source and self.along is None:
+            raise ValueError(
+                "second_source needs a camera that moves (along = ...): the motion that an"
+                " OpenEXR sequence brings leads forwards only"
+            )
+        return self
 
 
 CameraPath: TypeAlias = Annotated[

@@ -4,9 +4,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-layout(r32f, binding = 0) uniform readonly image2D depth_m;
-layout(rg32f, binding = 1) uniform writeonly image2D flow_px;
-layout(r32f, binding = 2) uniform writeonly image2D target_depth_m;
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform writeonly image2D flow_px;
+layout(r32f) uniform writeonly image2D target_depth_m;
 
 uniform mat3 turn;         // target camera from source camera
 uniform vec3 shift_m;      // the source's place, in the target's axes

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.errors import GLUnavailableError, InputError
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import guide_from_depth, nearest_depth_m
 from pipeline.methods.method import composite
@@ -16,6 +17,7 @@ from pipeline.methods.registry import (
     method_names,
     method_parameters,
 )
+from stimuli.fills import Fills
 
 NAMED = [entry.name for entry in METHODS if not entry.takes_path]
 
@@ -289,3 +291,54 @@ def test_a_folder_with_a_gap_a_double_or_nothing_is_refused(folder):
         create_method(f"frames:{folder}")
     with pytest.raises(FileNotFoundError):
         create_method(f"frames:{folder}/nowhere")
+
+
+# --- A frame that stays on the GPU
+
+
+class OneView:
+    """One warped frame, as arrays and as textures."""
+
+    def __init__(self, ctx, frame):
+        self.frame = frame
+        self.textures = FrameTextures.create(ctx, (frame.size[1], frame.size[0]))
+        self.arrays = 0
+
+    def source_key(self, frame):  # noqa: ARG002
+        return 0
+
+    def warped(self, frame):  # noqa: ARG002
+        self.arrays += 1
+        return self.frame
+
+    def warped_textures(self, frame):  # noqa: ARG002
+        self.textures.upload(self.frame)
+        return self.textures
+
+
+ON_GPU = ["metameric", "metameric-paper", "push-pull-depth", "push-pull", "weighted-pull-push"]
+
+
+@pytest.mark.parametrize("name", ON_GPU)
+def test_a_clip_filled_on_the_gpu_has_the_bits_of_its_frames_filled_as_arrays(
+    gl_context, rng, name
+):
+    method = create_method(name, gl_context)
+    view = OneView(gl_context, warped_frame(rng))
+
+    found = Fills(method, view, 3).frame(0)
+
+    assert view.arrays == 0
+    assert found.tobytes() == method.fill(view.frame, 3).tobytes()
+    method.release()
+    view.textures.release()
+
+
+def test_a_frame_on_the_gpu_that_is_all_hole_is_refused(gl_context, rng):
+    method = create_method("push-pull", gl_context)
+    view = OneView(gl_context, warped_frame(rng, hole=np.ones((40, 56), bool)))
+
+    with pytest.raises(InputError, match="at least one known pixel"):
+        Fills(method, view, 0).frame(0)
+    method.release()
+    view.textures.release()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from pipeline.errors import InputError
 from protocols.recipes.warped_clips import (
@@ -70,6 +71,19 @@ def test_up_sampling_warps_from_the_last_real_frame():
     path = UpsamplingPath(kind="upsampling", real_every=3, along=CirclePath(kind="circle"))
     made = make_path(path, 8, 8.0)
     assert made.source_frames == [0, 0, 0, 3, 3, 3, 6, 6]
+
+
+def test_up_sampling_takes_the_next_real_frame_as_its_second_source():
+    path = UpsamplingPath(
+        kind="upsampling", real_every=3, along=CirclePath(kind="circle"), second_source=True
+    )
+
+    assert make_path(path, 8, 8.0).second_frames == [None, 3, 3, None, 6, 6, None, None]
+
+
+def test_a_sequence_s_own_motion_leads_forwards_only():
+    with pytest.raises(ValidationError, match="second_source needs a camera that moves"):
+        UpsamplingPath(kind="upsampling", real_every=2, second_source=True)
 
 
 @pytest.mark.parametrize("wanted", [0.02, 0.08, 0.3])

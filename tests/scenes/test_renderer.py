@@ -10,7 +10,7 @@ import pytest
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
-from protocols.recipes.warped_clips import CirclePath, UpsamplingPath
+from protocols.recipes.warped_clips import CirclePath, LinePath, UpsamplingPath
 from stimuli.footage import Footage, Shot
 from stimuli.motion import MotionPass
 from stimuli.paths import make_path
@@ -275,6 +275,41 @@ def test_up_sampling_shows_real_frames_as_they_are(gl_context, scenery):
     assert not frames[2].hole.any()
     assert frames[1].hole.any()
     np.testing.assert_allclose(frames[2].colour, truth, atol=1e-3)  # a quarter of 1/255
+
+
+def line(second_source):
+    along = LinePath(kind="line", direction=(1.0, 0.0, 0.0), there_and_back=False)
+    return UpsamplingPath(kind="upsampling", real_every=2, along=along, second_source=second_source)
+
+
+def test_a_second_source_shows_what_the_first_did_not_see(gl_context, scenery):
+    """What the card uncovers on its way to the next real frame, that frame sees."""
+    one = Footage(gl_context, scenery, shot(5, 1.0, path=line(second_source=False)))
+    two = Footage(gl_context, scenery, shot(5, 1.0, path=line(second_source=True)))
+    before, after, truth = one.warped(3), two.warped(3), two.truth(3)
+    real = two.warped(2), one.warped(2)
+    one.release()
+    two.release()
+
+    taken = before.hole & ~after.hole
+    assert before.hole.sum() > 100
+    assert not after.hole.any()
+    assert np.median(np.abs(after.colour - truth)[taken]) < 1 / 255
+    np.testing.assert_allclose(after.depth_m[taken], 5, rtol=1e-5)
+    known = ~before.hole
+    assert after.colour[known].tobytes() == before.colour[known].tobytes()
+    assert real[0].colour.tobytes() == real[1].colour.tobytes()
+
+
+def test_frames_after_the_last_real_one_have_no_second_source(gl_context, scenery):
+    one = Footage(gl_context, scenery, shot(4, path=line(second_source=False)))
+    two = Footage(gl_context, scenery, shot(4, path=line(second_source=True)))
+    found, alone = two.warped(3), one.warped(3)
+    one.release()
+    two.release()
+
+    assert found.hole.any()
+    assert np.array_equal(found.hole, alone.hole)
 
 
 def test_a_camera_that_sees_nothing_is_refused(gl_context, two_planes):

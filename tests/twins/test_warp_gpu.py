@@ -14,8 +14,9 @@ from scipy import ndimage
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, texture_from
-from pipeline.warp.gpu import WarpPass, WarpTextures, warp_frame
+from pipeline.warp.gpu import WarpPass, warp_frame
 from pipeline.warp.reference import (
     coverage,
     moved_mesh,
@@ -321,7 +322,7 @@ def test_dispatches_are_counted_right_and_a_rim_holds_no_memory(gl_context, monk
         texture_from(gl_context, scene.frame.depth_m, "r32f"),
         texture_from(gl_context, scene.flow_px, "rg32f"),
     )
-    warped = WarpTextures.create(gl_context, (48, 40))
+    warped = FrameTextures.create(gl_context, (48, 40))
     held = set()
     for settings_, dispatches in (
         (WarpSettings("remove"), 6),
@@ -474,7 +475,7 @@ def test_frames_do_not_remember_each_other(gl_context, gl_watch, rim_px):
         for s in scenes
     ]
     warp_pass = WarpPass(ctx, (48, 40), settings=WarpSettings(rim_px=rim_px))
-    warped = WarpTextures.create(ctx, (48, 40))
+    warped = FrameTextures.create(ctx, (48, 40))
     watch = gl_watch()
     results = []
     for index in (0, 1, 0):
@@ -541,7 +542,7 @@ def known_or_farther_neighbour(disparity_px: NDArray[np.float32]) -> NDArray[np.
 
 def test_textures_of_the_wrong_size_or_format_are_refused(gl_context):
     ctx = gl_context
-    warp_pass, warped = WarpPass(ctx, (6, 4)), WarpTextures.create(ctx, (6, 4))
+    warp_pass, warped = WarpPass(ctx, (6, 4)), FrameTextures.create(ctx, (6, 4))
     colour, depth, flow = (
         create_texture(ctx, (6, 4), name) for name in ("rgba32f", "r32f", "rg32f")
     )

@@ -1,0 +1,238 @@
+"""Compute shaders that are called by the names their source uses.
+
+A shader declares what it reads and writes; its source holds no binding numbers. This module asks
+the driver what is in use, gives out the binding points, and puts a memory barrier behind every
+dispatch that writes.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias, cast
+
+import moderngl
+import numpy as np
+
+from pipeline.gl.shader import Constant, ShaderError, Source, code_of, compile_source, flatten
+from pipeline.gl.texture import image_format
+
+Texture: TypeAlias = moderngl.Texture | moderngl.TextureArray
+Resource: TypeAlias = Texture | moderngl.Buffer | Sequence[Texture]
+
+_IMAGE = re.compile(r"\blayout\s*\(\s*(\w+)\s*\)([\w\s]*?)\b[iu]?image\w+\s+(\w+)\s*;")
+_SAMPLER = re.compile(r"\buniform\s+[iu]?sampler\w+\s+(\w+)")
+_BLOCK = re.compile(r"\blayout\s*\(\s*std\d+\s*\)([\w\s]*?)\b(buffer|uniform)\s+(\w+)\s*\{")
+_UNIFORM = re.compile(r"\buniform\s+\w+\s+([^;{}()]+);")
+_LOCAL_SIZE = re.compile(r"\blocal_size_([xy])\s*=\s*(\w+)")
+_DEFINE = re.compile(r"^\s*#define\s+(\w+)\s+(\d+)\s*$", re.MULTILINE)
+_INT = 0x1404  # OpenGL's name of the type
+_CAPITAL = re.compile(r"(?<!^)(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """Where a resource is bound, and what the shader does with it."""
+
+    kind: str  # "image", "sampler", "buffer" or "block"
+    point: int
+    format: str = ""  # of an image
+    reads: bool = True
+    writes: bool = False
+
+
+class Shader:
+    """A compiled compute shader.
+
+    Its textures and buffers are arguments of `run`, by name; a buffer goes by its block's name,
+    ``OfGroups`` as ``of_groups``. Uniforms are set like items of a dictionary. A name that the
+    source declares but the driver found unused is taken and ignored; a name that it does not
+    declare is an error.
+
+    Parameters
+    ----------
+    path : str
+        In the package `pipeline`.
+    constants
+        Of every ``#constant``; see `flatten`.
+
+    Raises
+    ------
+    ShaderError
+        If a constant is wrong or the driver refuses the source.
+    """
+
+    def __init__(self, ctx: moderngl.Context, path: str, **constants: Constant) -> None:
+        self._compile(ctx, flatten(path, constants))
+
+    @classmethod
+    def of(cls, ctx: moderngl.Context, source: Source) -> Self:
+        """Compile a flattened source of any package."""
+        shader = cls.__new__(cls)
+        shader._compile(ctx, source)
+        return shader
+
+    def _compile(self, ctx: moderngl.Context, source: Source) -> None:
+        self._ctx = ctx
+        self._program = compile_source(ctx, source)
+        self.path = str(self._program.extra)
+        code = code_of(source.text)
+        self._declared = _declared(code)
+        self._slots = _slots(self._program, code)
+        self._writes = any(slot.writes for slot in self._slots.values())
+        self._held: dict[str, Resource] = {}
+        self.group = _group(code)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Set a uniform; an array as rows, of which the shader takes as many as it uses."""
+        uniform = self._program.get(name, None)
+        if uniform is None or name in self._slots:
+            self._check_declared(name)
+        elif isinstance(value, np.ndarray):
+            rows = value[: cast(moderngl.Uniform, uniform).array_length]
+            cast(moderngl.Uniform, uniform).write(np.ascontiguousarray(rows).tobytes())
+        else:
+            cast(moderngl.Uniform, uniform).value = value
+
+    def uses(self, name: str) -> bool:
+        """Tell whether a resource or uniform is in use."""
+        return name in self._slots or name in self._program
+
+    def hold(self, **resources: Resource) -> None:
+        """Keep resources for every run to come; `run` may replace them for once."""
+        for name in resources:
+            self._check_declared(name)
+        self._held.update(resources)
+
+    def run(self, x: int = 1, y: int = 1, /, **resources: Resource) -> None:
+        """Dispatch `x` times `y` work groups.
+
+        Raises
+        ------
+        ShaderError
+            If a resource that the shader uses is missing, one is not declared, or a texture has
+            not the format of its image.
+        """
+        self._bind(resources)
+        self._program.run(x, y)
+        self._finish()
+
+    def run_over(self, size: tuple[int, int], /, **resources: Resource) -> None:
+        """Dispatch so many work groups that each pixel of `size` (width, height) has its own."""
+        (width, height), (columns, rows) = size, self.group
+        self.run(-(-width // columns), -(-height // rows), **resources)
+
+    def run_indirect(self, groups: moderngl.Buffer, offset: int, /, **resources: Resource) -> None:
+        """Dispatch as many work groups as `groups` says at `offset` bytes: x, y, z of uint32."""
+        self._bind(resources)
+        self._program.run_indirect(groups, offset)
+        self._finish()
+
+    def release(self) -> None:
+        """Free the program."""
+        self._program.release()
+
+    def _finish(self) -> None:
+        if self._writes:
+            self._ctx.memory_barrier()
+
+    def _bind(self, resources: dict[str, Resource]) -> None:
+        for name in resources:
+            if name not in self._slots:
+                self._check_declared(name)
+        given = self._held | resources
+        for name, slot in self._slots.items():
+            if name not in given:
+                raise ShaderError(f"{self.path}: {slot.kind} {name!r} is not given")
+            self._bind_one(name, slot, given[name])
+
+    def _bind_one(self, name: str, slot: _Slot, resource: Resource) -> None:
+        match slot.kind, resource:
+            case "image", moderngl.Texture() | moderngl.TextureArray():
+                if image_format(resource) != slot.format:
+                    raise ShaderError(
+                        f"{self.path}: image {name!r} is {slot.format}"
+                        f" (got a texture of {image_format(resource)})"
+                    )
+                resource.bind_to_image(slot.point, read=slot.reads, write=slot.writes)
+            case "sampler", moderngl.Texture() | moderngl.TextureArray():
+                resource.use(slot.point)
+            case "sampler", [*textures]:
+                for point, texture in enumerate(textures, start=slot.point):
+                    texture.use(point)
+            case "buffer", moderngl.Buffer():
+                resource.bind_to_storage_buffer(slot.point)
+            case "block", moderngl.Buffer():
+                resource.bind_to_uniform_block(slot.point)
+            case _:
+                raise ShaderError(
+                    f"{self.path}: {slot.kind} {name!r} cannot be a {type(resource).__name__}"
+                )
+
+    def _check_declared(self, name: str) -> None:
+        if name not in self._declared:
+            raise ShaderError(
+                f"{self.path}: there is no {name!r} (declared: {', '.join(sorted(self._declared))})"
+            )
+
+
+def _declared(code: str) -> set[str]:
+    """Every name that a caller may give: uniforms, images, samplers, blocks."""
+    names = {match[3] for match in _IMAGE.finditer(code)}
+    names |= {match[1] for match in _SAMPLER.finditer(code)}
+    names |= {_argument(match[3]) for match in _BLOCK.finditer(code)}
+    for match in _UNIFORM.finditer(code):
+        names |= {re.split(r"[\s\[=]", part.strip())[0] for part in match[1].split(",")}
+    return names
+
+
+def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
+    """Give every resource in use a binding point of its own, and tell the program."""
+    images: dict[str, tuple[str, bool, bool]] = {}
+    for match in _IMAGE.finditer(code):  # twice where branches of `#if` differ: what any does
+        _, reads, writes = images.get(match[3], ("", False, False))
+        words = match[2].split()
+        images[match[3]] = (
+            match[1],
+            reads or "writeonly" not in words,
+            writes or "readonly" not in words,
+        )
+    blocks = {match[3]: (match[2], match[1].split()) for match in _BLOCK.finditer(code)}
+    samplers = {match[1] for match in _SAMPLER.finditer(code)}
+    slots: dict[str, _Slot] = {}
+    taken = dict.fromkeys(("image", "sampler", "buffer", "block"), 0)
+    for name in program:
+        member: Any = program[name]
+        count = 1
+        if name in images:
+            texel, reads, writes = images[name]
+            slot = _Slot("image", taken["image"], texel, reads, writes)
+            member.gl_type = _INT  # moderngl writes to no image of integers otherwise
+            member.write(np.int32(slot.point).tobytes())
+        elif name in samplers:
+            slot, count = _Slot("sampler", taken["sampler"]), member.array_length
+            first = slot.point
+            member.value = first if count == 1 else list(range(first, first + count))
+        elif name in blocks:
+            kind, words = blocks[name]
+            kind = "buffer" if kind == "buffer" else "block"
+            writes = kind == "buffer" and "readonly" not in words
+            slot = _Slot(kind, taken[kind], writes=writes)
+            member.binding = slot.point
+            name = _argument(name)
+        else:
+            continue
+        slots[name] = slot
+        taken[slot.kind] += count
+    return slots
+
+
+def _argument(block: str) -> str:
+    """How callers write a block's name: OfGroups is of_groups."""
+    return _CAPITAL.sub("_", block).lower()
+
+
+def _group(code: str) -> tuple[int, int]:
+    """Invocations of a work group along x and y."""
+    defined = {match[1]: int(match[2]) for match in _DEFINE.finditer(code)}
+    edges = {axis: defined.get(edge) or int(edge) for axis, edge in _LOCAL_SIZE.findall(code)}
+    return edges.get("x", 1), edges.get("y", 1)

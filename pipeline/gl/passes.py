@@ -1,0 +1,86 @@
+"""What every pass on the GPU has in common: it owns what it made."""
+
+from typing import Protocol, TypeVar
+
+import moderngl
+
+from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.shader import Constant
+from pipeline.gl.texture import create_texture, create_texture_array, texture_bytes
+
+
+class Part(Protocol):
+    """Another pass, or anything that holds memory of its own."""
+
+    @property
+    def held_bytes(self) -> int: ...
+
+    def release(self) -> None: ...
+
+
+P = TypeVar("P", bound=Part)
+
+
+class Pass:
+    """Shaders, textures, buffers and parts of a pass, made through it and freed together."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._shaders: list[Shader] = []
+        self._textures: list[moderngl.Texture | moderngl.TextureArray] = []
+        self._buffers: list[moderngl.Buffer] = []
+        self._parts: list[Part] = []
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory beyond the caller's textures, bytes."""
+        textures = sum(map(texture_bytes, self._textures))
+        buffers = sum(buffer.size for buffer in self._buffers)
+        return textures + buffers + sum(part.held_bytes for part in self._parts)
+
+    def release(self) -> None:
+        """Free everything this pass made."""
+        for item in (*self._parts, *self._textures, *self._buffers, *self._shaders):
+            item.release()
+        for kept in (self._parts, self._textures, self._buffers, self._shaders):
+            kept.clear()
+
+    def _shader(self, path: str, **constants: Constant) -> Shader:
+        shader = Shader(self._ctx, path, **constants)
+        self._shaders.append(shader)
+        return shader
+
+    def _set(self, **uniforms: object) -> None:
+        """Set uniforms in all shaders made so far that use them."""
+        for shader in self._shaders:
+            for name, value in uniforms.items():
+                if shader.uses(name):
+                    shader[name] = value
+
+    def _hold(self, **resources: Resource) -> None:
+        """Keep resources in all shaders made so far that use them, for the runs to come."""
+        for shader in self._shaders:
+            shader.hold(**{name: one for name, one in resources.items() if shader.uses(name)})
+
+    def _texture(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
+        texture = create_texture(self._ctx, size, format_name)
+        self._textures.append(texture)
+        return texture
+
+    def _array(self, size: tuple[int, int], layers: int, format_name: str) -> moderngl.TextureArray:
+        array = create_texture_array(self._ctx, size, layers, format_name)
+        self._textures.append(array)
+        return array
+
+    def _buffer(self, content: bytes | int) -> moderngl.Buffer:
+        """A buffer of bytes, or of so many."""
+        if isinstance(content, int):
+            buffer = self._ctx.buffer(reserve=content)
+        else:
+            buffer = self._ctx.buffer(content)
+        self._buffers.append(buffer)
+        return buffer
+
+    def _part(self, part: P) -> P:
+        self._parts.append(part)
+        return part

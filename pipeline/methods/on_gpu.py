@@ -1,0 +1,105 @@
+"""What all fills of ours have in common: a pass that completes textures in place."""
+
+from abc import ABC, abstractmethod
+from typing import Generic, Protocol, TypeVar
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import read_back
+from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.methods.method import check_finite, composite
+
+
+class FillPass(Protocol):
+    """What a pass of ours has."""
+
+    def release(self) -> None: ...
+
+
+P = TypeVar("P", bound=FillPass)
+
+
+class OnGpu(ABC, Generic[P]):
+    """A method whose frame lies on the GPU; its pass is kept for the last frame size."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._size: tuple[int, int] | None = None
+        self._pass: P | None = None
+        self._textures: FrameTextures | None = None  # of frames that come as arrays
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
+        """Fill the holes of arrays; known pixels are untouched."""
+        check_some_known(warped.hole)
+        size = warped.size[1], warped.size[0]
+        if self._textures is None or self._textures.size != size:
+            self._release_textures()
+            self._textures = FrameTextures.create(self._ctx, size)
+        self._textures.upload(warped)
+        self.fill_textures(self._textures, seed)
+        return composite(warped, read_back(self._textures.colour)[..., :3])
+
+    def fill_textures(self, frame: FrameTextures, seed: int) -> None:
+        """Fill the holes of `frame.colour` in place; alpha still tells where they were."""
+        if self._pass is None or self._size != frame.size:
+            self._release_pass()
+            self._pass, self._size = self._build(frame.size), frame.size
+        self._run(self._pass, frame, seed)
+
+    def release(self) -> None:
+        """Free textures and shaders."""
+        self._release_pass()
+        self._release_textures()
+
+    def _release_pass(self) -> None:
+        if self._pass is not None:
+            self._pass.release()
+        self._pass, self._size = None, None
+
+    def _release_textures(self) -> None:
+        if self._textures is not None:
+            self._textures.release()
+        self._textures = None
+
+    @abstractmethod
+    def _build(self, size: tuple[int, int]) -> P: ...
+
+    @abstractmethod
+    def _run(self, filler: P, frame: FrameTextures, seed: int) -> None: ...
+
+
+class Guided(OnGpu[P]):
+    """One that depth guides."""
+
+    def __init__(self, ctx: moderngl.Context, z_near_m: float) -> None:
+        super().__init__(ctx)
+        if not (np.isfinite(z_near_m) and z_near_m >= 0):
+            raise InputError(
+                "z_near_m must be a depth in metres, or 0 for each frame's own nearest"
+                f" (got {z_near_m})"
+            )
+        self._z_near_m = z_near_m
+
+    def _nearest_m(self, frame: FrameTextures) -> float:
+        return self._z_near_m or nearest_depth_m(read_back(frame.depth_m))
+
+
+def filled_colour(frame: FrameTextures) -> NDArray[np.float32]:
+    """Read a frame's colour back after a fill: (H, W, 3) in [0, 1].
+
+    Raises
+    ------
+    InputError
+        If every pixel was a hole, or the fill is not finite.
+    """
+    texels = read_back(frame.colour)
+    hole = texels[..., 3] == 0
+    check_some_known(hole)
+    colour = np.ascontiguousarray(texels[..., :3])
+    check_finite(colour[hole])
+    return colour.clip(0.0, 1.0)

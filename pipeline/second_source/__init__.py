@@ -1,0 +1,1 @@
+"""What a second picture saw goes into the holes that the first one left."""
