@@ -76,7 +76,12 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--sheet-kb", type=float, default=41)
     parser.add_argument("--plot", type=file_to_write)
     parser.add_argument("--time", action="store_true", help="time decoding beside a metamer, too")
+    parser.add_argument("--of", type=Path, help="show what an earlier --json holds, and stop")
     arguments = parser.parse_args(argv)
+    if arguments.of is not None:
+        held = json.loads(arguments.of.read_text(encoding="utf-8"))["results"]
+        _show([Result(**one) for one in held], arguments)
+        return 0
     found: list[Result] = []
     for number, (name, picture) in enumerate(_pictures(arguments.pictures, arguments.edge)):
         found += list(_results(name, picture, arguments))
@@ -85,8 +90,7 @@ def main(argv: list[str]) -> int:
         if number == 0 and arguments.sheet is not None:
             sheets.save_picture(arguments.sheet, _sheet(picture, arguments))
     console = Console()
-    for size_kb in arguments.sizes:
-        console.print(_table(found, size_kb))
+    _show(found, arguments)
     times = _times(arguments.edge, arguments.angles) if arguments.time else None
     if times is not None:
         console.print(
@@ -95,9 +99,15 @@ def main(argv: list[str]) -> int:
         )
     if arguments.json is not None:
         _write(found, times, arguments)
+    return 0
+
+
+def _show(found: list[Result], arguments: argparse.Namespace) -> None:
+    """Print tables, and draw curves if asked to."""
+    for size_kb in arguments.sizes:
+        Console().print(_table(found, size_kb))
     if arguments.plot is not None:
         _plot(found, arguments.plot)
-    return 0
 
 
 def _write(
