@@ -22,7 +22,16 @@ from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
 app = typer.Typer(
-    help="Bake textures into statistics, and draw scenes with them.", no_args_is_help=True
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="""Bake textures into statistics, and draw scenes with them.
+
+    Examples:
+
+        metamerlab texture bake wall.png --out wall.moments
+
+        metamerlab texture show planet --out planet.png
+    """,
 )
 
 
