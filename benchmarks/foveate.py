@@ -40,7 +40,7 @@ CONDITIONS = (
     "blur", "metamer", "eidolon", "warped-metamer", "noise-enhanced", "contrast-enhanced",
 )  # fmt: skip
 LARGEST_TWIN_EDGE = 1024  # beyond it the numpy twin of what the GPU does is not timed
-LARGEST_SLOW_EDGE = 2048  # beyond it what only numpy makes takes minutes
+LARGEST_SLOW_EDGE = 4096  # beyond it what only numpy makes takes many minutes
 LARGEST_ODAK_EDGE = 1024
 PULL = "pull.comp.glsl"  # the shader of the analysis
 SHARED_RUNS = 3  # of which the least time of each dispatch counts

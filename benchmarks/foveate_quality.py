@@ -6,7 +6,11 @@ change when the gaze moves by a pixel, both beyond 5 degrees in steps of 255, an
 samples clipped. FovVideoVDP, foveated, beside them where the extra `metrics` is installed.
 
 odak's `gen_metamer` stands beside them, where odak is installed, with `--law authors --width-deg
-28`: so wide its pools are ours, and it has no others.
+28`: so wide its pools are ours, and it has no others. `--seen-deg 40` also asks FovVideoVDP about
+the same pictures shown wider than their pools are made for, as odak's are.
+
+`--spectra` takes noise of known spectra for pictures: bands alone, where pools have 6 px or more,
+over four pictures of each.
 """
 
 from __future__ import annotations
@@ -15,8 +19,8 @@ import argparse
 import importlib.util
 import json
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +56,17 @@ LEAST_POOL, MOST_POOL = 1.0, 64.0  # deviations, coefficients, at which ratios a
 PERIPHERY_DEG = 5.0
 DISTANCE_M = 0.6  # of the eye, for FovVideoVDP
 METRES_PER_INCH = 0.0254
+# Amplitude over frequency to this power, after a Gaussian blur of so many pixels.
+SPECTRA = {
+    "white": (0.0, 0.0),
+    "f^-.5": (0.5, 0.0),
+    "1/f": (1.0, 0.0),
+    "f^-1.5": (1.5, 0.0),
+    "1/f, blurred by 1 px": (1.0, 1.0),
+}
+SPECTRUM_DEVIATION = 0.12  # hardly a pixel is clipped
+SPECTRUM_SEEDS = 4
+SPECTRUM_POOL_PX = 6.0
 
 Picture = NDArray[np.float32]
 
@@ -72,6 +87,49 @@ class Result:
     gaze_moved_tamed: float  # the same, the field resting as `SteadyGaze` lets it
     from_picture: float  # of 255
     jod: float | None
+    jod_seen: dict[str, float] = field(default_factory=dict)  # by width, degrees: `--seen-deg`
+
+
+@dataclass(frozen=True)
+class SpectrumResult:
+    """The metamer on noise of one spectrum: least and greatest ratio, and all (levels, 3)."""
+
+    spectrum: str
+    law: str
+    least_ratio: float
+    greatest_ratio: float
+    ratios: list[list[float]]
+
+
+def noise_picture(exponent: float, blur_px: float, edge: int, seed: int) -> Picture:
+    """Grey noise of a spectrum around .5: (edge, edge, 3)."""
+    white = np.random.default_rng(seed).standard_normal((edge, edge))
+    steps = np.fft.fftfreq(edge)
+    frequency = np.maximum(np.hypot(steps[:, None], steps), 1 / edge)
+    shape = frequency**-exponent * np.exp(-2 * (math.pi * blur_px * frequency) ** 2)
+    plane = np.real(np.fft.ifft2(np.fft.fft2(white) * shape))
+    plane = (plane - plane.mean()) / plane.std()
+    grey = np.clip(0.5 + SPECTRUM_DEVIATION * plane, 0, 1)
+    return np.repeat(grey[..., None], 3, axis=2).astype(np.float32)
+
+
+def judge_spectrum(name: str, law: str, edge: int, width_deg: float) -> SpectrumResult:
+    """Measure the metamer's bands on noise of one of `SPECTRA`."""
+    viewing, gaze = Flat(width_deg), (edge / 2, edge / 2)
+    pools = Pools(viewing.of(edge, edge), gaze, make_pooling(law))
+    foveator = Foveator((edge, edge), viewing=viewing, law=law)
+    wide = [pools.sigma_px(level) >= SPECTRUM_POOL_PX for level in range(LEVELS)]
+    energy = np.zeros((2, LEVELS, 3))
+    for seed in range(SPECTRUM_SEEDS):
+        truth = noise_picture(*SPECTRA[name], edge, seed)
+        for index, image in enumerate((foveator(truth, gaze, seed=seed + 1), truth)):
+            bands = analyse(ycbcr_from_rgb(image.astype(np.float64)), LEVELS).bands
+            for level, inside in enumerate(wide):
+                energy[index, level] += (bands[level][inside][:, :, 0] ** 2).sum(axis=0)
+    ratios = np.sqrt(energy[0] / energy[1])
+    return SpectrumResult(
+        name, law, float(ratios.min()), float(ratios.max()), ratios.round(4).tolist()
+    )
 
 
 def pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
@@ -124,13 +182,14 @@ def judge(
     parameters: dict[str, object],
     law: str,
     width_deg: float,
+    seen_deg: Sequence[float] = (),
 ) -> Result:
     """Measure one condition on one picture."""
     height, width = shown.shape[:2]
     viewing, gaze = Flat(width_deg), (width / 2, height / 2)
     pools = Pools(viewing.of(width, height), gaze, make_pooling(law))
     if condition == ODAK:
-        return judge_odak(name, shown, law, pools, width_deg)
+        return judge_odak(name, shown, law, pools, width_deg, seen_deg)
     given = dict(parameters)
     if condition not in ("reference", "noise-enhanced", "contrast-enhanced"):
         given["law"] = law
@@ -158,10 +217,18 @@ def judge(
         apart(first, tamed),
         apart(first, shown),
         jod_of(first, shown, width_deg),
+        jods_seen(first, shown, seen_deg),
     )
 
 
-def judge_odak(name: str, shown: Picture, law: str, pools: Pools, width_deg: float) -> Result:
+def judge_odak(
+    name: str,
+    shown: Picture,
+    law: str,
+    pools: Pools,
+    width_deg: float,
+    seen_deg: Sequence[float],
+) -> Result:
     """Measure the authors' library, which has one seed and hears of no gaze off the middle."""
     found = gen_metamer(shown)
     assert found is not None
@@ -171,7 +238,14 @@ def judge_odak(name: str, shown: Picture, law: str, pools: Pools, width_deg: flo
         name, ODAK, {}, law, float(np.nanmin(ratios)), float(np.nanmax(ratios)),
         statistics_distance(found, shown), math.nan, math.nan, math.nan,
         float(255 * np.abs(found - shown)[far].mean()), jod_of(found, shown, width_deg),
+        jods_seen(found, shown, seen_deg),
     )  # fmt: skip
+
+
+def jods_seen(test: Picture, truth: Picture, seen_deg: Sequence[float]) -> dict[str, float]:
+    """FovVideoVDP at other widths than the pools', by width; empty without the extra."""
+    found = {f"{width:g}": jod_of(test, truth, width) for width in seen_deg}
+    return {width: jod for width, jod in found.items() if jod is not None}
 
 
 def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
@@ -228,6 +302,10 @@ def mean_over_pictures(results: list[Result]) -> list[Result]:
                     )
                 ),
                 float(np.mean(jods)) if jods else None,
+                {
+                    width: float(np.mean([result.jod_seen[width] for result in found]))
+                    for width in found[0].jod_seen
+                },
             )
         )
     return lines
@@ -238,7 +316,9 @@ def show(results: list[Result], console: Console) -> None:
     table = Table()
     for name in ("picture", "condition", "law"):
         table.add_column(name)
-    for name in ("ratios", "distance", "seeds", "gaze 1 px", "tamed", "picture", "JOD"):
+    widths = list(results[0].jod_seen)
+    seen = [f"JOD, {width} deg" for width in widths]
+    for name in ("ratios", "distance", "seeds", "gaze 1 px", "tamed", "picture", "JOD", *seen):
         table.add_column(name, justify="right")
     for result in results:
         switches = " ".join(f"{key} {value}" for key, value in result.parameters.items())
@@ -253,7 +333,21 @@ def show(results: list[Result], console: Console) -> None:
             f"{result.gaze_moved_tamed:.2f}",
             f"{result.from_picture:.1f}",
             "" if result.jod is None else f"{result.jod:.2f}",
+            *(f"{result.jod_seen[width]:.2f}" for width in widths),
         )
+    console.print(table)
+
+
+def show_spectra(results: list[SpectrumResult], console: Console) -> None:
+    """Print a table."""
+    table = Table()
+    table.add_column("noise")
+    for name in ("law", "ratios", *(f"level {level + 1}" for level in range(LEVELS))):
+        table.add_column(name, justify="right")
+    for result in results:
+        levels = [" ".join(f"{ratio:.2f}" for ratio in level) for level in result.ratios]
+        limits = f"{result.least_ratio:.2f} to {result.greatest_ratio:.2f}"
+        table.add_row(result.spectrum, result.law, limits, *levels)
     console.print(table)
 
 
@@ -266,14 +360,29 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--width-deg", type=float, default=40.0, help="of the picture (40)")
     parser.add_argument("--law", nargs="+", default=["v1"], help="presets (v1)")
     parser.add_argument("--condition", nargs="+", help="of these alone")
+    parser.add_argument(
+        "--seen-deg", type=float, nargs="+", default=[], help="FovVideoVDP at these widths too"
+    )
+    parser.add_argument("--spectra", action="store_true", help="the metamer on noise instead")
     parser.add_argument("--out", type=file_to_write, help="JSON file to write")
     arguments = parser.parse_args(argv)
     console = Console()
+    console.width = max(console.width, 140)  # a table with many columns
+    record: dict[str, object] = {"width_deg": arguments.width_deg, "edge_px": arguments.edge}
+    if arguments.spectra:
+        spectra = [
+            judge_spectrum(name, law, arguments.edge, arguments.width_deg)
+            for law in arguments.law
+            for name in SPECTRA
+        ]
+        show_spectra(spectra, console)
+        _write(arguments.out, record | {"spectra": [asdict(result) for result in spectra]})
+        return 0
     conditions: list[tuple[str, dict[str, object]]] = [(name, dict(p)) for name, p in CONDITIONS]
     if arguments.law == ["authors"] and arguments.width_deg == WIDTH_DEG and perception():
         conditions.append((ODAK, {}))
     results = [
-        judge(name, shown, condition, parameters, law, arguments.width_deg)
+        judge(name, shown, condition, parameters, law, arguments.width_deg, arguments.seen_deg)
         for name, shown in pictures(arguments.pictures, arguments.edge)
         if not arguments.only or name in arguments.only
         for law in arguments.law
@@ -283,12 +392,15 @@ def main(argv: list[str]) -> int:
     if not results:
         parser.error("no picture and condition was chosen")
     show(results + mean_over_pictures(results), console)
-    if arguments.out:
-        record = {"width_deg": arguments.width_deg, "edge_px": arguments.edge}
-        known = [
-            {key: None if value != value else value for key, value in asdict(result).items()}
-            for result in results
-        ]
-        found = record | {"results": known}
-        Path(arguments.out).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    known = [
+        {key: None if value != value else value for key, value in asdict(result).items()}
+        for result in results
+    ]
+    _write(arguments.out, record | {"results": known})
     return 0
+
+
+def _write(out: Path | None, found: dict[str, object]) -> None:
+    """Write a JSON file, where one is asked for."""
+    if out is not None:
+        out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -15,6 +15,7 @@ import re
 import textwrap
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -198,9 +199,14 @@ def _explain(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
         yield "# " + line.removeprefix("#? ") if key[1] else line
 
 
+@cache
+def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
 def _comment(owner: type[BaseModel], key: str) -> list[str]:
     """Return what the schema says of a key: meaning, then unit, range and default."""
-    published = owner.model_json_schema()
+    published = _schema_of(owner)
     schema: dict[str, Any] = published["properties"][key]
     said = " ".join(schema.get("description", "").split())
     details = _details(schema, published.get("$defs", {}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ def json_schema(name: str) -> dict[str, Json]:
     }
 
 
+@cache
 def schema_text(name: str) -> str:
     """Return the content of a published schema file."""
     return json.dumps(json_schema(name), indent=1, ensure_ascii=False, sort_keys=True) + "\n"

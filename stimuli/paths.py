@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.camera import Camera
 from pipeline.errors import InputError
@@ -136,6 +134,10 @@ def _line(path: LinePath, frames: int) -> list[Pose]:
 
 
 def _keyframes(path: KeyframesPath, frames: int, fps: float) -> list[Pose]:
+    # Slow to import, and few paths need them.
+    from scipy.interpolate import PchipInterpolator
+    from scipy.spatial.transform import Rotation, Slerp
+
     stamps = np.array([keyframe.t_s for keyframe in path.keyframes], np.float64)
     places = np.array([keyframe.position_m for keyframe in path.keyframes], np.float64)
     farthest = float(np.linalg.norm(places, axis=1).max())

@@ -73,11 +73,12 @@ def _imports(path: Path) -> tuple[str, ...]:
     return tuple(name for name in names if name.split(".")[0] in PACKAGES)
 
 
-def _data_beside(module: str, path: Path) -> list[Path]:
+@cache
+def _data_beside(module: str, path: Path) -> tuple[Path, ...]:
     """Shaders and tables of a module: those of its folder, and what those include."""
     package = module.split(".")[0]
     if path.name == "__init__.py":
-        return []
+        return ()
     folder = path.parent
     found = [file for file in folder.iterdir() if file.suffix in _DATA]
     if package == "pipeline" and any(file.suffix == ".glsl" for file in found):
@@ -85,7 +86,7 @@ def _data_beside(module: str, path: Path) -> list[Path]:
         found += [file for file in library.glob("*.glsl") if _is_included(file, found)]
     if package == "stimuli":
         found += sorted((folder / "shaders").glob("*.glsl"))
-    return sorted(found)
+    return tuple(sorted(found))
 
 
 def _is_included(library: Path, shaders: list[Path]) -> bool:

@@ -7,7 +7,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,9 +88,12 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--full``."""
+    """Add ``--full`` and ``--costs``."""
     parser.addoption(
         "--full", action="store_true", help="run long proofs whole (by default a tenth of them)"
+    )
+    parser.addoption(
+        "--costs", action="store_true", help="print what the tests cost, in CPU seconds"
     )
 
 
@@ -109,6 +113,65 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     config.option.loadscopereorder = False  # in the order of the tests: the screen comes early
     return OneScreen(config, log)
+
+
+def cpu_s() -> float:
+    """Return the CPU time of this process and of those that it started and that have ended."""
+    now = os.times()
+    return now.user + now.system + now.children_user + now.children_system
+
+
+class Costs:
+    """What every test took of the processors, its fixtures included where they were made."""
+
+    SLOWEST = 30
+
+    def __init__(self) -> None:
+        self._last_s = cpu_s()
+        self._by_test: Counter[str] = Counter()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self) -> Generator[None, Any, Any]:
+        """Tell the phase's cost to whoever reads reports: with xdist that is another process."""
+        report = yield
+        now_s = cpu_s()
+        report.user_properties = [*report.user_properties, ("cpu_s", now_s - self._last_s)]
+        self._last_s = now_s
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Add a phase to its test."""
+        self._by_test[report.nodeid] += sum(
+            s for key, s in report.user_properties if key == "cpu_s"
+        )
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print files and the slowest tests, as tables for docs/development.md."""
+        files: Counter[str] = Counter()
+        for name, seconds in self._by_test.items():
+            files[name.partition("::")[0]] += seconds
+        tell = terminalreporter.write_line
+        terminalreporter.section("costs")
+        tell(f"{len(self._by_test)} tests took {sum(files.values()):.0f} CPU seconds")
+        for head, rows in (("file", files), ("test", self._by_test)):
+            tell(f"\n| s | {head} |\n| ---: | --- |")
+            for name, seconds in rows.most_common(self.SLOWEST):
+                if seconds >= 0.5:
+                    tell(f"| {seconds:.0f} | {cost_name(name)} |")
+
+
+def cost_name(nodeid: str) -> str:
+    """Return a test as its file and the sentence that is its name."""
+    path, _, test = nodeid.partition("::")
+    said = test.rpartition("::")[2].removeprefix("test_").replace("_", " ")
+    file = f"`{path.removeprefix('tests/')}`"
+    return f"{file}: {said.replace('|', ' ')}" if said else file
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Watch the costs where they are asked for."""
+    if config.getoption("--costs"):
+        config.pluginmanager.register(Costs(), "costs")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +17,16 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.load import load_display, load_protocol, load_study, shipped
 from protocols.manifest import read_manifest
 from stimuli.foveated.builtin_pictures import notices
+from stimuli.scenes.stereo import built_in_pair
 from study_app.cli import app
+from study_app.cli.demo import pictures as demo_pictures
 from study_app.cli.demo import studies
 from study_app.cli.demo.observers import Options
 from study_app.cli.demo.pictures import Photographs, most_holes
@@ -78,6 +83,30 @@ def quiet_console() -> Console:
     return Console(file=io.StringIO())
 
 
+@pytest.fixture(scope="module", autouse=True)
+def one_worker():
+    """Clips are built by one process: each opens the scene anew, and that costs most."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("study_app.cli.demo.run.cores", lambda: 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def filled_once(tmp_path_factory) -> Callable[[Path, int], Photographs]:
+    """`fill_photographs` that fills for the first who asks, and copies for the others."""
+    real, filled = demo_pictures.fill_photographs, {}
+
+    def fill(out: Path, seed: int) -> Photographs:
+        if seed not in filled:
+            folder = tmp_path_factory.mktemp("filled")
+            filled[seed] = (real(folder, seed), folder)
+        made, folder = filled[seed]
+        shutil.copytree(folder, out, dirs_exist_ok=True)
+        return made
+
+    return fill
+
+
 @pytest.fixture(scope="module")
 def options(tmp_path_factory) -> Options:
     pytest.importorskip("skimage")
@@ -88,7 +117,7 @@ def options(tmp_path_factory) -> Options:
 
 
 @pytest.fixture(scope="module")
-def made(options, shared_gl_context) -> Options:  # noqa: ARG001
+def made(options, filled_once, shared_gl_context) -> Options:  # noqa: ARG001
     """Run the demonstration once; without a window where none can be opened."""
     reason = missing_window()
     if reason and os.environ.get("REQUIRE_GL") == "1":
@@ -101,7 +130,9 @@ def made(options, shared_gl_context) -> Options:  # noqa: ARG001
     (strip.parent / "report").mkdir()
     (strip.parent / "report" / "report.html").touch()
     (options.out / "demo.json").write_text("{}", encoding="utf-8")
-    run_demo(options, quiet_console())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo_pictures, "fill_photographs", filled_once)
+        run_demo(options, quiet_console())
     return options
 
 
@@ -412,7 +443,11 @@ def pictures(tmp_path):
 
 
 @pytest.mark.usefixtures("shared_gl_context")
-def test_pictures_alone_fill_every_hole_and_say_where_they_are(pictures, tmp_path):
+def test_pictures_alone_fill_every_hole_and_say_where_they_are(
+    pictures, tmp_path, filled_once, monkeypatch
+):
+    monkeypatch.setattr(demo_pictures, "fill_photographs", filled_once)
+
     result = pictures()
 
     assert result.exit_code == 0, result.output
@@ -425,6 +460,16 @@ def test_pictures_alone_fill_every_hole_and_say_where_they_are(pictures, tmp_pat
     assert filled["metameric"].shape == (500, 741, 3)
     changed = (filled["metameric"] != filled["push-pull"]).any(axis=-1).mean()
     assert 0.05 < changed < 0.15  # the holes, and nothing else
+
+
+def test_the_demonstration_takes_the_rim_of_its_photographs_into_the_holes(
+    gl_context, filled_once, tmp_path
+):
+    frame = built_in_pair("motorcycle").warp_input()
+    wanted = WarpSettings(rim_px=1)
+    hole = warp_frame(gl_context, frame.source, frame.flow_px, settings=wanted).hole
+
+    assert filled_once(tmp_path, 0).hole_share == hole.mean()
 
 
 def test_it_says_where_it_cannot_write(pictures, tmp_path):

@@ -10,9 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
+SHOWN = Path("docs/images/fills.png")  # commands take it as their picture: here a smaller one
 NOT_OURS = {".git", ".venv", "out", "dist", "build", "node_modules", "__pycache__"}
 
 # Our own scripts set up machines and run these tests: that they exist is all
@@ -112,8 +114,11 @@ class Newcomer:
         self.commands = commands_in(README.read_text(encoding="utf-8"))
         self.done: dict[str, subprocess.CompletedProcess[str]] = {}
         for path in REPOSITORY.iterdir():
-            if path.name not in NOT_OURS:
+            if path.name not in {*NOT_OURS, "docs"}:
                 (folder / path.name).symlink_to(path)
+        (folder / SHOWN).parent.mkdir(parents=True)
+        with Image.open(REPOSITORY / SHOWN) as picture:
+            picture.reduce(3).save(folder / SHOWN)
         (folder / ".venv").mkdir()
         (folder / ".venv/bin").symlink_to(Path(sys.executable).parent)
 

@@ -113,3 +113,29 @@ def test_a_test_that_leaves_gl_objects_or_errors_behind_is_an_error(run_pytest):
     assert "4 passed, 2 errors" in output
     assert "AssertionError: GL objects left alive: texture" in output
     assert "AssertionError: GL error left unread: GL_INVALID_VALUE" in output
+
+
+COSTLY = """
+import subprocess, sys
+BURN = "import time\\nwhile time.process_time() < 1.2: pass"
+
+def test_its_process_is_slow():
+    subprocess.run([sys.executable, "-c", BURN], check=True)
+
+def test_quick():
+    pass
+"""
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["here", "in a worker"])
+def test_costs_count_processes_that_a_test_starts(run_pytest, workers):
+    status, output = run_pytest(COSTLY, "--costs", *workers)
+
+    assert status == 0
+    assert "2 tests took" in output
+    costs = dict(
+        reversed(line.strip("| ").split(" | ")) for line in output.splitlines() if "| `" in line
+    )
+    assert float(costs["`test_made_up.py`: its process is slow"]) >= 1
+    assert float(costs["`test_made_up.py`"]) >= 1
+    assert "`test_made_up.py`: quick" not in costs

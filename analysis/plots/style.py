@@ -136,7 +136,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     with mpl.rc_context(fname=str(_STYLE)):
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
-            figure.set_layout_engine("none")  # else every kind lays it out twice, and anew
+            figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew
         figure.savefig(buffer, format=kind, metadata=dict(metadata[kind]), dpi=300)
     return buffer.getvalue()
 

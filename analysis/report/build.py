@@ -3,7 +3,8 @@
 import gc
 import json
 import warnings as python_warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -101,7 +102,7 @@ def _write(
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
             **analysis.constants,
         }
-        with python_warnings.catch_warnings(record=True) as caught:
+        with python_warnings.catch_warnings(record=True) as caught, _old_objects_set_aside():
             python_warnings.simplefilter("always")
             drawn = _draw(figures, work, files=figure_files, say=say)
         warnings = (*warnings, *_font_notes(caught))
@@ -135,6 +136,16 @@ def _write(
         warnings=warnings,
         headline="SIMULATED data. " * source.simulated + analysis.headline(results, settings),
     )
+
+
+@contextmanager
+def _old_objects_set_aside() -> Iterator[None]:
+    """Let `gc.collect` look at what is made meanwhile alone; at all else it looks long."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _draw(

@@ -32,7 +32,7 @@ from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.shader import compile_compute, set_array
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
-from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
 from pipeline.noise.mixing import fitted_mixing
 
 
@@ -141,11 +141,8 @@ class DecompressPass(Holder):
             LEVELS=self.levels,
             MAP_ROWS=self._maps[0].shape[0],
             MAP_KNEE=self._maps[0].density.knee_px,
-            LEAST_GAIN=LEAST_GAIN,
-            MOST_GAIN=MOST_GAIN,
             AIM=AIM,
-            UNSEEN_VARIANCE=UNSEEN_VARIANCE,
-            UNEVEN=UNEVEN,
+            **GAIN_CONSTANTS,
         )
         ends = np.cumsum([0, *(grid.shape[1] for grid in self._maps)])
         places = [

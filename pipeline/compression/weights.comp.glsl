@@ -58,10 +58,8 @@ void main() {
     ivec2 first = 2 * ivec2(gl_GlobalInvocationID.xy);
     last = imageSize(weights).xy - 1;
     if (any(greaterThan(first, last))) return;
-    for (int level = 0; level < LEVELS; ++level) want(level, asked_at(level, first));
-    vec3 gains[LEVELS];
-    for (int level = 0; level < LEVELS; ++level)
-        gains[level] = gain_of(level, asked_at(level, first), measured_at(level));
+    for (int level = 0; level < LEVELS; ++level) asked[level] = asked_at(level, first);
+    find_gains();
     for (int k = 0; k < 4; ++k) {
         ivec2 block = first + ivec2(k & 1, k >> 1);
         if (any(greaterThan(block, last))) continue;

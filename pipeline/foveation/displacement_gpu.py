@@ -22,12 +22,25 @@ from pipeline.foveation.displacement import (
     white_energies,
 )
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.gpu import ChainPass, FoveationPass, Pooled, halved
+from pipeline.foveation.gpu import (
+    Call,
+    ChainPass,
+    FoveationPass,
+    Pooled,
+    halved,
+    resolutions,
+)
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.sphere import FINEST, noise_key
 from pipeline.gl.shader import set_array
+
+MATCH_CONSTANTS: dict[str, int | float | bool] = {
+    "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
+    "LEAST_MATCH": LEAST_MATCH,
+    "MOST_MATCH": MOST_MATCH,
+}
 
 
 class DisplacementPass(FoveationPass):
@@ -49,21 +62,11 @@ class DisplacementPass(FoveationPass):
         *,
         match: bool,
     ) -> None:
-        super().__init__(ctx, geometry)
+        super().__init__(ctx, geometry, settings.pooling)
         self.settings = settings
-        self._pooled, self._field_pooled = (Pooled(geometry, settings.pooling) for _ in range(2))
+        self._field_pooled = Pooled(geometry, settings.pooling)
         self._levels = min(settings.levels, chain_length(*self.size))
-        self._join = self._keep(
-            self._pooled.compile(
-                ctx,
-                "foveation/join.comp.glsl",
-                FADE_SHARE=FADE_SHARE,
-                MATCHED=match,
-                SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                LEAST_MATCH=LEAST_MATCH,
-                MOST_MATCH=MOST_MATCH,
-            )
-        )
+        self._join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
         self._warped = self._texture(self.size)
         kind = _SphereField if geometry.on_sphere else _FlatField
         self._field = kind(self, self._field_pooled, settings)
@@ -77,30 +80,14 @@ class DisplacementPass(FoveationPass):
         """Make the noise of `seed`, unless it is the one at hand."""
         self._field.set_seed(check_seed(seed))
 
-    def __call__(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        gaze_px: tuple[float, float],
-        *,
-        seed: int = 0,
-        noise_shift_px: moderngl.Texture | None = None,
-        field_gaze_px: tuple[float, float] | None = None,
-    ) -> None:
-        self._check(source, target)
-        if noise_shift_px is not None:
-            raise ValueError("displacements are carried along by numpy alone")
-        self.set_seed(seed)
-        self._pooled.look(gaze_px)
-        self._field_pooled.look(field_gaze_px or gaze_px)
+    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        self.set_seed(call.seed)
+        self._field_pooled.look(call.field_gaze_px)
         self._field.displace(source, self._warped)
         if self._match:
             self._match(source, self._warped)
             self._match.lend(self._join)
-        source.use(0)
-        self._warped.use(1)
-        target.bind_to_image(0, read=False, write=True)
-        self._run(self._join, halved(self.size))
+        self._draw(self._join, target, (source, self._warped), halved(self.size))
 
 
 class _FlatField:
@@ -110,8 +97,7 @@ class _FlatField:
         self, owner: DisplacementPass, pooled: Pooled, settings: DisplacementSettings
     ) -> None:
         self._owner = owner
-        width, height = owner.size
-        self._count = count = chain_length(width, height)
+        self._count = count = chain_length(*owner.size)
         least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
         self._push = owner._keep(pooled.compile(owner.ctx, "foveation/field.comp.glsl", **least))
         self._displace = owner._keep(
@@ -127,7 +113,7 @@ class _FlatField:
         self._push["smoothness"] = self._displace["smoothness"] = settings.smoothness
         self._displace["reach"] = settings.reach
         set_array(self._displace, "energies", np.array(white_energies(count + 2), np.float32))
-        self._sizes = [(-(-width // (1 << r)), -(-height // (1 << r))) for r in range(count + 1)]
+        self._sizes = resolutions(owner.size, count)
         self._noise = [owner._texture(size, "rg32f") for size in self._sizes]
         # By resolution less 1: the finest is the look-up's.
         self._chosen = [owner._texture(size, "rg32f") for size in self._sizes[1:-1]]
@@ -149,16 +135,12 @@ class _FlatField:
 
     def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
         for r in reversed(range(1, self._count)):
-            self._noise[r].use(0)
-            (self._chosen[r] if r + 1 < self._count else self._noise[r + 1]).use(1)
-            self._chosen[r - 1].bind_to_image(0, read=False, write=True)
+            coarse = self._chosen[r] if r + 1 < self._count else self._noise[r + 1]
             self._push["halvings"] = r
-            self._owner._run(self._push, self._sizes[r])
-        source.use(0)
-        self._noise[0].use(1)
-        self._chosen[0].use(2)
-        warped.bind_to_image(0, read=False, write=True)
-        self._owner._run(self._displace, self._owner.size)
+            read = [self._noise[r], coarse]
+            self._owner._draw(self._push, self._chosen[r - 1], read, self._sizes[r])
+        read = [source, self._noise[0], self._chosen[0]]
+        self._owner._draw(self._displace, warped, read, self._owner.size)
 
 
 class _SphereField:
@@ -181,9 +163,7 @@ class _SphereField:
         self._displace["key"] = noise_key(seed)
 
     def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
-        source.use(0)
-        warped.bind_to_image(0, read=False, write=True)
-        self._owner._run(self._displace, self._owner.size)
+        self._owner._draw(self._displace, warped, (source,), self._owner.size)
 
 
 class _Match:
@@ -210,9 +190,7 @@ class _Match:
                         LEVEL=key[0],
                         DEEPEST=key[1],
                         WRAPS=owner.geometry.wraps,
-                        SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                        LEAST_MATCH=LEAST_MATCH,
-                        MOST_MATCH=MOST_MATCH,
+                        **MATCH_CONSTANTS,
                         ORIENTED_EDGE=taps["ORIENTED_EDGE"],
                         ORIENTED_CORNER=taps["ORIENTED_CORNER"],
                     )

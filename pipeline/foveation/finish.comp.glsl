@@ -4,11 +4,11 @@
 // Twin: shaped_noise() and finished() in reference.py. Change both or neither.
 
 #constant TILE        // work-group edge, 2x2 pixels
-#constant FADE_SHARE  // of the fovea's radius: over it what is changed fades in
 #constant NOISE       // 1: add noise; 0: the blur of equal pooling
 #constant BASE        // 1: the picture is pooled at all
 
 #include "pools.glsl"
+#include "fade.glsl"
 #if NOISE
 #include "ycbcr.glsl"
 #include "sphere.glsl"
@@ -94,8 +94,6 @@ void store(ivec2 pixel, ivec2 size, vec3 change) {
     vec4 own = texelFetch(source, pixel, 0);
     vec2 place = vec2(pixel) + 0.5;
     Place seen = seen_at(place);
-    float away = seen.eccentricity_deg - fovea_deg;
-    float fade = fovea_deg > 0.0 ? clamp(away / (FADE_SHARE * fovea_deg), 0.0, 1.0) : float(away > 0.0);
     vec3 changed = own.rgb;
 #if NOISE && PROJECTION
     change *= noise_strength(seen.ray);
@@ -104,8 +102,7 @@ void store(ivec2 pixel, ivec2 size, vec3 change) {
     vec2 within = 0.5 * place / vec2((size + 1) / 2);
     changed = mix(own.rgb, textureLod(coarse, within, 0.0).rgb, beyond_lod(pool_at(seen), 0));
 #endif
-    vec3 result = clamp(own.rgb + fade * (changed + change - own.rgb), 0.0, 1.0);
-    imageStore(target, pixel, vec4(fade > 0.0 ? result : own.rgb, own.a));
+    imageStore(target, pixel, vec4(faded(own.rgb, changed + change, seen), own.a));
 }
 
 void main() {

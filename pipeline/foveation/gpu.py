@@ -8,6 +8,8 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import moderngl
@@ -50,7 +52,7 @@ from pipeline.gl.texture import (
     texture_from,
     upload,
 )
-from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN, UNEVEN, UNSEEN_VARIANCE, overlap_by_levels
+from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
@@ -156,6 +158,29 @@ class Holder:
         shader.run(-(-size[0] // TILE), -(-size[1] // TILE))
         self.ctx.memory_barrier()
 
+    def _draw(
+        self,
+        shader: moderngl.ComputeShader,
+        target: moderngl.Texture,
+        read: Sequence[moderngl.Texture | moderngl.TextureArray],
+        size: Size,
+    ) -> None:
+        """Fill `target` from what is `read`, at units 0, 1, ...; `size` is counted in calls."""
+        for unit, texture in enumerate(read):
+            texture.use(unit)
+        target.bind_to_image(0, read=False, write=True)
+        self._run(shader, size)
+
+
+@dataclass(frozen=True)
+class Call:
+    """How a pass is called: see `FoveationPass.__call__`."""
+
+    gaze_px: tuple[float, float]
+    seed: int
+    noise_shift_px: moderngl.Texture | None
+    field_gaze_px: tuple[float, float]
+
 
 class FoveationPass(Holder):
     """A condition on the GPU, for pictures of one size.
@@ -171,15 +196,20 @@ class FoveationPass(Holder):
 
     carries_noise: ClassVar[bool] = True
 
-    def __init__(self, ctx: moderngl.Context, geometry: Geometry) -> None:
+    def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, (geometry.width_px, geometry.height_px), wraps=geometry.wraps)
         self.geometry = geometry
+        self._pooled = Pooled(geometry, pooling)
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
         self.chains: list[ChainPass] = []  # what analyses pictures
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
+        raise NotImplementedError
+
+    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        """Do what a call asks for; pools are known, and textures checked."""
         raise NotImplementedError
 
     def __call__(
@@ -196,7 +226,14 @@ class FoveationPass(Holder):
 
         Alpha is copied. `noise_shift_px` (rg32f) and `field_gaze_px`: see `foveate`.
         """
-        raise NotImplementedError
+        for name, texture in (("source", source), ("target", target)):
+            check_texture(texture, name, self.size, "rgba32f")
+        if noise_shift_px is not None:
+            if not self.carries_noise:
+                raise ValueError("these passes cannot carry noise along; numpy can")
+            check_texture(noise_shift_px, "noise_shift_px", self.size, "rg32f")
+        self._pooled.look(gaze_px)
+        self._show(source, target, Call(gaze_px, seed, noise_shift_px, field_gaze_px or gaze_px))
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         """Upload, work, read back: for callers without textures."""
@@ -226,9 +263,11 @@ class FoveationPass(Holder):
         self._ends = None
         super().release()
 
-    def _check(self, source: moderngl.Texture, target: moderngl.Texture) -> None:
-        check_texture(source, "source", self.size, "rgba32f")
-        check_texture(target, "target", self.size, "rgba32f")
+    def _compile(self, path: str, **constants: int | float | bool) -> moderngl.ComputeShader:
+        """Compile a shader of this folder that knows the pools, and keep it."""
+        return self._keep(
+            self._pooled.compile(self.ctx, f"foveation/{path}.comp.glsl", **constants)
+        )
 
 
 class ChainPass:
@@ -259,9 +298,7 @@ class ChainPass:
         owner.chains.append(self)
         width, height = owner.size
         self.count = chain_length(width, height)
-        self.sizes = [
-            (-(-width // (1 << r)), -(-height // (1 << r))) for r in range(self.count + 1)
-        ]
+        self.sizes = resolutions(owner.size, self.count)
         self._levels, self._deepest = levels, deepest
         low = fitted_kernels().low
         kernel = {"LOW_INNER": low[1, 1], "LOW_MIXED": low[0, 1], "LOW_OUTER": low[0, 0]}
@@ -368,36 +405,23 @@ class BlurPass(FoveationPass):
     """The blur of a pooling law."""
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
-        super().__init__(ctx, geometry)
-        self._pooled = Pooled(geometry, pooling)
-        count = chain_length(*self.size)
-        self._chain = ChainPass(self, self._pooled, 0, count)
-        self._finish = self._keep(
-            self._pooled.compile(ctx, "foveation/finish.comp.glsl", **finish_constants())
-        )
+        super().__init__(ctx, geometry, pooling)
+        self._chain = ChainPass(self, self._pooled, 0, chain_length(*self.size))
+        self._finish = self._compile("finish", **finish_constants())
 
     @property
     def dispatches(self) -> int:
         return self._chain.dispatches + 1
 
-    def __call__(
+    def _show(
         self,
         source: moderngl.Texture,
         target: moderngl.Texture,
-        gaze_px: tuple[float, float],
-        *,
-        seed: int = 0,  # noqa: ARG002
-        noise_shift_px: moderngl.Texture | None = None,  # noqa: ARG002
-        field_gaze_px: tuple[float, float] | None = None,  # noqa: ARG002
+        call: Call,  # noqa: ARG002
     ) -> None:
-        self._check(source, target)
-        self._pooled.look(gaze_px)
         self._chain.pull(source)
         self._chain.push(1)
-        source.use(0)
-        self._chain.lows[0].use(1)
-        target.bind_to_image(0, read=False, write=True)
-        self._run(self._finish, halved(self.size))
+        self._draw(self._finish, target, (source, self._chain.lows[0]), halved(self.size))
 
 
 class MetamerPass(FoveationPass):
@@ -412,9 +436,8 @@ class MetamerPass(FoveationPass):
     def __init__(
         self, ctx: moderngl.Context, geometry: Geometry, settings: MetamerSettings
     ) -> None:
-        super().__init__(ctx, geometry)
+        super().__init__(ctx, geometry, settings.pooling)
         self.settings = settings
-        self._pooled = Pooled(geometry, settings.pooling)
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
         self._chain = ChainPass(
@@ -428,20 +451,14 @@ class MetamerPass(FoveationPass):
         self._overlap = ctx.buffer(overlap.tobytes())
         self._others.append(self._overlap)
         self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
-        self._gains = self._keep(
-            self._pooled.compile(
-                ctx,
-                "foveation/gains.comp.glsl",
-                LEVELS=levels,
-                LEAST_GAIN=LEAST_GAIN,
-                MOST_GAIN=MOST_GAIN,
-                AIM=AIM,
-                UNSEEN_VARIANCE=UNSEEN_VARIANCE,
-                UNEVEN=UNEVEN,
-                SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                PARTNER_SHARE=PARTNER_SHARE,
-                CHROMA=settings.chroma != "luma",
-            )
+        self._gains = self._compile(
+            "gains",
+            LEVELS=levels,
+            AIM=AIM,
+            **GAIN_CONSTANTS,
+            SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+            PARTNER_SHARE=PARTNER_SHARE,
+            CHROMA=settings.chroma != "luma",
         )
         self._finish = self._compile_finish(carried=False)
         self._carried: moderngl.ComputeShader | None = None
@@ -456,36 +473,20 @@ class MetamerPass(FoveationPass):
     def held_bytes(self) -> int:
         return super().held_bytes + self._overlap.size
 
-    def __call__(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        gaze_px: tuple[float, float],
-        *,
-        seed: int = 0,
-        noise_shift_px: moderngl.Texture | None = None,
-        field_gaze_px: tuple[float, float] | None = None,  # noqa: ARG002
-    ) -> None:
-        self._check(source, target)
-        carried = noise_shift_px is not None
-        if noise_shift_px is not None:
-            check_texture(noise_shift_px, "noise_shift_px", self.size, "rg32f")
-        self.set_seed(seed, carried=carried)
-        self._pooled.look(gaze_px)
+    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        carried = call.noise_shift_px is not None
+        self.set_seed(call.seed, carried=carried)
         self._chain.pull(source)
         self._chain.push(2)
         self._find_gains()
         self._chain.push(1, 1)
-        source.use(0)
-        self._chain.lows[0].use(1)
-        self._weights.use(2)
-        self._tiles[carried].use(3)
-        if noise_shift_px is not None:
-            noise_shift_px.use(4)
-        target.bind_to_image(0, read=False, write=True)
+        read: list[moderngl.Texture | moderngl.TextureArray] = [source, self._chain.lows[0]]
+        read += [self._weights, self._tiles[carried]]
+        if call.noise_shift_px is not None:
+            read.append(call.noise_shift_px)
         finish = self._carried if carried else self._finish
         assert finish is not None
-        self._run(finish, halved(self.size))
+        self._draw(finish, target, read, halved(self.size))
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
@@ -531,9 +532,9 @@ class MetamerPass(FoveationPass):
             NOISE_COLUMNS=columns,
             NOISE_SCALE=MOST_STEPS * GRAIN,
         )
-        shader = self._pooled.compile(self.ctx, "foveation/finish.comp.glsl", **constants)
+        shader = self._compile("finish", **constants)
         shader["noise_scale"] = self.settings.noise
-        return self._keep(shader)
+        return shader
 
     def _carried_tile(self, seed: int) -> NDArray[np.int8]:
         """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
@@ -571,3 +572,8 @@ def _layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:
 def halved(size: Size) -> Size:
     """Half a size, rounded up."""
     return -(-size[0] // 2), -(-size[1] // 2)
+
+
+def resolutions(size: Size, count: int) -> list[Size]:
+    """A size, and `count` halvings of it."""
+    return [(-(-size[0] // (1 << r)), -(-size[1] // (1 << r))) for r in range(count + 1)]

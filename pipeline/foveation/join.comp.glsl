@@ -4,13 +4,13 @@
 // Twin: matched() in displacement.py, finished() in reference.py. Change both or neither.
 
 #constant TILE        // work-group edge, 2x2 pixels
-#constant FADE_SHARE  // of the fovea's radius: over it what is changed fades in
 #constant MATCHED     // 1: add what is lacking
 #constant SMALLEST_VARIANCE
 #constant LEAST_MATCH
 #constant MOST_MATCH
 
 #include "pools.glsl"
+#include "fade.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -45,10 +45,7 @@ void store(ivec2 pixel, ivec2 size, float gain) {
     vec3 below = textureLod(coarse_difference, within, 0.0).rgb;
     changed += added + mix(own.rgb - changed, below, beyond_lod(pool_at(seen), 0));
 #endif
-    float away = seen.eccentricity_deg - fovea_deg;
-    float fade = fovea_deg > 0.0 ? clamp(away / (FADE_SHARE * fovea_deg), 0.0, 1.0) : float(away > 0.0);
-    vec3 result = clamp(own.rgb + fade * (changed - own.rgb), 0.0, 1.0);
-    imageStore(target, pixel, vec4(fade > 0.0 ? result : own.rgb, own.a));
+    imageStore(target, pixel, vec4(faded(own.rgb, changed, seen), own.a));
 }
 
 void main() {

@@ -7,7 +7,7 @@ import moderngl
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import CapGeometry, Geometry
-from pipeline.foveation.gpu import FoveationPass, Pooled, sphere_constants
+from pipeline.foveation.gpu import Call, FoveationPass, Pooled, sphere_constants
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
 from pipeline.foveation.pooling import Pooling
 
@@ -46,18 +46,13 @@ class PanoramaPass(FoveationPass):
         belt: FoveationPass,
         caps: list[tuple[CapGeometry, FoveationPass]],
     ) -> None:
-        super().__init__(ctx, geometry)
+        super().__init__(ctx, geometry, pooling)
         self._belt, self._caps = belt, caps
         self._inner = [belt, *(made for _, made in caps)]
         self.chains = [chain for made in self._inner for chain in made.chains]
-        self._pooled = Pooled(geometry, pooling)
-        self._join = self._keep(
-            self._pooled.compile(
-                ctx, "foveation/charts.comp.glsl", CUBIC=CUBIC, **sphere_constants()
-            )
-        )
+        self._join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
         self._join["cap_radian_px"] = caps[0][0].radian_px
-        self._draw = [
+        self._look_up = [
             self._keep(Pooled(cap, pooling).compile(ctx, "foveation/cap.comp.glsl", CUBIC=CUBIC))
             for cap, _ in caps
         ]
@@ -72,39 +67,18 @@ class PanoramaPass(FoveationPass):
     def held_bytes(self) -> int:
         return super().held_bytes + sum(made.held_bytes for made in self._inner)
 
-    def __call__(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        gaze_px: tuple[float, float],
-        *,
-        seed: int = 0,
-        noise_shift_px: moderngl.Texture | None = None,
-        field_gaze_px: tuple[float, float] | None = None,
-    ) -> None:
-        self._check(source, target)
-        if noise_shift_px is not None:
-            raise ValueError("panoramas carry noise along by numpy alone")
-        self._pooled.look(gaze_px)
-        self._belt(source, self._shown[0], gaze_px, seed=seed, field_gaze_px=field_gaze_px)
-        for (cap, made), draw, seen, shown in zip(
-            self._caps, self._draw, self._seen, self._shown[1:], strict=True
+    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        shown, seed = self._shown, call.seed
+        self._belt(source, shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
+        for (cap, made), look_up, seen, found in zip(
+            self._caps, self._look_up, self._seen, shown[1:], strict=True
         ):
-            source.use(0)
-            seen.bind_to_image(0, read=False, write=True)
-            self._run(draw, made.size)
-            made(
-                seen,
-                shown,
-                cap_gaze_px(self.geometry, cap, gaze_px),
-                seed=seed,
-                field_gaze_px=field_gaze_px and cap_gaze_px(self.geometry, cap, field_gaze_px),
+            self._draw(look_up, seen, (source,), made.size)
+            gaze_px, field_gaze_px = (
+                cap_gaze_px(self.geometry, cap, at) for at in (call.gaze_px, call.field_gaze_px)
             )
-        source.use(0)
-        for unit, texture in enumerate(self._shown, start=1):
-            texture.use(unit)
-        target.bind_to_image(0, read=False, write=True)
-        self._run(self._join, self.size)
+            made(seen, found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
+        self._draw(self._join, target, (source, *shown), self.size)
 
     def release(self) -> None:
         for made in self._inner:

@@ -28,18 +28,22 @@ void main() {
     float pool = pool_at(seen_at(place * float(1 << halvings)));
     // A texel's place in the coarser one, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * place / vec2((fine_size + 1) / 2);
+    // All or nothing of the coarser one, as in most places, is half the work or none.
 #if BASE
     float share = beyond_lod(pool, halvings);
-    vec4 own = imageLoad(fine, texel);
-    imageStore(fine, texel, mix(own, textureLod(coarse, within, 0.0), share));
+    if (share > 0.0) {
+        vec4 below = textureLod(coarse, within, 0.0);
+        imageStore(fine, texel, share < 1.0 ? mix(imageLoad(fine, texel), below, share) : below);
+    }
 #endif
 #if LAYERS
     for (int level = 0; level < LAYERS; ++level) {
         float chosen = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
+        if (chosen == 0.0) continue;
         for (int layer = 2 * level; layer < 2 * level + 2; ++layer) {
             vec4 below = textureLod(coarse_moments, vec3(within, float(layer)), 0.0);
-            vec4 own_moments = imageLoad(fine_moments, ivec3(texel, layer));
-            imageStore(fine_moments, ivec3(texel, layer), mix(own_moments, below, chosen));
+            if (chosen < 1.0) below = mix(imageLoad(fine_moments, ivec3(texel, layer)), below, chosen);
+            imageStore(fine_moments, ivec3(texel, layer), below);
         }
     }
 #endif

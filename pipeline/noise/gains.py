@@ -22,6 +22,18 @@ UNSEEN_VARIANCE = 2.0**-20
 # second level's high band leaves most in the finest one: so it is asked for less the softer waves
 # are. This share of its oriented bands' variance counts as measured.
 UNEVEN = 0.045
+# Of the fixed-point iteration. After one, the coarse bands of soft textures (amplitude 1 / f^1.5)
+# measure up to a third too much on a plane: each takes its neighbours for as strong as they are
+# asked to be, though they are weakened too. After two a tenth is left.
+STEPS = 2
+GAIN_CONSTANTS: dict[str, int | float | bool] = {
+    "LEAST_GAIN": LEAST_GAIN,
+    "MOST_GAIN": MOST_GAIN,
+    "UNSEEN_VARIANCE": UNSEEN_VARIANCE,
+    "UNEVEN": UNEVEN,
+    "STEPS": STEPS,
+}
+"""What spectral_gains.glsl is compiled with, beside the levels and the aim."""
 
 
 def spectral_gains(
@@ -32,8 +44,9 @@ def spectral_gains(
 ) -> NDArray[np.float64]:
     """By what to multiply deviations, so that mixed bands measure what they are asked for.
 
-    The deviation asked for over the one that it would measure on a plane where every place asks
-    for the same: one step of a fixed-point iteration. Where neither is seen it goes to 1.
+    A fixed-point iteration of `STEPS`: each multiplies by the deviation asked for over the one
+    that the gains so far would measure on a plane where every place asks for the same. Where
+    neither is seen it goes to 1.
 
     In the second level's high band `UNEVEN` of the oriented bands' variance counts as measured too.
 
@@ -51,11 +64,15 @@ def spectral_gains(
     ndarray of shape (..., B)
         From `LEAST_GAIN` to `MOST_GAIN`, times `aim`.
     """
-    measured = measured_variances(np.sqrt(variances), overlap)
-    if len(overlap) > 3:
-        measured[..., 3] += UNEVEN * variances[..., 4:6].mean(axis=-1)
-    gain = np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
-    return np.asarray(aim * np.clip(gain, LEAST_GAIN, MOST_GAIN))
+    wanted, gain = np.sqrt(variances), np.ones(variances.shape)
+    for _ in range(STEPS):
+        given = wanted * gain
+        measured = measured_variances(given, overlap)
+        if len(overlap) > 3:
+            measured[..., 3] += UNEVEN * (given[..., 4:6] ** 2).mean(axis=-1)
+        gain *= np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
+        gain = np.clip(gain, LEAST_GAIN, MOST_GAIN)
+    return np.asarray(aim * gain)
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:

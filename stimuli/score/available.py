@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from importlib.util import find_spec
 
@@ -47,7 +48,12 @@ def family_versions(family: Family) -> dict[str, str]:
     """Return the version of every package that takes part in a family's numbers."""
     packages = {package for _, package in family.packages}
     packages |= {"numpy", "scipy", "scikit-image", "opencv-python-headless"}
-    return {package: metadata.version(package) for package in sorted(packages)}
+    return {package: _version_of(package) for package in sorted(packages)}
+
+
+@cache
+def _version_of(package: str) -> str:
+    return metadata.version(package)
 
 
 def versions(metrics: Sequence[Metric]) -> dict[str, str]:

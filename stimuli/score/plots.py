@@ -254,10 +254,7 @@ def colour_bar(top: float, label: str) -> Figure:
 
 def inline_svg(figure: Figure, name: str, title: str) -> str:
     """Return a figure as an SVG element with names of its own and a title for screen readers."""
-    buffer = io.BytesIO()
-    with _style():
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "metamerlab"})
-    text = buffer.getvalue().decode("utf-8")
+    text = _saved(figure, "svg", {"Date": None, "Creator": "metamerlab"}).decode("utf-8")
     text = text[text.index("<svg") :]
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r"url\(#", f"url(#{name}-", text)
@@ -269,18 +266,23 @@ def inline_svg(figure: Figure, name: str, title: str) -> str:
 
 def png_bytes(figure: Figure) -> bytes:
     """Return a figure as PNG, without a date."""
-    buffer = io.BytesIO()
-    with _style():
-        figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
-    return buffer.getvalue()
+    return _saved(figure, "png", {"Software": None}, dpi=200)
 
 
 def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
     """Return a figure as vectors with text as text, without a date."""
+    return _saved(figure, kind, {"Date" if kind == "svg" else "CreationDate": None})
+
+
+def _saved(
+    figure: Figure, kind: str, metadata: dict[str, str | None], dpi: float | None = None
+) -> bytes:
     buffer = io.BytesIO()
-    dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with _style():
-        figure.savefig(buffer, format=kind, metadata=dates[kind])
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
+            figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew
+        figure.savefig(buffer, format=kind, metadata=metadata, dpi=dpi or "figure")
     return buffer.getvalue()
 
 

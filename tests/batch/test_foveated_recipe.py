@@ -78,12 +78,17 @@ def builder(folder, stimuli, display=DISPLAY) -> FoveatedBuilder:
     return FoveatedBuilder(StandIn(stimuli), display, folder)
 
 
-@pytest.fixture
-def folder(tmp_path, rng):
+def with_pictures(folder):
+    rng = np.random.default_rng(20_260_101)
     for name in ("one", "two"):
         data = rng.integers(70, 190, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-        Image.fromarray(data).save(tmp_path / f"{name}.png")
-    return tmp_path
+        Image.fromarray(data).save(folder / f"{name}.png")
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return with_pictures(tmp_path)
 
 
 def stored(path) -> np.ndarray:
@@ -367,6 +372,18 @@ def test_keys_change_with_what_decides_the_pixels_and_nothing_else(folder):
 
 @pytest.fixture
 def study(folder):
+    return ring_study(folder)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The stills of the same study, built undisturbed; nobody may change them."""
+    folder = with_pictures(tmp_path_factory.mktemp("whole"))
+    built(ring_study(folder), folder / "clips")
+    return folder / "clips"
+
+
+def ring_study(folder):
     """A whole study: is the ring open? Made from the template of a new study."""
     from protocols.new_study import study_files
 
@@ -461,13 +478,12 @@ def test_the_commands_build_show_and_simulate_the_study(folder, study):
         assert done.exit_code == 0, (words, done.output)
 
 
-def test_the_stills_of_a_study_are_scored_around_their_gaze(folder, study):
-    built(study, folder / "clips")
-    out = folder / "scores"
+def test_the_stills_of_a_study_are_scored_around_their_gaze(tmp_path, whole):
+    out = tmp_path / "scores"
     words = (
         "stimuli",
         "score",
-        folder / "clips",
+        whole,
         "--out",
         out,
         "--metrics",
@@ -496,7 +512,7 @@ def contents(out) -> dict[str, bytes]:
     }
 
 
-def test_a_cluster_makes_the_same_bytes(folder, study):
+def test_a_cluster_makes_the_same_bytes(folder, study, whole):
     distributed = pytest.importorskip("distributed")
     import warnings
 
@@ -512,20 +528,20 @@ def test_a_cluster_makes_the_same_bytes(folder, study):
             done = builder_of(loaded, display, folder).build(folder / "far", where, QUIET)
         finally:
             cluster.close()
-    built(study, folder / "near")
 
     assert len(done.built) == 16
-    assert contents(folder / "far") == contents(folder / "near")
+    assert contents(folder / "far") == contents(whole)
 
 
-def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(folder, study, proof_count):
+def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(
+    folder, study, whole, proof_count
+):
     """kill -9 when some stills are there, then the same command until it ends."""
     out = folder / "killed"
     command = [
         sys.executable, "-c", "from study_app.cli import app; app()", "stimuli", "build",
         str(study), "--out", str(out), "--workers", "2",
     ]  # fmt: skip
-    built(study, folder / "whole")
     noted = out / ".build/records"
     for wanted in range(1, 1 + min(15, proof_count(10))):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
@@ -538,7 +554,7 @@ def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(folder, study
     outcome = built(study, out)
 
     assert len(outcome.kept) >= wanted
-    assert contents(out) == contents(folder / "whole")
+    assert contents(out) == contents(whole)
 
 
 # --- panoramas, undistorted backgrounds, pictures made elsewhere -------------------------

@@ -137,9 +137,9 @@ def test_the_same_seed_is_bit_identical_and_another_is_uncorrelated():
     assert abs(correlation) < 0.05
 
 
-@pytest.mark.parametrize("exponent", [0.0, 1.0])
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 1.5])
 def test_noise_has_the_variance_that_its_pools_have_lost(rng, exponent):
-    """Section 11: ratio .85 to 1.15 of every band on white noise and 1/f, pools from 6 px."""
+    """Section 11: ratio .85 to 1.15 of every band on noise of three spectra, pools from 6 px."""
     edge = 256
     frequency = np.hypot(np.fft.fftfreq(edge)[:, None], np.fft.fftfreq(edge)[None, :])
     spectrum = (
@@ -187,8 +187,8 @@ def test_chroma_goes_with_luma_as_it_did(rng):
     pools = pools_of(128, 128, (-200, 64))
     parts = metamer_parts(picture, pools, SETTINGS, 1)
     noise = parts.noise[parts.noise[..., 0] != 0]
-    np.testing.assert_allclose(noise[:, 1], 0.5 * noise[:, 0], atol=1e-3)
-    np.testing.assert_allclose(noise[:, 2], 0.1 * noise[:, 0], atol=1e-3)
+    np.testing.assert_allclose(noise[:, 1], 0.5 * noise[:, 0], atol=1.2e-3)
+    np.testing.assert_allclose(noise[:, 2], 0.1 * noise[:, 0], atol=1.2e-3)
 
 
 def test_full_chroma_gives_back_what_luma_cannot_explain(rng):

@@ -147,6 +147,8 @@ class Robot:
 
 def adapted(words: list[str]) -> tuple[list[str], bool]:
     """Return the command for a screen without a monitor, and whether the robot is needed."""
+    if words[1:3] == ["stimuli", "build"]:
+        return [*words, "--workers", "1"], False  # each worker opens every scene: seconds
     if words[:2] != ["metamerlab", "session"] or words[2] not in {"run", "resume", "check-display"}:
         return words, False
     words = [*words, "--software-pacing"]

@@ -164,15 +164,3 @@ def test_middlebury_pairs_map_left_onto_right(
         loaded.left[rows[inside], columns[inside]] - loaded.right[rows[inside], moved[inside]]
     )
     assert difference.mean() < 10 / 255  # 7.3 and 4.4 grey levels by an independent check
-
-
-def test_the_demonstration_takes_the_rim_of_its_photographs_into_the_holes(gl_context, tmp_path):
-    from pipeline.warp.gpu import warp_frame
-    from pipeline.warp.settings import WarpSettings
-    from study_app.cli.demo.pictures import fill_photographs
-
-    frame = built_in_pair("motorcycle").warp_input()
-    wanted = WarpSettings(rim_px=1)
-    hole = warp_frame(gl_context, frame.source, frame.flow_px, settings=wanted).hole
-
-    assert fill_photographs(tmp_path, seed=1).hole_share == hole.mean()

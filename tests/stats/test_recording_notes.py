@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
+from undrawn_reports import undrawn
 
 from analysis.recording import recording_notes
 from study_app.cli import app
@@ -41,7 +42,8 @@ def test_many_sessions_are_counted_and_few_are_named():
 def test_the_page_and_the_terminal_say_that_data_are_simulated(sample_sessions, tmp_path):
     words = ["analysis", "report", str(sample_sessions), "--protocol", "demo", "--out",
              str(tmp_path / "report")]  # fmt: skip
-    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    with undrawn():
+        done = CliRunner().invoke(app, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assert "SIMULATED data. " in done.stdout
     page = (tmp_path / "report/report.html").read_text()

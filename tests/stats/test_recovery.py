@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from scipy.special import expit
 from undrawn_reports import undrawn
 
 from analysis.report.build import report_sessions
-from protocols.load import load_display, load_protocol
+from protocols.load import load_display, load_protocol, shipped
 from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel
 from study_app.simulate import Simulation, simulate_study
@@ -31,9 +31,16 @@ def true_share(method: str, against: str) -> float:
 
 @pytest.fixture(scope="module")
 def numbers(tmp_path_factory) -> dict[str, object]:
-    """Results of the shipped study with its own eleven participants."""
+    """Results of the shipped study with its own eleven participants, and short clips: who answers
+    by a formula need not look for long."""
     folder = tmp_path_factory.mktemp("recovery")
-    protocol = load_protocol(Path("inpainting-2afc"))
+    text = shipped("studies")["inpainting-2afc"].read_text(encoding="utf-8")
+    text, count = re.subn(
+        r"^(duration_s|gap_s|fixation_s|iti_s) = .*$", r"\1 = 0.1", text, flags=re.M
+    )
+    assert count == 4
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    protocol = load_protocol(folder / "study.toml")
     simulation = Simulation(
         protocol,
         load_display(protocol.display.display),

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from undrawn_reports import undrawn
 
 from analysis.report.build import report_decisions, report_sessions
 from analysis.report.folder import whole_folder
@@ -325,7 +326,8 @@ def test_degenerate_studies_give_flagged_reports(
 def test_an_imported_table_is_reported_without_a_protocol(tmp_path, make_decisions):
     make_decisions(people=5, sizes=("all",)).to_csv(tmp_path / "old.csv", index=False)
 
-    made = report_decisions(tmp_path / "old.csv", tmp_path / "r", figure_files=False)
+    with undrawn():
+        made = report_decisions(tmp_path / "old.csv", tmp_path / "r", figure_files=False)
 
     html = made.html.read_text()
     assert "imported table" in html

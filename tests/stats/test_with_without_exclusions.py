@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from undrawn_reports import undrawn
 
 from analysis.preference import preferences
 from analysis.report.beside import Beside, beside, beside_blocks
@@ -55,7 +56,8 @@ def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict
 
 
 def test_the_report_shows_them_and_results_hold_them(journals, strict, tmp_path):
-    made = report_sessions(journals, strict, tmp_path / "r", figure_files=False)
+    with undrawn():
+        made = report_sessions(journals, strict, tmp_path / "r", figure_files=False)
     page = made.html.read_text()
     noted = json.loads(made.json.read_text())["without_exclusions"]
 

@@ -490,9 +490,9 @@ def random_protocol(chance: random.Random) -> tuple[StudyProtocol, float]:
     return protocol, refresh_hz
 
 
-def test_presented_is_planned_over_1000_random_protocols():
+def test_presented_is_planned_over_random_protocols(proof_count):
     chance = random.Random(11)
-    for number in range(1000):
+    for number in range(proof_count(1000)):
         protocol, refresh_hz = random_protocol(chance)
         display = FHD.model_copy(update={"refresh_hz": refresh_hz})
         plan = make_plan(protocol, virtual_manifest(protocol, display), f"P{number}", number)

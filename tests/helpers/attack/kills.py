@@ -10,7 +10,7 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from protocols.hashing import sha256_file
@@ -19,6 +19,7 @@ from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.new_study import study_files
 from study_app.gaze.simulated import GazeBehaviour
+from study_app.observers import default_model
 from study_app.recorder import DiskError
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
 from study_app.sittings import Sitting
@@ -108,6 +109,8 @@ def write_study(folder: Path, case: Case) -> Simulation:
         ("stimulus_s = 0.5", "stimulus_s = 0.1"),
         ("gap_s = 0.5", "gap_s = 0.1"),
         ("fixation_s = 0.5", "fixation_s = 0.2"),
+        ("iti_s = 0.5", "iti_s = 0.1"),
+        ("feedback_s = 1.0", "feedback_s = 0.1"),
     ):
         text = text.replace(old, new)
     if case.task == "identification":
@@ -123,7 +126,10 @@ def write_study(folder: Path, case: Case) -> Simulation:
         (folder / "stimuli.csv").write_text("\n".join([header, *rows]) + "\n")
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")
-    return Simulation(load_protocol(path), display, seed=5, gaze=RESTLESS)
+    protocol = load_protocol(path)
+    # What is cut off are writes: answers come fast, and little gaze lies between them.
+    fast = replace(default_model(protocol), rt_median_s=0.2, rt_hard_s=0.1)
+    return Simulation(protocol, display, seed=5, model=fast, gaze=RESTLESS, gaze_rate_hz=60.0)
 
 
 def journal_of(root: Path) -> Journal:
