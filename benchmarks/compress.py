@@ -26,6 +26,7 @@ from benchmarks.machine import conditions
 from benchmarks.output import file_to_write
 from pipeline.compression.codec import Settings, compress
 from pipeline.compression.gpu import DecompressPass
+from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import MetamerPass
 from pipeline.foveation.settings import MetamerSettings
@@ -75,15 +76,21 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--sheet-kb", type=float, default=41)
     parser.add_argument("--plot", type=file_to_write)
     parser.add_argument("--time", action="store_true", help="time decoding beside a metamer, too")
+    parser.add_argument("--of", type=Path, help="show what an earlier --json holds, and stop")
     arguments = parser.parse_args(argv)
+    if arguments.of is not None:
+        held = json.loads(arguments.of.read_text(encoding="utf-8"))["results"]
+        _show([Result(**one) for one in held], arguments)
+        return 0
     found: list[Result] = []
     for number, (name, picture) in enumerate(_pictures(arguments.pictures, arguments.edge)):
         found += list(_results(name, picture, arguments))
+        if arguments.json is not None:  # after each picture: it takes minutes
+            _write(found, None, arguments)
         if number == 0 and arguments.sheet is not None:
             sheets.save_picture(arguments.sheet, _sheet(picture, arguments))
     console = Console()
-    for size_kb in arguments.sizes:
-        console.print(_table(found, size_kb))
+    _show(found, arguments)
     times = _times(arguments.edge, arguments.angles) if arguments.time else None
     if times is not None:
         console.print(
@@ -91,17 +98,29 @@ def main(argv: list[str]) -> int:
             f" ms: ratio {times['ratio']:.2f}"
         )
     if arguments.json is not None:
-        record = {
-            "machine": conditions("pillow", "numpy", "moderngl"),
-            "angles": arguments.angles,
-            "edge_px": arguments.edge,
-            "times": times,
-            "results": [asdict(one) for one in found],
-        }
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        _write(found, times, arguments)
+    return 0
+
+
+def _show(found: list[Result], arguments: argparse.Namespace) -> None:
+    """Print tables, and draw curves if asked to."""
+    for size_kb in arguments.sizes:
+        Console().print(_table(found, size_kb))
     if arguments.plot is not None:
         _plot(found, arguments.plot)
-    return 0
+
+
+def _write(
+    found: list[Result], times: dict[str, float] | None, arguments: argparse.Namespace
+) -> None:
+    record = {
+        "machine": conditions("pillow", "numpy", "moderngl"),
+        "angles": arguments.angles,
+        "edge_px": arguments.edge,
+        "times": times,
+        "results": [asdict(one) for one in found],
+    }
+    arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
 def _pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
@@ -122,7 +141,13 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
     for codec in arguments.codecs:
         settings = Settings(codec=codec, angles=arguments.angles)
         for size_kb in arguments.sizes:
-            for one in rivals(picture, gaze_px, round(1000 * size_kb), settings, kinds=KINDS):
+            for kind in KINDS:
+                size_bytes = round(1000 * size_kb)
+                try:
+                    (one,) = rivals(picture, gaze_px, size_bytes, settings, kinds=(kind,))
+                except InputError as error:
+                    print(f"{name}: no {kind} {codec} of {size_kb:g} kB: {error}")
+                    continue
                 said = measured(one, picture, geometry, gaze_px)
                 jod = jod_of(one.shown, picture, WIDTH_DEG)
                 yield Result(
@@ -192,29 +217,38 @@ def _times(edge: int, angles: int, repeats: int = 12) -> dict[str, float]:
 
 
 def _plot(found: list[Result], path: Path) -> None:
-    """Curves over size: distance and the fovea's error, means over pictures."""
+    """Curves over size, means over pictures, where every picture has a file so small."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    shown = {"distance": "statistics distance", "fovea_psnr_db": "PSNR within 2 degrees, dB"}
+    if all(one.jod is not None for one in found):
+        shown["jod"] = "FovVideoVDP, JOD"
+    figure, axes = plt.subplots(1, len(shown), figsize=(4.2 * len(shown), 3.4))
     colours = dict(zip(KINDS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
-    for codec, line in zip(sorted({one.codec for one in found}), ("--", "-", ":"), strict=False):
+    count = len({one.picture for one in found})
+    for codec, line in zip(CODECS, ("--", "-"), strict=True):
         for kind in KINDS:
             same = [one for one in found if (one.codec, one.kind) == (codec, kind)]
-            sizes = sorted({one.asked_kb for one in same})
-            for axis, value in zip(axes, ("distance", "fovea_psnr_db"), strict=True):
+            sizes = [
+                size
+                for size in sorted({one.asked_kb for one in same})
+                if sum(one.asked_kb == size for one in same) == count
+            ]
+            for axis, value in zip(axes, shown, strict=True):
                 means = [
                     np.mean([getattr(one, value) for one in same if one.asked_kb == size])
                     for size in sizes
                 ]
-                axis.plot(
-                    sizes, means, line, marker="o", color=colours[kind], label=f"{kind} {codec}"
-                )
-    axes[0].set(xlabel="size, kB", ylabel="statistics distance", xscale="log")
-    axes[1].set(xlabel="size, kB", ylabel="PSNR within 2 degrees, dB", xscale="log")
-    for axis in axes:
+                label = f"{kind} {codec.upper()}"
+                axis.plot(sizes, means, line, marker="o", ms=3, color=colours[kind], label=label)
+    for axis, words in zip(axes, shown.values(), strict=True):
+        axis.set(xlabel="file, kB at most", ylabel=words, xscale="log")
         axis.set_xticks(sorted({one.asked_kb for one in found}))
         axis.get_xaxis().set_major_formatter("{x:g}")
         axis.minorticks_off()
-    axes[0].legend(fontsize=8)
+        axis.spines[["top", "right"]].set_visible(False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    figure.set_layout_engine("constrained")
     figure.savefig(path)
     plt.close(figure)

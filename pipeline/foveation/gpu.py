@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import moderngl
 import numpy as np
@@ -54,6 +54,7 @@ TEXEL_BYTES = 16  # of noise
 _PROJECTIONS = {FlatGeometry: 0, EquirectangularGeometry: 1, CapGeometry: 2}  # see pools.glsl
 
 Size = tuple[int, int]
+S = TypeVar("S", Shader, moderngl.Program)
 
 
 class Pooled:
@@ -77,14 +78,14 @@ class Pooled:
             self._fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[Shader] = []
+        self._shaders: list[Shader | moderngl.Program] = []
 
-    def tell(self, shader: Shader) -> Shader:
+    def tell(self, shader: S) -> S:
         """Tell a shader what stays, and from now on the gaze."""
         for name, value in self._fixed.items():
-            if shader.uses(name):
+            if name in shader:
                 shader[name] = value
-        if shader.uses("gaze"):
+        if "gaze" in shader:
             self._shaders.append(shader)
         return shader
 

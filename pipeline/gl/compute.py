@@ -93,7 +93,7 @@ class Shader:
         else:
             cast(moderngl.Uniform, uniform).value = value
 
-    def uses(self, name: str) -> bool:
+    def __contains__(self, name: str) -> bool:
         """Tell whether a resource or uniform is in use."""
         return name in self._slots or name in self._program
 

@@ -54,13 +54,13 @@ class Pass:
         """Set uniforms in all shaders made so far that use them."""
         for shader in self._shaders:
             for name, value in uniforms.items():
-                if shader.uses(name):
+                if name in shader:
                     shader[name] = value
 
     def _hold(self, **resources: Resource) -> None:
         """Keep resources in all shaders made so far that use them, for the runs to come."""
         for shader in self._shaders:
-            shader.hold(**{name: one for name, one in resources.items() if shader.uses(name)})
+            shader.hold(**{name: one for name, one in resources.items() if name in shader})
 
     def _texture(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
         texture = create_texture(self._ctx, size, format_name)

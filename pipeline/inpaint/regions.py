@@ -186,7 +186,7 @@ class WorkLists(Pass):
         item = self._lists[key]
         shader["list_index"] = item.index
         shader["list_first"] = item.first
-        if shader.uses("work_size"):
+        if "work_size" in shader:
             shader["work_size"] = self.sizes[item.resolution if resolution is None else resolution]
         shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index, **resources)
 

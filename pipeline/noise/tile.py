@@ -176,7 +176,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
     column, row = (corner[..., axis].astype(np.int64) for axis in (0, 1))
     x, y = fraction[..., 0], fraction[..., 1]
     tiles = noise.tiles[level].astype(np.float64)
-    edge = tiles.shape[1]
+    rows, columns = tiles.shape[1:3]
     taps = [
         ((0, 0), (1 - x) * (1 - y)),
         ((0, 1), x * (1 - y)),
@@ -184,7 +184,7 @@ def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> ND
         ((1, 1), x * y),
     ]
     mixed = sum(
-        weight[..., None] * tiles[:, (row + down) % edge, (column + right) % edge]
+        weight[..., None] * tiles[:, (row + down) % rows, (column + right) % columns]
         for (down, right), weight in taps
     )
     (_, a), (_, b), (_, c), (_, d) = taps

@@ -67,3 +67,9 @@ float beyond_lod(float pool, int n) {
     float power = exp2(float(2 * n));
     return clamp((pool - (power - 1.0)) / (3.0 * power), 0.0, 1.0);
 }
+
+// Level of detail of a pool.
+float lod_of(float pool) {
+    float level = floor(0.5 * log2(pool + 1.0)), power = exp2(2.0 * level);
+    return level + (pool - (power - 1.0)) / (3.0 * power);
+}

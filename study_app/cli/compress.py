@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import FILE_ENDINGS, LOOK, check_file, check_folder, renderer
+from study_app.cli.one_picture import (
+    FILE_ENDINGS,
+    LOOK,
+    DisplayOption,
+    FovOption,
+    GazeOption,
+    check_file,
+    check_folder,
+    renderer,
+)
 from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
@@ -20,15 +29,7 @@ def compress(
     out: Annotated[
         Path, typer.Option(help="The file to write, .metamer; replaced if there.")
     ] = Path("picture.metamer"),
-    gaze: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y",
-            help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
-            r" right of and below the middle (5deg,-3deg). \[default: the middle]",
-            show_default=False,
-        ),
-    ] = None,
+    gaze: GazeOption = None,
     size_kb: Annotated[
         float | None,
         typer.Option(
@@ -59,21 +60,8 @@ def compress(
     hold: Annotated[
         int, typer.Option(min=1, max=65535, help="Frames of a clip that share statistics.")
     ] = 12,
-    display: Annotated[
-        str | None,
-        typer.Option(
-            help="The screen it is seen on: for a gaze in degrees, and for --compare.",
-            show_default=False,
-        ),
-    ] = None,
-    fov: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help=r"Visual angle of the picture's width, instead of a display. \[default: 40]",
-            show_default=False,
-        ),
-    ] = None,
+    display: DisplayOption = None,
+    fov: FovOption = None,
     compare: Annotated[
         Path | None,
         typer.Option(

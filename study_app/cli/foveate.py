@@ -16,6 +16,9 @@ from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
     LOOK,
+    DisplayOption,
+    FovOption,
+    GazeOption,
     SettingsOption,
     check_outputs,
     choose_methods,
@@ -71,32 +74,9 @@ def foveate(
             show_default=False,
         ),
     ] = None,
-    gaze: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y",
-            help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
-            r" right of and below the middle (5deg,-3deg). \[default: the middle]",
-            show_default=False,
-        ),
-    ] = None,
-    display: Annotated[
-        str | None,
-        typer.Option(
-            help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml"
-            " file.",
-            show_default=False,
-        ),
-    ] = None,
-    fov: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help="Visual angle of the picture's width, instead of a display."
-            r" \[default: 40, and it is said]",
-            show_default=False,
-        ),
-    ] = None,
+    gaze: GazeOption = None,
+    display: DisplayOption = None,
+    fov: FovOption = None,
     panorama: Annotated[
         bool, typer.Option("--panorama", help="It is equirectangular, 2:1, all around.")
     ] = False,

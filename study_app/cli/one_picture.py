@@ -23,6 +23,33 @@ LOOK = "To look at"
 """Panel of what is made to be looked at."""
 FILE_ENDINGS = (".png", ".exr")
 
+
+def gaze_option(default: str) -> Any:
+    """``--gaze``, in pixels or degrees."""
+    return typer.Option(
+        metavar="X,Y",
+        help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
+        rf" right of and below the middle (5deg,-3deg). \[default: {default}]",
+        show_default=False,
+    )
+
+
+GazeOption = Annotated[str | None, gaze_option("the middle")]
+DisplayOption = Annotated[
+    str | None,
+    typer.Option(
+        help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml file.",
+        show_default=False,
+    ),
+]
+FovOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help=r"Visual angle of the picture's width, instead of a display. \[default: 40]",
+        show_default=False,
+    ),
+]
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -27,8 +27,14 @@ from analysis.export.bids_gaze import read_samples
 from analysis.plain_csv import read_decisions
 from analysis.tidy import read_sessions
 from analysis.trials_csv import read_trials
+from pipeline.compression.codec import Settings as CompressedAs
+from pipeline.compression.codec import compress, decompress
+from pipeline.compression.file_format import read_compressed, to_bytes
 from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
+from pipeline.textures.bake import strips
+from pipeline.textures.file_format import read_baked, write_baked
+from pipeline.textures.layout import Layout
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
@@ -153,6 +159,8 @@ READERS: tuple[Reader, ...] = (
     Reader("numpy-npy", "d.npy", mutations.RAW, _load_disparity, _anything),
     Reader("numpy-npz", "d.npz", mutations.ZIPPED, _load_disparity, _anything),
     Reader("flow-flo", "f.flo", mutations.RAW, read_flo),
+    Reader("compressed", "c.metamer", mutations.RAW, lambda p: decompress(read_compressed(p))),
+    Reader("baked-texture", "t.moments", mutations.RAW, read_baked),
     Reader("mesh-glb", "s.glb", mutations.GLB, load_world, _haze),
     Reader("mesh-gltf", "gltf/s.gltf", mutations.TREE, load_world, _haze),
     Reader("mesh-obj", "obj/s.obj", mutations.PLAIN, load_world, _haze),
@@ -203,6 +211,10 @@ def write_samples(folder: Path) -> None:
     np.save(folder / "d.npy", depth)
     np.savez(folder / "d.npz", depth)
     write_flo(folder / "f.flo", planes[..., 4:])
+    compressed = compress([picture / np.float32(255)], (9.0, 5.0), CompressedAs(angles=32))
+    (folder / "c.metamer").write_bytes(to_bytes(compressed))
+    with (folder / "t.moments").open("w+b") as file:
+        write_baked(file, Layout(width, height), strips(picture))
     video = cv2.VideoWriter(str(folder / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
     for _ in range(3):
         video.write(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8))

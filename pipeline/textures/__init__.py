@@ -1,0 +1,1 @@
+"""Textures that are read as statistics: baked moments, noise on the surface, bytes touched."""

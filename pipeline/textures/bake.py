@@ -1,0 +1,195 @@
+"""Bake a texture: its halvings, and the pooled moments of every level of its pyramid.
+
+Beyond Blur, section 5.2. Rows flow through a cascade: whatever operator has the rows that it needs
+gives its own, down to the coarsest resolution. So memory goes with the texture's width, and what
+comes out equals, bit for bit, what the whole texture at once would give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.foveation.chain import chain_of, halve, halve_box
+from pipeline.foveation.moments import coefficient_moments, moment_chain
+from pipeline.textures.layout import MOMENTS, Layout
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.uint8] | NDArray[np.float16]
+Put = Callable[[int | None, int, int, Rows], None]
+"""Takes rows of a plane: its level (None: colour), its halvings, the first row's number."""
+
+STRIP_TEXELS = 1 << 18
+"""Of the texture at a time: what bounds memory, unless a row has more."""
+
+
+class Stage:
+    """An operator of rows that is fed a few rows at a time.
+
+    Parameters
+    ----------
+    operate : callable
+        Gives a row for every `step` rows (h, w, channels).
+    step : int
+    reach : int
+        Rows beyond its own, above and below, that a row of the result depends on.
+    """
+
+    def __init__(self, operate: Callable[[Floats], Floats], step: int, reach: int) -> None:
+        self._operate, self._step, self._reach = operate, step, reach
+        self._held: list[Floats] = []
+        self._first = 0  # row that the held ones begin with, a multiple of the step
+        self._done = 0
+
+    def __call__(self, rows: Floats, *, last: bool) -> Floats | None:
+        """Take more rows, and give those of the result that they complete."""
+        step = self._step
+        held = np.concatenate([*self._held, rows]) if self._held else rows
+        total = self._first + len(held)
+        ready = -(-total // step) if last else (total - self._reach) // step
+        self._held = [held]
+        if ready <= self._done:
+            return None
+        until = total if last else step * ready + self._reach
+        found = self._operate(held[: until - self._first])
+        found = found[self._done - self._first // step : ready - self._first // step]
+        first = max(0, (step * ready - self._reach) // step * step)
+        self._held = [held[first - self._first :].copy()]
+        self._first, self._done = first, ready
+        return found
+
+
+class Cascade:
+    """All planes of a texture, from its rows."""
+
+    def __init__(self, layout: Layout, put: Put) -> None:
+        wraps = layout.wraps
+        self._layout, self._put = layout, put
+        count = layout.halvings
+
+        def halving() -> Stage:
+            return Stage(lambda rows: halve(rows, wraps=wraps), 2, 1)
+
+        self._lows = [halving() for _ in range(count)]
+        self._firsts = [
+            Stage(lambda rows: _first_moments(rows, wraps=wraps), 2, 1) for _ in range(count)
+        ]
+        self._moments = [[halving() for _ in range(k + 1, count)] for k in range(count)]
+        self._at: dict[tuple[int | None, int], int] = {}
+
+    def feed(self, rows: NDArray[np.uint8], *, last: bool) -> None:
+        """Take the next rows of the texture, (h, W, 3)."""
+        self._colour(0, rows.astype(np.float64) / 255, last=last)
+
+    def _colour(self, halvings: int, rows: Floats, *, last: bool) -> None:
+        self._give(None, halvings, np.rint(255 * rows.clip(0, 1)).astype(np.uint8))
+        if halvings == self._layout.halvings:
+            return
+        found = self._firsts[halvings](rows, last=last)
+        if found is not None:
+            self._moment(halvings, halvings + 1, found, last=last)
+        found = self._lows[halvings](rows, last=last)
+        if found is not None:
+            self._colour(halvings + 1, found, last=last)
+
+    def _moment(self, level: int, halvings: int, rows: Floats, *, last: bool) -> None:
+        self._give(level, halvings, rows.astype(np.float16))
+        if halvings < self._layout.halvings:
+            found = self._moments[level][halvings - level - 1](rows, last=last)
+            if found is not None:
+                self._moment(level, halvings + 1, found, last=last)
+
+    def _give(self, level: int | None, halvings: int, rows: Rows) -> None:
+        at = self._at.get((level, halvings), 0)
+        self._put(level, halvings, at, rows)
+        self._at[level, halvings] = at + len(rows)
+
+
+def _first_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
+    """Moments at a level's first halving: what `moment_chain` begins with."""
+    return halve_box(coefficient_moments(low_rgb, wraps=wraps)[..., :MOMENTS])
+
+
+def strips(texture: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
+    """A texture, `STRIP_TEXELS` at a time."""
+    rows = max(2, STRIP_TEXELS // texture.shape[1])
+    for start in range(0, len(texture), rows):
+        yield texture[start : start + rows]
+
+
+def bake_rows(layout: Layout, parts: Iterable[NDArray[np.uint8]], put: Put) -> None:
+    """Bake a texture that comes in parts of so many rows, (h, W, 3) encoded R'G'B'.
+
+    `put` is given all rows of all planes, each plane's in order.
+    """
+    cascade, seen = Cascade(layout, put), 0
+    for rows in parts:
+        seen += len(rows)
+        cascade.feed(rows, last=seen == layout.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Baked:
+    """A baked texture.
+
+    `colour[r]` (h, w, 3), uint8: encoded R'G'B' at resolution r. `moments[k][i]` (h, w, 8),
+    float16: of level k at resolution k + 1 + i.
+    """
+
+    layout: Layout
+    colour: tuple[NDArray[np.uint8], ...]
+    moments: tuple[tuple[NDArray[np.float16], ...], ...]
+
+
+def bake(texture: NDArray[np.uint8], *, wraps: bool = False) -> Baked:
+    """Bake a texture in memory.
+
+    Parameters
+    ----------
+    texture : ndarray of uint8, shape (H, W, 3)
+        Encoded R'G'B'.
+
+    Raises
+    ------
+    InputError
+        As `Layout`.
+    """
+    height, width = texture.shape[:2]
+    layout = Layout(width, height, wraps)
+    held = {
+        (plane.level, plane.halvings): np.empty((*plane.size, plane.channels), plane.dtype)
+        for plane in layout.planes()
+    }
+
+    def put(level: int | None, halvings: int, at: int, rows: Rows) -> None:
+        held[level, halvings][at : at + len(rows)] = rows
+
+    bake_rows(layout, strips(texture), put)
+    return baked_of(layout, held)
+
+
+def baked_of(layout: Layout, held: dict[tuple[int | None, int], NDArray[np.generic]]) -> Baked:
+    """Sort planes, by level and halvings."""
+    count = layout.halvings
+    colour = tuple(held[None, r] for r in range(count + 1))
+    moments = tuple(tuple(held[k, r] for r in range(k + 1, count + 1)) for k in range(count))
+    return Baked(layout, colour, moments)  # type: ignore[arg-type]
+
+
+def bake_whole(texture: NDArray[np.uint8], *, wraps: bool = False) -> Baked:
+    """The definition: the same, each plane from the whole of the one before."""
+    height, width = texture.shape[:2]
+    layout = Layout(width, height, wraps)
+    count = layout.halvings
+    lows = chain_of(texture.astype(np.float64) / 255, count, wraps=wraps)
+    chains = [moment_chain(lows[k], count - k, wraps=wraps) for k in range(count)]
+    return Baked(
+        layout,
+        tuple(np.rint(255 * low.clip(0, 1)).astype(np.uint8) for low in lows),
+        tuple(
+            tuple(found[..., :MOMENTS].astype(np.float16) for found in chain) for chain in chains
+        ),
+    )

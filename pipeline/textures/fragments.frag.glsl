@@ -1,0 +1,11 @@
+#version 430
+// What material.frag.glsl would read, as numbers: place on the texture, rho and eta.
+
+#include "footprint.glsl"
+
+layout(location = 0) out vec4 result;
+
+void main() {
+    Footprint own = footprint();
+    result = vec4(own.place_px, own.rho, own.eta);
+}

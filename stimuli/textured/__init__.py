@@ -1,0 +1,1 @@
+"""Scenes whose surfaces are read as statistics: a planet, and four globes."""

@@ -1,0 +1,204 @@
+"""Textures to baked files, and scenes to sheets: `metamerlab texture`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.foveation.catalogue import Metamer
+from pipeline.foveation.conditions import create_condition
+from pipeline.foveation.settings import MetamerSettings
+from pipeline.image_file import read_pixels, three_channels
+from pipeline.textures.bake import Baked, bake, strips
+from pipeline.textures.file_format import read_baked, write_baked
+from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
+from pipeline.textures.layout import MOMENT_BYTES, Layout
+from stimuli import pictures
+from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.foveated.moving import save_moving
+from stimuli.foveated.rings import draw_gaze
+from stimuli.textured.draw import LOOKS, TexturedRenderer
+from stimuli.textured.planet import planet_map
+from stimuli.textured.scenes import TexturedScene, open_textured_scene
+from stimuli.whole_file import whole_file
+
+PLANET_PX = 1024
+"""Height of the map that scenes show unless another is given."""
+TURN_FRAMES, TURN_STEP_DEG, TURN_FRAME_MS = 36, 1.0, 60
+
+Say = Callable[[str], None]
+_WORDS = {
+    "reference": "reference",
+    "blur": "foveated blur",
+    "metamer": "ours: noise of what is lost",
+}
+
+
+def bake_file(source: Path, out: Path, *, wraps: bool = False, say: Say | None = None) -> Layout:
+    """Bake a texture file, a few rows at a time.
+
+    Parameters
+    ----------
+    source : Path
+        A picture of 8 or 16 bits a channel, encoded R'G'B' or grey.
+    out : Path
+        The file to write, `ENDING`; replaced if it is there.
+    wraps : bool
+        Its right border goes on at its left one.
+
+    Raises
+    ------
+    InputError, OSError
+        Before anything is written.
+    """
+    tell = say or (lambda _: None)
+    texture = three_channels(source, read_pixels(source))
+    if texture.dtype.kind != "u":
+        raise InputError(
+            f"{source}: must hold 8 or 16 bits a channel, encoded for a display (holds"
+            f" {texture.dtype}); convert it first, with 'metamerlab foveate' for one"
+        )
+    height, width = texture.shape[:2]
+    try:
+        layout = Layout(width, height, wraps)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    if texture.dtype.itemsize > 1:
+        tell("note: 16 bits a channel are rounded to 8")
+    with whole_file(out) as file:
+        write_baked(file, layout, _eight_bits(texture))
+        size = file.seek(0, 2)
+    round_words = ", goes round" if wraps else ""
+    tell(
+        f"wrote {out}: {width} x {height} px{round_words}, {layout.halvings} levels of moments,"
+        f" {size / 1e6:.1f} MB ({size / (width * height):.1f} bytes a texel)"
+    )
+    return layout
+
+
+def _eight_bits(texture: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
+    largest = int(np.iinfo(texture.dtype).max)
+    for rows in strips(texture):
+        yield rows if largest == 255 else np.rint(rows * (255 / largest)).astype(np.uint8)
+
+
+def open_texture(baked: Path | None) -> Baked:
+    """Read a baked file; without one bake our planet's map."""
+    return bake(planet_map(PLANET_PX), wraps=True) if baked is None else read_baked(baked)
+
+
+def metamer_settings(parameters: dict[str, Any]) -> MetamerSettings:
+    """Settings by the parameters of the condition ``metamer``, as far as textures have them.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or out of range.
+    """
+    made = create_condition("metamer", parameters)
+    assert isinstance(made, Metamer)
+    if made.settings.chroma != "follow" or made.settings.residual != "kept":
+        raise InputError(
+            "a baked texture has moments for chroma=follow and residual=kept; leave these out"
+        )
+    return made.settings
+
+
+def show_scene(
+    name: str,
+    out: Path,
+    ctx: moderngl.Context,
+    *,
+    baked: Path | None = None,
+    gaze: str | None = None,
+    display: str | None = None,
+    fov_deg: float | None = None,
+    size_px: int = 768,
+    settings: MetamerSettings | None = None,
+    seed: int = 0,
+    turn_deg: float = 0.0,
+    animate: Path | None = None,
+    say: Say | None = None,
+) -> None:
+    """Draw a scene as it is, with a foveated blur, and with noise of what that lost, on one sheet.
+
+    Parameters
+    ----------
+    name : str
+        One of `scenes.SCENES`.
+    out : Path
+        The sheet, .png or .jpg.
+    baked : Path, optional
+        A texture that `bake_file` made; by default our planet's map.
+    gaze, display, fov_deg
+        As in `foveate_file`; by default the eye rests where the scene says.
+    size_px : int
+        Edge of the square pictures.
+    turn_deg : float
+        All globes turned by so much.
+    animate : Path, optional
+        A moving picture (.webp or .png) of the turning globes.
+
+    Raises
+    ------
+    InputError, StudyError, OSError, GLUnavailableError
+        Before anything is written.
+    """
+    tell, settings = say or (lambda _: None), settings or MetamerSettings()
+    scene = open_textured_scene(name)
+    looking = look_at((size_px, size_px), display=display, fov_deg=fov_deg)
+    x, y = (size_px * share for share in scene.gaze_share)
+    gaze_px = (x, y) if gaze is None else read_gaze(gaze, looking.geometry)
+    texture = open_texture(baked)
+    layout = texture.layout
+    tell(f"{scene.name}: {scene.what}; texture of {layout.width} x {layout.height} px")
+    tell(looking.words)
+    tell(gaze_words(gaze_px, looking.geometry))
+    tell(f"pooling: {settings.pooling}")
+    renderer = TexturedRenderer(ctx, texture, looking.geometry, settings, seed=seed)  # type: ignore[arg-type]
+    try:
+        tiles = []
+        for look in LOOKS:
+            shown = renderer.picture(scene, look, gaze_px, turn_deg=turn_deg)
+            tiles.append(
+                (_WORDS[look], draw_gaze(pictures.of_colour(shown), gaze_px, size_px / 90))
+            )
+        share = saved_share(renderer, layout, scene, gaze_px, turn_deg=turn_deg)
+        if animate is not None:
+            frames = [
+                pictures.of_colour(renderer.picture(scene, "metamer", gaze_px, turn_deg=turn))
+                for turn in turn_deg + TURN_STEP_DEG * np.arange(TURN_FRAMES)
+            ]
+            save_moving(animate, frames, TURN_FRAME_MS)
+            tell(f"wrote {animate}")
+    finally:
+        renderer.release()
+    pictures.save_picture(out, pictures.sheet(tiles, len(tiles)))
+    tell(
+        f"texture read: {100 * share:.0f} % fewer bytes than unfoveated (distinct texels,"
+        f" {COLOUR_BYTES} bytes of colour, {MOMENT_BYTES} of moments a level)"
+    )
+    tell(f"wrote {out}")
+
+
+def saved_share(
+    renderer: TexturedRenderer,
+    layout: Layout,
+    scene: TexturedScene,
+    gaze_px: tuple[float, float],
+    *,
+    turn_deg: float = 0.0,
+    moment_bytes: int = MOMENT_BYTES,
+) -> float:
+    """Share of the texture's bytes that a foveated picture does not touch."""
+    found = []
+    for foveated in (True, False):
+        fragments, shown = renderer.fragments(scene, gaze_px, foveated=foveated, turn_deg=turn_deg)
+        found.append(touched(layout, fragments.where(shown), noise=foveated))
+    return saved(*(one.bytes_of_texels(moment_bytes) for one in found))

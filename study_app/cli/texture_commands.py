@@ -1,0 +1,131 @@
+"""`metamerlab texture`: textures as statistics, and scenes that read them so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from study_app.cli.errors import user_errors
+from study_app.cli.one_picture import (
+    LOOK,
+    DisplayOption,
+    FovOption,
+    SettingsOption,
+    check_file,
+    gaze_option,
+    read_parameters,
+    renderer,
+)
+from study_app.cli.progress import Teller
+from study_app.cli.terminal import PlainConsole
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="""Bake textures into statistics, and draw scenes with them.
+
+    Examples:
+
+        metamerlab texture bake wall.png --out wall.moments
+
+        metamerlab texture show planet --out planet.png
+    """,
+)
+
+
+@app.command()
+def bake(
+    texture: Annotated[
+        Path, typer.Argument(help="A picture of 8 or 16 bits a channel.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Option(help="The file to write, .moments; replaced if there.")
+    ] = Path("texture.moments"),
+    wrap: Annotated[
+        bool, typer.Option("--wrap", help="It goes round: its right border goes on at its left.")
+    ] = False,
+) -> None:
+    """Bake a texture: its halvings, and the pooled moments of every level of its pyramid.
+
+    Rows flow through, a few at a time: a texture of 8192 x 8192 px takes less than 1 GiB of memory.
+
+    Examples:
+
+        metamerlab texture bake wall.png --out wall.moments
+
+        metamerlab texture bake mars.tif --wrap --out mars.moments
+    """
+    from pipeline.textures.file_format import ENDING
+    from stimuli.textured.to_files import bake_file
+
+    with user_errors():
+        check_file(out, (ENDING,))
+        with Teller(PlainConsole(soft_wrap=True)) as teller:
+            bake_file(texture, out, wraps=wrap, say=teller.say)
+
+
+@app.command()
+def show(
+    scene: Annotated[str, typer.Argument(help="planet or spheres.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
+        "texture.png"
+    ),
+    baked: Annotated[
+        Path | None,
+        typer.Option(
+            help=r"A file that bake made, of a map of a globe. \[default: a planet of our own]",
+            show_default=False,
+        ),
+    ] = None,
+    gaze: Annotated[str | None, gaze_option("where the scene says")] = None,
+    display: DisplayOption = None,
+    fov: FovOption = None,
+    settings: SettingsOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    size_px: Annotated[
+        int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")
+    ] = 768,
+    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the globes by so much.")] = 0.0,
+    animate: Annotated[
+        Path | None,
+        typer.Option(
+            help="Moving picture (.webp, or .png for APNG) of the turning globes.",
+            rich_help_panel=LOOK,
+        ),
+    ] = None,
+) -> None:
+    """Draw a scene three times: as it is, with a foveated blur, and with noise of what that lost.
+
+    Parameters of --set are those of the condition metamer: law, scaling, alpha, rate, fovea_deg,
+    levels, noise. It says how many bytes of the texture foveation saves.
+
+    Examples:
+
+        metamerlab texture show planet --out planet.png
+
+        metamerlab texture show spheres --set law=authors --gaze 0deg,0deg
+
+        metamerlab texture show planet --baked mars.moments --animate turning.webp
+    """
+    from pipeline.errors import GLUnavailableError
+    from stimuli.foveated.moving import ENDINGS
+    from stimuli.textured.to_files import metamer_settings, show_scene
+
+    with user_errors():
+        check_file(out, (".png", ".jpg"))
+        if animate is not None:
+            check_file(animate, ENDINGS)
+        chosen = metamer_settings(read_parameters(settings or [], ["metamer"]))
+        console = PlainConsole(soft_wrap=True)
+        with renderer(console, False) as ctx, Teller(console) as teller:
+            if ctx is None:
+                raise GLUnavailableError(
+                    "scenes are drawn by OpenGL 4.3; 'metamerlab doctor' helps"
+                )
+            show_scene(
+                scene, out, ctx, baked=baked, gaze=gaze, display=display, fov_deg=fov,
+                size_px=size_px, settings=chosen, seed=seed, turn_deg=turn, animate=animate,
+                say=teller.say,
+            )  # fmt: skip
