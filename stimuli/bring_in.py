@@ -125,9 +125,9 @@ def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[Ow
     """
     name = unused_name("pair", taken)
     if pair.is_built_in:
-        name = str(pair.left)
-        rig = built_in_pair(name)
-        files = dict.fromkeys(("left", "right", "disparity"), name)
+        name = unused_name(str(pair.left), taken)
+        rig = built_in_pair(str(pair.left))
+        files = dict.fromkeys(("left", "right", "disparity"), str(pair.left))
         pair = replace(
             pair, focal_px=rig.focal_px, baseline_m=rig.baseline_m, offset_px=rig.offset_px
         )

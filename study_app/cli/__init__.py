@@ -26,7 +26,12 @@ SLOTS = (
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
     Slot("decompress", "Make a picture from such a file.", "study_app.cli.compress:decompress"),
     Slot("texture", "Textures as statistics.", "study_app.cli.texture_commands:app"),
-    Slot("new-study", "Make a folder to start a study from.", "study_app.cli.new_study:new_study"),
+    Slot(
+        "new-study",
+        "Make a folder to start a study from.",
+        "study_app.cli.new_study:new_study",
+        "WithPairs",
+    ),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
     Slot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),

@@ -18,12 +18,13 @@ class Slot:
     """A place for one command or group of commands.
 
     `target` is ``module:attribute``: a `typer.Typer` (a group) or a function
-    (one command).
+    (one command); `made_by` is the class of that command, in the same module.
     """
 
     name: str
     help: str
     target: str
+    made_by: str | None = None
 
     def load(self) -> Command:
         """Import the module and return its command, under the slot's name."""
@@ -34,7 +35,8 @@ class Slot:
             group.name = self.name
             return group
         single = typer.Typer(add_completion=False, rich_markup_mode="rich")
-        single.command(self.name)(target)
+        made_by = getattr(importlib.import_module(module), self.made_by) if self.made_by else None
+        single.command(self.name, cls=made_by)(target)
         return typer.main.get_command(single)
 
 

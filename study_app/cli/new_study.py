@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import secrets
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
+from typer.core import TyperCommand
 
 from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
@@ -22,7 +24,35 @@ from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say
 
+if TYPE_CHECKING:
+    from stimuli.bring_in import PairFiles
+
 _NEVER_REPLACED = ".no-earlier-study"
+
+
+_PAIR_FILES: Final = ("LEFT", "RIGHT", "DISPARITY")
+_BETWEEN: Final = "\0"  # no path holds it
+
+
+class WithPairs(TyperCommand):
+    """A command whose ``--pair`` takes three files, and may be given again.
+
+    Typer knows options of three values, and options given again, but not both: of two pairs the
+    first would be lost without a word. So the three reach it as one value.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Join the files behind each ``--pair``, then read the line as ever."""
+        joined: list[str] = []
+        rest = list(args)
+        while rest:
+            joined.append(rest.pop(0))
+            if joined[-1] == "--pair":
+                files: list[str] = []
+                while rest and len(files) < len(_PAIR_FILES) and not rest[0].startswith("--"):
+                    files.append(rest.pop(0))
+                joined += [_BETWEEN.join(files)] if files else []
+        return super().parse_args(ctx, joined)
 
 
 def new_study(
@@ -48,25 +78,32 @@ def new_study(
         ),
     ] = None,
     pair: Annotated[
-        tuple[Path, Path, Path] | None,
+        list[str] | None,
         typer.Option(
             metavar="LEFT RIGHT DISPARITY",
-            help="A rectified pair of photographs of yours, with the disparity of the left one.",
+            help="A rectified pair of photographs of yours, with the disparity of the left one;"
+            " may be given more than once.",
         ),
     ] = None,
     units_per_px: Annotated[
-        float, typer.Option(help="What the disparity's file stores for one pixel.")
-    ] = 1.0,
+        list[float] | None,
+        typer.Option(
+            help="What the disparity's file stores for one pixel; this and what follows: once for"
+            " all pairs, or once for each, in their order. Left out: 1.",
+            show_default=False,
+        ),
+    ] = None,
     focal_px: Annotated[
-        float | None, typer.Option(help="Focal length of the pair; left out: assumed.")
+        list[float] | None, typer.Option(help="Focal length of a pair; left out: assumed.")
     ] = None,
     baseline_m: Annotated[
-        float | None,
-        typer.Option(help="Metres between the pair's cameras; left out: assumed."),
+        list[float] | None,
+        typer.Option(help="Metres between a pair's cameras; left out: assumed."),
     ] = None,
     offset_px: Annotated[
-        float, typer.Option(help="Between the principal points of the pair.")
-    ] = 0.0,
+        list[float] | None,
+        typer.Option(help="Between the principal points of a pair. Left out: 0."),
+    ] = None,
     methods: Annotated[
         str | None,
         typer.Option(
@@ -108,16 +145,11 @@ def new_study(
             )
         screen = load_display(display)
         study_files(named, shown, screen, task)  # a mistake is told before anything is copied
-        rig = (units_per_px, focal_px, baseline_m, offset_px)
-        if pair is None and rig != (1.0, None, None, 0.0):
-            raise StudyError(
-                "--units-per-px, --focal-px, --baseline-m and --offset-px are of a pair (got none);"
-                " give it with --pair LEFT RIGHT DISPARITY, or leave them out"
-            )
+        pairs = _pairs(pair or [], units_per_px, focal_px, baseline_m, offset_px)
         from stimuli.example_pictures import example_files
 
         with whole_folder(folder, _NEVER_REPLACED) as work:
-            own, notes = _own(work, folder, scene or [], pair and (*pair, *rig), methods)
+            own, notes = _own(work, folder, scene or [], pairs, methods)
             secret = secrets.token_hex(32)
             texts = study_files(named, shown, screen, task, secret=secret, own=own)
             made = {file: text.encode() for file, text in texts.items()} | example_files(task)
@@ -136,29 +168,76 @@ def new_study(
     say("and see README.md there.")
 
 
+def _pairs(
+    named: Sequence[str],
+    units_per_px: list[float] | None,
+    focal_px: list[float] | None,
+    baseline_m: list[float] | None,
+    offset_px: list[float] | None,
+) -> list[PairFiles]:
+    """Return the pairs, each with its rig: what is given once holds for all of them."""
+    rigs: list[dict[str, Any]] = [{} for _ in named]
+    options = (
+        ("units_per_px", units_per_px), ("focal_px", focal_px), ("baseline_m", baseline_m),
+        ("offset_px", offset_px),
+    )  # fmt: skip
+    for key, values in options:
+        if not values:
+            continue
+        option = f"--{key.replace('_', '-')}"
+        if not named:
+            raise StudyError(
+                f"{option}: --units-per-px, --focal-px, --baseline-m and --offset-px are of a pair"
+                " (got none); give it with --pair LEFT RIGHT DISPARITY, or leave them out"
+            )
+        if len(values) not in (1, len(named)):
+            raise StudyError(
+                f"{option}: must be given once for all pairs, or once for each (got"
+                f" {len(values)} times, and {len(named)} pairs)"
+            )
+        for index, rig in enumerate(rigs):
+            rig[key] = values[index if len(values) > 1 else 0]
+    if not named:
+        return []
+    from stimuli.bring_in import PairFiles
+
+    pairs = []
+    for text, rig in zip(named, rigs, strict=True):
+        files = text.split(_BETWEEN)
+        if len(files) != len(_PAIR_FILES):
+            raise StudyError(
+                f"--pair: must be followed by three files, {' '.join(_PAIR_FILES)} (got"
+                f" {', '.join(files)}); '--pair left.png right.png disparity.pfm' is an example"
+            )
+        left, right, disparity = map(Path, files)
+        pairs.append(replace(PairFiles(left, right, disparity), **rig))
+    return pairs
+
+
 def _own(
     work: Path,
     folder: Path,
     scenes: list[str],
-    pair: tuple[Path, Path, Path, float, float | None, float | None, float] | None,
+    pairs: list[PairFiles],
     methods: str | None,
 ) -> tuple[OwnStimuli, list[str]]:
-    """Copy scenes, a pair and networks into `work`; return them, and notes."""
-    if not scenes and pair is None and methods is None:
+    """Copy scenes, pairs and networks into `work`; return them, and notes."""
+    if not scenes and not pairs and methods is None:
         return OwnStimuli(), []
     # Imported here: they bring the renderer along.
     from pipeline.errors import GLUnavailableError
     from pipeline.gl.context import create_context, release_context
-    from stimuli.bring_in import PairFiles, bring_methods, bring_pair, bring_scene
+    from stimuli.bring_in import bring_methods, bring_pair, bring_scene
     from stimuli.scenes.mesh_inputs import ENDINGS
 
     fills = () if methods is None else bring_methods(methods, work, folder)
     found: list[OwnScene] = []
-    pairs: list[OwnScene] = []
+    photographed: list[OwnScene] = []
     notes: list[str] = []
-    if pair is not None:  # before views are drawn: it may be refused
-        brought, notes = bring_pair(PairFiles(*pair), work, ())
-        pairs.append(brought)
+    for pair in pairs:  # before views are drawn: it may be refused
+        brought, of_it = bring_pair(pair, work, [each.name for each in photographed])
+        photographed.append(brought)
+        notes += of_it
     ctx = None
     if any(scene.lower().endswith(ENDINGS) for scene in scenes):
         try:
@@ -168,14 +247,14 @@ def _own(
     try:
         with progress_line("trying views") as report:
             for scene in scenes:
-                taken = [each.name for each in (*pairs, *found)]
+                taken = [each.name for each in (*photographed, *found)]
                 shown = f"views of {Path(scene).name}"
                 say_of = partial(_say_of, report, shown)
                 found.append(bring_scene(scene, work, taken, ctx, say_of))
     finally:
         if ctx is not None:
             release_context(ctx)
-    return OwnStimuli((*found, *pairs), fills), notes
+    return OwnStimuli((*found, *photographed), fills), notes
 
 
 def _say_of(report: Callable[[int, int, str], None], what: str, done: int, total: int) -> None:

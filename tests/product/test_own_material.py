@@ -150,6 +150,28 @@ def test_methods_stand_in_the_order_given_and_the_first_two_are_compared(study):
     assert [each["name"] for each in read["stimuli"]["scenes"]] == ["hall", "der-hof", "pair"]
 
 
+def test_every_pair_given_is_held_each_with_its_own_rig(metamerlab, own, tmp_path):
+    half = np.load(own / "disparity.npy")
+    np.save(tmp_path / "four.npy", 4 * half)
+    second = ("--pair", own / "left.png", own / "right.png", tmp_path / "four.npy")
+    study = tmp_path / "s"
+
+    done = metamerlab(
+        "new-study", study, *pair_of(own), *second, "--pair", *["motorcycle"] * 3, "--baseline-m",
+        "0.2", "--units-per-px", "1", "--units-per-px", "4", "--units-per-px", "1",
+    )  # fmt: skip
+
+    assert done.exit_code == 0, done.output
+    read = tomllib.loads((study / "study.toml").read_text(encoding="utf-8"))
+    scenes = {scene["name"]: scene for scene in read["stimuli"]["scenes"]}
+    assert list(scenes) == ["pair", "pair-2", "motorcycle"]
+    assert [scenes[name].get("units_per_px", 1) for name in scenes] == [1, 4, 1]
+    assert scenes["pair"]["baseline_m"] == scenes["pair-2"]["baseline_m"] == 0.2
+    assert (study / scenes["pair-2"]["disparity"]).read_bytes() == (
+        tmp_path / "four.npy"
+    ).read_bytes()
+
+
 def test_without_the_true_view_there_are_no_catch_trials_and_it_is_said(metamerlab, tmp_path):
     done = metamerlab("new-study", tmp_path / "s", "--methods", "telea,navier-stokes")
     assert done.exit_code == 0, done.output
@@ -201,6 +223,11 @@ def test_networks_are_copied_and_folders_of_frames_are_found_from_the_study(
         (["--pair", "{own}/left.png", "{own}/right.png", "{own}/small.npy"], "one height"),
         (["--pair", "{own}/left.png", "{own}/right.png", "{own}/four.npy"], "units_per_px = 4"),
         (["--units-per-px", "4"], "are of a pair (got none)"),
+        (["--pair", "motorcycle", "motorcycle"], "must be followed by three files"),
+        (
+            [*["--pair", *["motorcycle"] * 3] * 2, *["--focal-px", "9"] * 3],
+            "once for all pairs, or once for each (got 3 times, and 2 pairs)",
+        ),
         (["--methods", "push-pull"], "must name two or more"),
         (["--methods", "push-pull,push-pull"], "names 'push-pull' twice"),
         (["--methods", "push-pull,"], "names joined by commas"),
