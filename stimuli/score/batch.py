@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -43,12 +43,20 @@ class Subjects:
         Where the clips come from: study, display, revision, manifest.
     notes : tuple of str
         What was left out, and why.
+    labels : mapping
+        What people read in place of names of methods, sizes and scenes. Files for programs keep
+        the names.
     """
 
     items: tuple[Subject, ...]
     origin: dict[str, str]
     notes: tuple[str, ...]
     clips: tuple[Clip, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def shown(self, name: str) -> str:
+        """Return what people read for a name: its label where it has one."""
+        return self.labels.get(name, name)
 
 
 def subjects_of_batch(folder: Path) -> Subjects:

@@ -56,11 +56,11 @@ def bars(table: Table) -> Figure:
                     places.append(row + (index - (count - 1) / 2) * height)
                     lengths.append(value - start)
             axes.barh(
-                places, lengths, height, left=start, label=method,
+                places, lengths, height, left=start, label=table.shown(method),
                 color=COLOURS[index % len(COLOURS)], hatch=HATCHES[index % len(HATCHES)],
                 edgecolor="white", linewidth=0.4,
             )  # fmt: skip
-        axes.set_yticks(range(len(table.rows)), [scene for scene, _ in table.rows])
+        axes.set_yticks(range(len(table.rows)), [table.shown(scene) for scene, _ in table.rows])
         axes.invert_yaxis()
         axes.axvline(start, color="#444444", linewidth=0.8)
         axes.xaxis.grid(color="#E3E3E3", linewidth=0.6)
@@ -106,7 +106,7 @@ def trade_off(
         for index, method, time_ms, value in points:
             axes.plot(
                 time_ms, value, MARKERS[index % len(MARKERS)], markersize=7,
-                color=COLOURS[index % len(COLOURS)], label=method,
+                color=COLOURS[index % len(COLOURS)], label=results.subjects.shown(method),
             )  # fmt: skip
         axes.set_xscale("log")
         axes.grid(color="#E3E3E3", linewidth=0.6)
@@ -151,7 +151,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
                         x, np.maximum(y, _LEAST_RATIO), marker=MARKERS[level], markersize=3,
                         linewidth=1, color=COLOURS[level], label=name if index == 0 else None,
                     )  # fmt: skip
-            panel.set_title(item.method, fontsize=8)
+            panel.set_title(results.subjects.shown(item.method), fontsize=8)
             panel.set_xscale("log")
             panel.set_yscale("log")
             panel.set_ylim(_LEAST_RATIO, 4.0)
@@ -185,10 +185,13 @@ def middle_frames(results: Results) -> list[tuple[str, list[tuple[str, str]]]]:
         pair = members[0].pair
         middle = pair.frames // 2
         at = gaze.at(middle, pair.width_px, pair.height_px)
-        shown = [("reference", pair.truth_frame(middle))]
-        shown += [(item.method, item.pair.test_frame(middle, FRAME)) for item in members]
+        shown = [(results.subjects.shown("reference"), pair.truth_frame(middle))]
+        shown += [
+            (results.subjects.shown(item.method), item.pair.test_frame(middle, FRAME))
+            for item in members
+        ]
         pictures = [(label, _address(_marked(colour, at), 640)) for label, colour in shown]
-        rows.append((f"{scene}, {size}" if size else scene, pictures))
+        rows.append((", ".join(results.subjects.shown(x) for x in (scene, size) if x), pictures))
     return rows
 
 
@@ -225,14 +228,16 @@ def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple
         ]
         pair = members[0].pair
         truth = pair.truth_frame(pair.frames // 2)
-        pictures = [("reference", _address(np.rint(255 * truth).astype(np.uint8)))]
+        pictures = [
+            (results.subjects.shown("reference"), _address(np.rint(255 * truth).astype(np.uint8)))
+        ]
         for method in method_order(results):
             for item in members:
                 if item.method == method and item.name in maps:
                     level = np.clip(255 * maps[item.name] / top, 0, 255).astype(np.uint8)
                     painted = cv2.applyColorMap(level, MAP_COLOURS)[..., ::-1]
-                    pictures.append((method, _address(painted)))
-        rows.append((scene, size, pictures))
+                    pictures.append((results.subjects.shown(method), _address(painted)))
+        rows.append((results.subjects.shown(scene), results.subjects.shown(size), pictures))
     return top, rows
 
 

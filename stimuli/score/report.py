@@ -88,7 +88,7 @@ def duels_markdown(found: tuple[Duel, ...]) -> str:
     """Say of each metric whether the method beats its rival, and where it does not."""
     lines = []
     for duel in found:
-        lost = f" (not in {', '.join(duel.lost)})" if duel.lost else ""
+        lost = f" (not in {', '.join(map(duel.table.shown, duel.lost))})" if duel.lost else ""
         lines.append(f"- {duel.sentence}{lost}.")
     return "\n".join(lines) + "\n"
 
@@ -123,8 +123,8 @@ def _draw(
         figure = plots.by_eccentricity(results, scene)
         if figure is not None:
             caption = (
-                f"{scene}: deviation of the bands of each level (0 is the finest) over the"
-                " reference's, in rings around the gaze. 1 is right."
+                f"{results.subjects.shown(scene)}: deviation of the bands of each level (0 is the"
+                " finest) over the reference's, in rings around the gaze. 1 is right."
             )
             keep("bands", f"bands-by-eccentricity-{number}", caption, figure)
     for metric in (METRICS[name] for name in _AGAINST_TIME):
@@ -177,5 +177,6 @@ def _page(
         fps=first.fps,
         clips=len(results.subjects.items),
         times_ms=times_ms,
+        labels=results.subjects.labels,
         renderer=renderer,
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from protocols.errors import StudyError
 from protocols.outside import markdown, safe_cell
@@ -36,6 +36,8 @@ class Table:
     ----------
     rows : tuple of (scene, values)
         A value per method, None where there is none; the last row holds the means.
+    labels : mapping
+        What people read in place of names; see `Subjects`.
     """
 
     metric: Metric
@@ -43,6 +45,16 @@ class Table:
     size: str
     methods: tuple[str, ...]
     rows: tuple[tuple[str, tuple[float | None, ...]], ...]
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def shown(self, name: str) -> str:
+        """Return what people read for a name: its label where it has one."""
+        return self.labels.get(name, name)
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """What people read for the methods."""
+        return tuple(map(self.shown, self.methods))
 
     @property
     def title(self) -> str:
@@ -50,7 +62,7 @@ class Table:
         paper = PAPERS.get((self.metric.name, self.region))
         unit = f", {self.metric.unit}" if self.metric.unit else ""
         text = f"{self.metric.label}{unit} ({self.metric.arrow}) {REGION_TEXT[self.region]}"
-        size = f"; size {self.size}" if self.size else ""
+        size = f"; size {self.shown(self.size)}" if self.size else ""
         return f"{paper}: {text}{size}" if paper else text + size
 
     @property
@@ -74,7 +86,7 @@ class Table:
     def markdown(self) -> str:
         """Render for a document; the best of each row in bold."""
         lines = [
-            "| | " + " | ".join(map(markdown, self.methods)) + " |",
+            "| | " + " | ".join(map(markdown, self.heads)) + " |",
             "| --- |" + " ---: |" * len(self.methods),
         ]
         for scene, values in self.rows:
@@ -85,7 +97,7 @@ class Table:
                 else self.text(value)
                 for value in values
             ]
-            lines.append(f"| {markdown(scene)} | " + " | ".join(cells) + " |")
+            lines.append(f"| {markdown(self.shown(scene))} | " + " | ".join(cells) + " |")
         return "\n".join(lines)
 
 
@@ -100,7 +112,7 @@ def _latex(table: Table) -> str:
         rf"\caption{{{_escaped(table.title)}}}",
         rf"\begin{{tabular}}{{l{'r' * len(table.methods)}}}",
         r"\toprule",
-        " & ".join(["", *map(_escaped, table.methods)]) + r" \\",
+        " & ".join(["", *map(_escaped, table.heads)]) + r" \\",
         r"\midrule",
     ]
     for scene, values in table.rows:
@@ -112,7 +124,7 @@ def _latex(table: Table) -> str:
             for value in values
         ]
         lines += [r"\midrule"] if scene == "mean" and len(table.rows) > 1 else []
-        lines.append(" & ".join([_escaped(scene), *cells]) + r" \\")
+        lines.append(" & ".join([_escaped(table.shown(scene)), *cells]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
 
 
@@ -123,7 +135,7 @@ def _escaped(text: str) -> str:
 
 
 def tables_csv(tables: tuple[Table, ...]) -> str:
-    """Return all tables as they are printed: a line per row, a column per method."""
+    """Return all tables with the digits printed: a line per row, a column per method, by name."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     methods = list(dict.fromkeys(method for table in tables for method in table.methods))
@@ -187,7 +199,7 @@ def _table(
     if len(rows) > 1:
         rows.append(("mean", tuple(_mean([values[k] for _, values in rows])
                                    for k in range(len(methods)))))  # fmt: skip
-    return Table(metric, region, size, methods, tuple(rows))
+    return Table(metric, region, size, methods, tuple(rows), results.subjects.labels)
 
 
 def _mean(column: list[float | None]) -> float | None:
@@ -226,9 +238,10 @@ class Duel:
         verdict = "better than" if self.wins_on_average else "NOT better than"
         where = "in holes" if self.table.region == HOLES else "over the frame"
         won = self.scenes - len(self.lost)
+        method, against = map(self.table.shown, (self.method, self.against))
         return (
-            f"{self.table.metric.label} {where}: {self.method} {ours} is {verdict}"
-            f" {self.against} {theirs} on average, and better in {won} of {self.scenes} scenes"
+            f"{self.table.metric.label} {where}: {method} {ours} is {verdict}"
+            f" {against} {theirs} on average, and better in {won} of {self.scenes} scenes"
         )
 
 
@@ -304,5 +317,5 @@ def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[
             ]
             mean = _mean(values)
             cells.append("-" if mean is None else f"{mean:.{metric.digits}f}")
-        rows.append((method, cells))
+        rows.append((results.subjects.shown(method), cells))
     return tuple(metric.name for metric in metrics), rows

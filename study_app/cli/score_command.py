@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ from study_app.cli.progress import progress_bar
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
+    from protocols.manifest import Manifest
     from stimuli.score.batch import Subjects
     from stimuli.score.run import Results
 
@@ -99,6 +101,15 @@ def score(
             show_default=False,
         ),
     ] = None,
+    protocol: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="STUDY",
+            help="Of a batch: its study, for labels in place of names on the page, in figures and"
+            r" in tables for people. \[default: names; of a shipped study its labels]",
+            show_default=False,
+        ),
+    ] = None,
     list_metrics: Annotated[
         bool, typer.Option("--list", help="Say what can be measured here, and what is missing.")
     ] = False,
@@ -119,7 +130,7 @@ def score(
 
         metamerlab stimuli score shown.png around.png --panorama --gaze 2048,900
 
-        metamerlab stimuli score clips --focus ours
+        metamerlab stimuli score clips --focus ours --protocol study.toml
 
         metamerlab stimuli score --list
     """
@@ -142,8 +153,34 @@ def score(
             test = paths[0]
             assert test is not None
             _score(
-                test, paths[1], out, metrics, display, gaze, paths[2], rate, workers, views, focus
-            )
+                test, paths[1], out, metrics, display, gaze, paths[2], rate, workers, views, focus,
+                protocol,
+            )  # fmt: skip
+
+
+def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
+    """Return what the study of a batch calls its methods, sizes and scenes.
+
+    Raises
+    ------
+    StudyError
+        If the protocol given is another study's.
+    """
+    from protocols.load import load_protocol, shipped
+
+    study = manifest.study
+    if protocol is None:
+        if study not in shipped("studies"):
+            return {}
+        found = load_protocol(Path(study))
+        same = found.stimuli_sha256 == manifest.stimuli_sha256
+        return dict(found.stimuli.labels()) if same else {}
+    found = load_protocol(protocol)
+    if found.study.name != study:
+        raise StudyError(
+            f"--protocol: must be the study of the clips, {study!r} (got {found.study.name!r})"
+        )
+    return dict(found.stimuli.labels())
 
 
 def _as_folder(gone: ExitStack, path: Path | None) -> tuple[Path | None, float | None]:
@@ -178,6 +215,7 @@ def _score(
     workers: int | None,
     views: Path | None,
     focus: str | None,
+    protocol: Path | None,
 ) -> None:
     from protocols.manifest import read_manifest
     from stimuli.executors import cores
@@ -212,8 +250,11 @@ def _score(
             settings = Settings(chosen, viewing, at)
         else:
             subjects = subjects_of_batch(first)
+        subjects = replace(subjects, labels=_labels(protocol, manifest))
         folder: Path | None = out or Path("scores")
     else:
+        if protocol is not None:
+            raise StudyError("--protocol is for a folder of built clips: two clips have no study")
         subjects = subjects_of_two(first, second, mask, fps)
         folder = out
         if views is not None:

@@ -7,11 +7,14 @@ import io
 import json
 import math
 import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from protocols.load import load_display
+from protocols.new_study import study_files
 from stimuli.score import plots, run
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
@@ -288,6 +291,47 @@ def test_tables_for_papers_and_for_programs_hold_what_is_printed():
 def test_the_method_in_focus_is_compared_with_every_other():
     found = all_duels((table_of("higher", (0.5, 0.25, 0.75)),), "a")
     assert [(duel.against, duel.wins_on_average) for duel in found] == [("b", True), ("c", False)]
+
+
+def test_people_read_labels_and_programs_read_names(run_score, batch, tmp_path):
+    study = tmp_path / "study.toml"
+    text = study_files("tiny", "Tiny", load_display("fhd27-60hz"), "two-interval")["study.toml"]
+    raw = tomllib.loads(text)["stimuli"]
+    first, second = (each["name"] for each in raw["scenes"][:2])
+    labels = {each["name"]: each["label"] for part in ("scenes", "methods") for each in raw[part]}
+    for old, new, label in (
+        (first, "lawn", "The lawn"),
+        (second, "wall", "The wall"),
+        ("push-pull", "push-pull", "Pull & push"),
+    ):
+        text = text.replace(f'"{labels[old]}"', f'"{label}"').replace(f'"{old}"', f'"{new}"')
+    study.write_text(text)
+    out = tmp_path / "scores"
+
+    done = run_score(
+        batch, "--out", out, "--metrics", "psnr", "--focus", "push-pull", "--protocol", study
+    )
+
+    assert done.exit_code == 0, done.output
+    assert "Pull & push" in done.stdout
+    page = (out / "scores.html").read_text()
+    for shown in ("Pull &amp; push</th>", "The lawn", '<h2 id="verdict">Pull &amp; push against'):
+        assert shown in page, shown
+    assert "Pull & push" in (out / "figures/bars-psnr-holes-small.svg").read_text().replace(
+        "&amp;", "&"
+    )
+    assert r"Pull \& push" in (out / "tables.tex").read_text()
+    assert "The lawn" in (out / "tables.md").read_text()
+    for file in ("scores.csv", "tables.csv", "scores.json"):
+        kept = (out / file).read_text()
+        assert "push-pull" in kept, file
+        assert "Pull" not in kept, file
+
+
+def test_labels_of_another_study_are_refused(run_score, batch, tmp_path):
+    done = run_score(batch, "--out", tmp_path / "scores", "--protocol", "demo")
+    assert done.exit_code == 2
+    assert "must be the study of the clips, 'tiny' (got 'demo')" in " ".join(done.output.split())
 
 
 def test_a_focus_that_is_no_method_is_refused_before_anything_is_measured(
