@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.video_file import quiet_stderr
 from protocols.manifest import Clip
 from stimuli.png import decode
 
@@ -69,16 +68,3 @@ def _without_chance(path: Path) -> None:
         path.write_bytes(
             data[:_HEAD].replace(b"\xc5\x88" + drawn, b"\xc5\x88" + fixed) + data[_HEAD:]
         )
-
-
-@contextmanager
-def quiet_stderr() -> Iterator[None]:
-    """OpenCV writes straight to the descriptor that it doubts VP8 in WebM; it works."""
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)

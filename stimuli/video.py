@@ -15,13 +15,11 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
+from pipeline.video_file import is_video, quiet_stderr
 from protocols.outside import reading
 from stimuli.png import encode_bytes
-from stimuli.preview import quiet_stderr
 from stimuli.read_file import read_picture
 
-VIDEOS: Final = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
-"""What is taken for a video, by its ending; FFmpeg decides whether it is one."""
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """What is written, by ending: .avi keeps every pixel, the others are smaller."""
 
@@ -33,11 +31,6 @@ class Unpacked:
     folder: Path
     fps: float
     frames: int
-
-
-def is_video(path: Path) -> bool:
-    """Whether a path names a file that is taken for a video."""
-    return path.suffix.lower() in VIDEOS and path.is_file()
 
 
 @contextmanager
@@ -83,6 +76,35 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
         yield Unpacked(folder, fps, count)
 
 
+@contextmanager
+def folder_of_frames(path: Path) -> Iterator[Path]:
+    """Give a video's frames as a folder for as long as the block lasts; all else as it is."""
+    if not is_video(path):
+        yield path
+        return
+    with unpacked_video(path) as unpacked:
+        yield unpacked.folder
+
+
+def check_video(path: Path, width: int, height: int) -> str:
+    """Refuse a video that cannot be written in this size; return its codec.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, or an edge is odd where the codec needs even ones.
+    """
+    codec = CODECS.get(path.suffix.lower())
+    if codec is None:
+        raise InputError(f"{path}: must end in {', '.join(CODECS)}")
+    if codec != "FFV1" and (width % 2 or height % 2):
+        raise InputError(
+            f"{path}: this kind of video needs even edges (frames are {width} x {height} px); write"
+            " .avi, which keeps every pixel"
+        )
+    return codec
+
+
 def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     """Write pictures of one size as a video, whole or not at all.
 
@@ -98,16 +120,9 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     InputError
         If the ending is another, sizes differ, or an edge is odd where the codec needs even ones.
     """
-    codec = CODECS.get(path.suffix.lower())
-    if codec is None:
-        raise InputError(f"{path}: must end in {', '.join(CODECS)}")
     first = read_picture(frames[0])
     height, width = first.shape[:2]
-    if codec != "FFV1" and (width % 2 or height % 2):
-        raise InputError(
-            f"{path}: this kind of video needs even edges (frames are {width} x {height} px); write"
-            " .avi, which keeps every pixel"
-        )
+    codec = check_video(path, width, height)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
     with quiet_stderr():
         writer = cv2.VideoWriter(

@@ -1,4 +1,4 @@
-"""`frames:FOLDER`: fills made elsewhere, one image per frame of the clip."""
+"""`frames:FOLDER`: fills made elsewhere, one image per frame of the clip, or a video."""
 
 import re
 from pathlib import Path
@@ -10,6 +10,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from pipeline.methods.method import composite
+from pipeline.video_file import VideoFrames, is_video
 
 FRAME = "{frame}"
 """Stands for a frame's number in a path."""
@@ -27,7 +28,7 @@ class FramesOnDisk:
     ----------
     path : Path
         A folder of images of integers whose names are numbers from 0 without a gap; or a path to
-        such images whose last part has ``{frame}`` in place of the number.
+        such images whose last part has ``{frame}`` in place of the number; or a video.
 
     Raises
     ------
@@ -38,6 +39,12 @@ class FramesOnDisk:
     """
 
     def __init__(self, path: Path) -> None:
+        self.path = path
+        self.video = VideoFrames(path) if is_video(path) else None
+        self._files = [] if self.video is not None else self._numbered_files(path)
+
+    @staticmethod
+    def _numbered_files(path: Path) -> list[Path]:
         numbered: dict[int, Path] = {}
         for number, file in _numbered(path):
             if number in numbered:
@@ -56,12 +63,13 @@ class FramesOnDisk:
                 f"{path}: must hold every frame from 0 to {max(numbered)}"
                 f" ({len(missing)} missing, the first is {missing[0]:06d})"
             )
-        self.path = path
-        self._files = [numbered[number] for number in range(len(numbered))]
+        return [numbered[number] for number in range(len(numbered))]
 
     @staticmethod
     def files(path: Path) -> list[Path]:
-        """Return the frames of a pattern, or every file of a folder."""
+        """Return the frames of a pattern, every file of a folder, or the video."""
+        if is_video(path):
+            return [path]
         if FRAME in path.name:
             return [file for _, file in _numbered(path)]
         if not path.is_dir():
@@ -71,10 +79,10 @@ class FramesOnDisk:
     @property
     def first(self) -> Path:
         """The file of frame 0."""
-        return self._files[0]
+        return self.path if self.video is not None else self._files[0]
 
     def __len__(self) -> int:
-        return len(self._files)
+        return len(self._files if self.video is None else self.video)
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
         """Fill the holes from the image of the frame's own index."""
@@ -82,11 +90,15 @@ class FramesOnDisk:
             raise InputError(
                 f"{self.path}: must hold frame {warped.frame_index:06d} (has {len(self)} frames)"
             )
-        file = self._files[warped.frame_index]
-        pixels = read_pixels(file)
-        if pixels.data.dtype.kind != "u":
-            raise InputError(f"{file}: must hold integers, such as a PNG of 8 or 16 bits")
-        colour = from_integers(three_channels(file, pixels))
+        if self.video is not None:
+            file = self.path
+            colour = from_integers(self.video.read(warped.frame_index))
+        else:
+            file = self._files[warped.frame_index]
+            pixels = read_pixels(file)
+            if pixels.data.dtype.kind != "u":
+                raise InputError(f"{file}: must hold integers, such as a PNG of 8 or 16 bits")
+            colour = from_integers(three_channels(file, pixels))
         if colour.shape != warped.colour.shape:
             raise InputError(
                 f"{file}: must be {warped.size[1]} x {warped.size[0]} px as the warped frame"
@@ -96,7 +108,9 @@ class FramesOnDisk:
         return composite(warped, colour)
 
     def release(self) -> None:
-        """Hold nothing."""
+        """Close the video, where it is one."""
+        if self.video is not None:
+            self.video.release()
 
 
 def _numbered(path: Path) -> list[tuple[int, Path]]:

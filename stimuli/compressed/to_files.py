@@ -16,12 +16,14 @@ from pipeline.compression.file_format import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.video_file import is_video
 from stimuli import pictures
 from stimuli.compressed.rivals import measured, rivals, sheet_of
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.video import check_video, folder_of_frames, write_video
 from stimuli.whole_file import write_whole
 
 ENDING = ".metamer"
@@ -40,12 +42,13 @@ def compress_file(
     reading: Reading | None = None,
     say: Say | None = None,
 ) -> Compressed:
-    """Compress a picture, or a folder of frames, for a gaze.
+    """Compress a picture, a folder of frames, or a video, for a gaze.
 
     Parameters
     ----------
     source : Path
-        Any picture that `read_any` reads, or a folder of such, in the order of their names.
+        Any picture that `read_any` reads, a folder of such, in the order of their names, or a
+        video.
     out : Path
         The file to write, `ENDING`; replaced if it is there.
     gaze, display, fov_deg
@@ -59,9 +62,10 @@ def compress_file(
         Before anything is written.
     """
     tell, settings = say or (lambda _: None), settings or Settings()
-    if compare is not None and source.is_dir():
-        raise InputError("--compare takes one picture, not a folder; give it a frame")
-    frames = _frames(source, reading or Reading(), tell)
+    if compare is not None and (source.is_dir() or is_video(source)):
+        raise InputError("--compare takes one picture, not frames or a video; give it a frame")
+    with folder_of_frames(source) as folder:
+        frames = _frames(folder, reading or Reading(), tell)
     height, width = frames[0].shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)
     gaze_px = read_gaze(gaze, looking.geometry)
@@ -96,6 +100,8 @@ def decompress_file(
     *,
     seed: int = 0,
     statistics: bool = True,
+    video: Path | None = None,
+    fps: float = 30.0,
     ctx: moderngl.Context | None = None,
     say: Say | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -108,6 +114,8 @@ def decompress_file(
         A picture, .png or .exr; for a clip a folder, which is made.
     statistics : bool
         Without them: what is left is the blurred colour alone.
+    video : Path, optional
+        Of a clip: write its frames as a video too, `fps` a second; see `write_video`.
 
     Raises
     ------
@@ -123,6 +131,10 @@ def decompress_file(
     names = [out] if count == 1 else [out / f"{index:06}.png" for index in range(count)]
     if count > 1 and out.suffix.lower() in (".png", ".exr"):
         raise InputError(f"{source}: holds a clip of {count} frames: OUT must be a folder")
+    if count == 1 and video is not None:
+        raise InputError(f"{source}: holds one picture: --video is for clips")
+    if video is not None:
+        check_video(video, *held.grid.size)
     if count == 1 and out.suffix.lower() not in (".png", ".exr"):
         raise InputError(f"{out}: must end in .png or .exr")
     shower = DecompressPass(ctx, held) if ctx is not None else None
@@ -142,6 +154,10 @@ def decompress_file(
     width, height = held.grid.size
     kind = f"{held.levels} levels of statistics" if held.levels else "no statistics"
     tell(f"wrote {out}: {count} x {width} x {height} px, {kind}, seed {seed}")
+    if video is not None:
+        video.parent.mkdir(parents=True, exist_ok=True)
+        write_video(video, names, fps)
+        tell(f"wrote {video}")
     return names
 
 

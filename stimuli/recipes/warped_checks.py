@@ -101,7 +101,8 @@ def _check_frames(orders: Orders, clip: ClipName) -> None:
         raise InputError(
             f"{frames.path}: must hold as many frames as the clip has, {wanted} (has {len(frames)})"
         )
-    size_px = stated_size_px(frames.first)
+    size_px = stated_size_px(frames.first) if frames.video is None else frames.video.size_px
+    frames.release()
     if size_px is not None and size_px != orders.render_px:
         raise InputError(
             f"{frames.first}: must be {orders.render_px[0]} x {orders.render_px[1]} px as the"

@@ -24,7 +24,7 @@ from study_app.cli.terminal import PlainConsole
 
 def compress(
     picture: Annotated[
-        Path, typer.Argument(help="A picture, or a folder of frames.", show_default=False)
+        Path, typer.Argument(help="A picture, a folder of frames, or a video.", show_default=False)
     ],
     out: Annotated[
         Path, typer.Option(help="The file to write, .metamer; replaced if there.")
@@ -84,6 +84,8 @@ def compress(
         metamerlab compress photo.jpg --codec avif --compare sheet.png
 
         metamerlab compress frames/ --hold 24 --out clip.metamer
+
+        metamerlab compress walk.mp4 --out walk.metamer
     """
     from pipeline.compression.codec import DEFAULT_QUALITY, Settings
     from pipeline.errors import InputError
@@ -122,6 +124,15 @@ def decompress(
         bool,
         typer.Option("--statistics/--no-statistics", help="Leave out to see the colour alone."),
     ] = True,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of a clip: write its frames as a video too, .mp4, .webm, or .avi without loss.",
+            show_default=False,
+        ),
+    ] = None,
+    fps: Annotated[float, typer.Option(min=1, max=1000, help="Of --video.")] = 30.0,
     numpy_only: Annotated[
         bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
     ] = False,
@@ -132,11 +143,14 @@ def decompress(
 
         metamerlab decompress photo.metamer --out photo.png
 
-        metamerlab decompress clip.metamer --out frames/
+        metamerlab decompress clip.metamer --out frames/ --video clip.mp4 --fps 60
     """
     from stimuli.compressed.to_files import decompress_file
+    from stimuli.video import CODECS
 
     with user_errors():
+        if video is not None:
+            check_file(video, tuple(CODECS))
         if out.suffix.lower() in FILE_ENDINGS:
             check_file(out, FILE_ENDINGS)
         else:
@@ -144,6 +158,6 @@ def decompress(
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             decompress_file(
-                file, out, seed=seed, statistics=statistics, ctx=ctx, say=teller.say,
-                progress=teller.progress,
+                file, out, seed=seed, statistics=statistics, video=video, fps=fps, ctx=ctx,
+                say=teller.say, progress=teller.progress,
             )  # fmt: skip

@@ -219,10 +219,11 @@ def foveate(
 
         metamerlab foveate clip.mp4 shown/ --video shown.mp4
     """
+    from pipeline.video_file import is_video
     from stimuli.foveated.any_picture import Reading
     from stimuli.foveated.clip_to_files import foveate_clip
     from stimuli.foveated.to_files import Outputs, foveate_file
-    from stimuli.video import is_video, write_video
+    from stimuli.video import write_video
 
     with user_errors():
         sheet = compare is not None or score is not None
@@ -259,7 +260,8 @@ def foveate(
 @contextmanager
 def frames_of(picture: Path, fps: float | None) -> Iterator[tuple[Path, float]]:
     """Give a folder of frames, and their rate: of a video for as long as the block lasts."""
-    from stimuli.video import is_video, unpacked_video
+    from pipeline.video_file import is_video
+    from stimuli.video import unpacked_video
 
     if not is_video(picture):
         yield picture, fps or DEFAULT_FPS

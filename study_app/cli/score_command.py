@@ -185,7 +185,8 @@ def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
 
 def _as_folder(gone: ExitStack, path: Path | None) -> tuple[Path | None, float | None]:
     """Return a video as a folder of its frames, with its rate; all else as it is."""
-    from stimuli.video import is_video, unpacked_video
+    from pipeline.video_file import is_video
+    from stimuli.video import unpacked_video
 
     if path is None or not is_video(path):
         return path, None

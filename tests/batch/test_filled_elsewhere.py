@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from pipeline.image_file import read_pixels
 from stimuli.build import build
 from stimuli.png import decode
+from stimuli.video import write_video
 from study_app.cli import app
 
 MOTORCYCLE = 'name = "motorcycle"\n'
@@ -93,6 +94,23 @@ def test_frames_filled_elsewhere_enter_the_holes_of_their_own_clips(
         assert hole.any()
         assert (shown[hole] == (77, 10, 200)).all()
         np.testing.assert_array_equal(shown[~hole], other[~hole])
+
+
+def test_a_video_for_each_clip_enters_the_holes_too(study, read_orders, inline, tmp_path):
+    path = study("frames:filled/{scene}-{size}.avi")
+    filled = path.parent / "filled"
+    for scene in ("box", "motorcycle"):
+        write_video(filled / f"{scene}-small.avi", sorted((filled / scene / "small").iterdir()), 30)
+        shutil.rmtree(filled / scene)
+    assert run("protocol", "check", path)[0] == 0
+    build(read_orders(path), tmp_path / "clips", inline)
+    hole = decode(tmp_path / "clips/holes/box__small/000002.png") > 0
+    assert (decode(tmp_path / "clips/box__small__telea/000002.png")[hole] == (77, 10, 200)).all()
+    files = sorted(tmp_path.glob("clips/box__small__push-pull/*.png"))
+    write_video(filled / "box-small.avi", files[:3], 30)
+    code, _, error = run("protocol", "check", path)
+    assert code == 2
+    assert "must hold as many frames as the clip has, 4 (has 3)" in error
 
 
 def test_frames_of_another_scene_are_refused_by_the_build(study, read_orders, inline, tmp_path):

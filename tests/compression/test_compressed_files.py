@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from pipeline.compression import file_format
 from pipeline.compression.codec import Settings, compress, decompress
 from pipeline.errors import InputError
+from stimuli.video import unpacked_video, write_video
 from study_app.cli import app
 
 
@@ -154,6 +155,30 @@ def test_a_folder_is_a_clip(tmp_path, png):
     assert names == ["000000.png", "000001.png", "000002.png"]
 
 
+def test_a_video_is_compressed_as_its_frames_are_and_comes_back_as_one(tmp_path, png):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for index in range(2):
+        turned = np.roll(np.asarray(Image.open(png)), 9 * index, axis=1)
+        Image.fromarray(turned).save(frames / f"{index:06}.png")
+    write_video(tmp_path / "walk.avi", sorted(frames.iterdir()), 24.0)
+    for source in ("frames", "walk.avi"):
+        words = ("--out", tmp_path / f"{source}.metamer", "--angles", "64")
+        code, _, error = run("compress", tmp_path / source, *words)
+        assert code == 0, error
+    file = tmp_path / "walk.avi.metamer"
+    assert file.read_bytes() == (tmp_path / "frames.metamer").read_bytes()
+    back, video = tmp_path / "back", tmp_path / "made/back.avi"
+    words = ("--out", back, "--video", video, "--fps", "12", "--numpy")
+    code, _, error = run("decompress", file, *words)
+    assert code == 0, error
+    with unpacked_video(video) as found:
+        assert (found.frames, found.fps) == (2, 12.0)
+        for name in ("000000.png", "000001.png"):
+            shown = (Image.open(folder / name) for folder in (found.folder, back))
+            np.testing.assert_array_equal(*map(np.asarray, shown))
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -163,10 +188,12 @@ def test_a_folder_is_a_clip(tmp_path, png):
         (["compress", "PNG", "--out", "x.jpg"], "must end in .metamer"),
         (["compress", "PNG", "--gaze", "9999999,0"], "gaze must lie within"),
         (["compress", "missing.png"], "no such file"),
-        (["compress", ".", "--compare", "s.png"], "not a folder"),
+        (["compress", ".", "--compare", "s.png"], "takes one picture, not frames"),
         (["decompress", "PNG"], "begins with MMLC"),
         (["decompress", "missing.metamer"], "no such file"),
         (["decompress", "CLIP", "--out", "one.png"], "OUT must be a folder"),
+        (["decompress", "ONE", "--video", "v.mp4"], "--video is for clips"),
+        (["decompress", "CLIP", "--out", "folder", "--video", "v.gif"], "must end in .mp4"),
         (["decompress", "ONE", "--out", "folder"], "must end in .png or .exr"),
     ],
 )

@@ -293,6 +293,45 @@ def test_a_folder_with_a_gap_a_double_or_nothing_is_refused(folder):
         create_method(f"frames:{folder}/nowhere")
 
 
+@pytest.fixture
+def video(folder):
+    """The folder's frames as a video that keeps every pixel."""
+    from stimuli.video import write_video
+
+    write_video(folder / "filled.avi", sorted(folder.glob("*.png")), 30.0)
+    return folder / "filled.avi"
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 0)])
+def test_a_video_fills_the_holes_as_its_frames_do(video, rng, order, monkeypatch):
+    monkeypatch.setattr("pipeline.methods.frames.MOST_APART", 1.0)  # random frames, all apart
+    from_video, from_folder = (
+        create_method(f"frames:{video}"),
+        create_method(f"frames:{video.parent}"),
+    )
+    frame = warped_frame(rng)
+    for index in order:
+        filled, wanted = (
+            each.fill(at_index(frame, index), 0) for each in (from_video, from_folder)
+        )
+        np.testing.assert_array_equal(filled, wanted)
+    assert len(from_video) == 3
+    from_video.release()
+
+
+def test_a_video_that_is_short_damaged_or_of_another_scene_is_refused(video, rng):
+    method = create_method(f"frames:{video}")
+    with pytest.raises(InputError, match=r"must hold frame 000003 \(has 3 frames\)"):
+        method.fill(at_index(warped_frame(rng), 3), 0)
+    with pytest.raises(InputError, match=r"filled\.avi: must be 50 x 40 px .*is 56 x 40"):
+        method.fill(warped_frame(rng, 40, 50), 0)
+    with pytest.raises(InputError, match="another scene"):
+        method.fill(warped_frame(rng), 0)
+    video.write_bytes(b"no video")
+    with pytest.raises(InputError, match="must be a video that OpenCV reads"):
+        create_method(f"frames:{video}")
+
+
 # --- A frame that stays on the GPU
 
 
