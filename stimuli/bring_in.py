@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os.path
 import re
+import shlex
 import shutil
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -97,8 +98,8 @@ def bring_scene(
     lines = ('kind = "mesh"', f"file = {quoted(f'{SCENES}/{name}/{path.name}')}")
     if ctx is None:
         camera: tuple[str, ...] = (
-            f"# 'metamerlab stimuli look {SCENES}/{name}/{path.name}' draws views, with the line"
-            " for each.",
+            f"# metamerlab stimuli look {shlex.quote(f'{SCENES}/{name}/{path.name}')}",
+            "# draws views, with the line for each.",
             "#? view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, 0], vertical_fov_deg = 50 }",
         )
     else:

@@ -12,6 +12,7 @@ from analysis.journals import Progress
 from analysis.tidy import Tidy
 from protocols.hashing import Json
 from protocols.outside import json_bytes, markdown
+from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -61,8 +62,8 @@ class Content:
         lines = [
             f"# {markdown(self.title)}",
             markdown(self.description),
-            f"{len(sessions)} participants, {whole} of them with a completed sitting. A trial:"
-            f" {self.protocol.task.description(self.protocol)}."
+            f"{count_of(len(sessions), 'participant')}, {whole} of them with a completed sitting."
+            f" A trial: {self.protocol.task.description(self.protocol)}."
             + (
                 " Sittings that were cut short are here as they are: see the column `status`."
                 if lists_sittings

@@ -77,7 +77,7 @@ def bayes_of_csv(
             raise StudyError(f"{path}: {problem}") from None
     people = rows["participant"].nunique()
     return Found(
-        title=f"{len(rows)} decisions of {count_of(people, 'participant')}",
+        title=f"{count_of(len(rows), 'decision')} of {count_of(people, 'participant')}",
         shown=_shown(found),
         sentences=tuple(apa_bayes(one) for one in found),
         notes=tuple(

@@ -26,6 +26,7 @@ from analysis.thresholds import ThresholdModel, fit_thresholds
 from analysis.trials_csv import read_trials
 from protocols.adaptive.psychometric import Shape
 from protocols.errors import StudyError
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ def psychometric_of_csv(
     simulated = "simulated" in rows and bool((rows["simulated"].astype(str) == "1").any())
     count = rows["participant"].nunique()
     return Found(
-        title=f"{len(rows)} answers of {count} participant{'s' * (count != 1)} by {options.x}"
+        title=f"{count_of(len(rows), 'answer')} of {count_of(count, 'participant')} by {options.x}"
         + (" (SIMULATED)" if simulated else ""),
         shown=_shown(result),
         sentences=_sentences(result, rows[options.x]),

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from protocols.chance import Chance
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.prose import Block
+from protocols.prose import Block, count_of
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Degrees,
@@ -453,7 +453,7 @@ class FoveatedImages(Recipe):
                 + ("" if self.cuts.own_seeds else " All of a kind cut one picture.")
             )
         return (
-            f"{len(self.stimuli())} pictures, {self.width_px} x {self.height_px} px, on"
+            f"{count_of(len(self.stimuli()), 'picture')}, {self.width_px} x {self.height_px} px, on"
             f" {display.name}: {display.description or 'no description'}.",
             f"Scenes: {', '.join(scene for scene in scenes if scene)}.",
             methods,

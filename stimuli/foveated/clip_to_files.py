@@ -13,6 +13,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import carried
+from protocols.prose import count_of
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, read_any
@@ -75,7 +76,7 @@ def foveate_clip(
     size = (first.colour.shape[0], first.colour.shape[1])
     looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
     gaze_px = read_gaze(gaze, looking.geometry)
-    tell(f"{len(paths)} frames, {size[1]} x {size[0]} px")
+    tell(f"{count_of(len(paths), 'frame')}, {size[1]} x {size[0]} px")
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
     for note in (*first.notes, *looking.notes):
@@ -105,7 +106,7 @@ def foveate_clip(
                 progress("frames", index + 1, len(paths))
     finally:
         foveator.release()
-    tell(f"wrote {len(written)} frames to {out} ({chosen.label})")
+    tell(f"wrote {count_of(len(written), 'frame')} to {out} ({chosen.label})")
     return written
 
 

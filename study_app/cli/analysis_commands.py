@@ -14,6 +14,7 @@ from rich.table import Table
 
 from analysis.seed import SEED
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.tasks import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
@@ -369,8 +370,8 @@ def import_(
             write_note(work / "decisions.csv", analysis.kind, chosen)
     for note in plain.notes:
         say(f"note: {note}")
-    people = decisions["participant"].nunique()
-    counted = f"{len(decisions)} decisions of {people} participant{'s' * (people != 1)}"
+    people = count_of(decisions["participant"].nunique(), "participant")
+    counted = f"{count_of(len(decisions), 'decision')} of {people}"
     say(f"{out / 'decisions.csv'}: {counted}")
     written = shlex.quote(str(out / "decisions.csv"))
     say(f"next: metamerlab analysis report {written} --out report")

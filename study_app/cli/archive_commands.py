@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from study_app.archive.index import INDEX_NAME
 from study_app.archive.read import Findings, check, check_folder, opened
 from study_app.archive.read import restore as restore_archive
@@ -99,7 +100,9 @@ def restore(
     with user_errors():
         with opened(file, identity=identity, ask=_passphrase) as plain:
             index = restore_archive(file, plain, out)
-        say(f"{out}: {len(index.files)} files of {index.study}, each as it was archived")
+        say(
+            f"{out}: {count_of(len(index.files), 'file')} of {index.study}, each as it was archived"
+        )
 
 
 def verify_archive(path: Path, identity: Path | None) -> None:
@@ -137,7 +140,7 @@ def register(app: typer.Typer) -> None:
 def _tell(path: Path, found: Findings) -> None:
     index = found.index
     verdict = "NOT as it was recorded" if found.problems else "whole"
-    holds = [f"{found.sittings} sittings", f"{len(index.files)} files"]
+    holds = [count_of(found.sittings, "sitting"), count_of(len(index.files), "file")]
     holds.append("clips" if index.clips else "no clips")
     holds.append("the study's secret" if index.secret else "no secret")
     say(f"{path}: {verdict} ({index.study}: {', '.join(holds)})")

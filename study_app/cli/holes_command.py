@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_line
@@ -41,4 +42,5 @@ def export_holes(
             say(f"note: {note}")
         with progress_line("starting") as report:
             frames = write(orders, out, report)
-        say(f"{out}: {frames} frames with holes; {out / 'README.md'} says what to send back")
+        made = count_of(frames, "frame")
+        say(f"{out}: {made} with holes; {out / 'README.md'} says what to send back")

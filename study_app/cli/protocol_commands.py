@@ -35,6 +35,7 @@ from protocols.manifest import Manifest, read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.plausible import display_notes, study_notes
 from protocols.preregister import preregistration, to_html, to_markdown
+from protocols.prose import count_of
 from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
@@ -93,8 +94,8 @@ def check(
         builder = require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
         say(
-            f"{study.study.name}: in order. {plan.main_trials} decisions on {screen.name},"
-            f" protocol {study.sha256[:12]}."
+            f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
+            f" {screen.name}, protocol {study.sha256[:12]}."
         )
         for line in (
             *display_notes(screen),

@@ -15,6 +15,7 @@ from protocols.errors import StudyError
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.load import load_protocol
+from protocols.prose import count_of
 from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
@@ -42,7 +43,8 @@ def withdraw(
         if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
             raise StudyError(f"{folder}: nothing was deleted")
         count = withdraw_participant(out, participant, utc_now, study)
-        say(f"{folder}: {count} files deleted; one line stays that says so, and the slot is free")
+        gone = count_of(count, "file")
+        say(f"{folder}: {gone} deleted; one line stays that says so, and the slot is free")
 
 
 def watch(
@@ -126,8 +128,8 @@ def verify(
             wrong += bool(found.problems)
         if wrong:
             raise StudyError(
-                f"{sessions}: {wrong} of {len(paths)} sessions must be restored from a copy;"
-                " nothing was changed"
+                f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
+                " copy; nothing was changed"
             )
 
 

@@ -19,6 +19,7 @@ from protocols.journal import Attempt, SessionEnd
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
+from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.rates import RatesAnalysis
@@ -180,7 +181,8 @@ def simulate(
                 say("stopped; the same command goes on where it was", file=sys.stderr)
                 raise typer.Exit(130) from None
         done = sum(outcome.main_done for outcome in outcomes.values())
-        say(f"{out / study.study.name}: {len(outcomes)} simulated sessions, {done} decisions")
+        made = f"{count_of(len(outcomes), 'simulated session')}, {count_of(done, 'decision')}"
+        say(f"{out / study.study.name}: {made}")
         codes = {participant_code(number) for number in range(participants)}
         require_decisions(
             sitting

@@ -12,6 +12,7 @@ from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
+from protocols.prose import count_of
 from study_app.cli import archive_commands
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
@@ -258,7 +259,8 @@ def _tell(outcome: Outcome, options: SittingOptions) -> None:
     folder = options.root / options.protocol.study.name / options.participant
     if outcome.reason == "completed" and not outcome.main_done:
         require_decisions([Sitting(folder, read_journal(folder / JOURNAL_NAME, lenient=True))])
-    say(f"{folder}: {outcome.reason}, {outcome.main_done} of {outcome.main_planned} decisions")
+    planned = count_of(outcome.main_planned, "decision")
+    say(f"{folder}: {outcome.reason}, {outcome.main_done} of {planned}")
     if outcome.given_up:
         say(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")
     if outcome.reason == "tracker-lost":

@@ -153,6 +153,54 @@ def test_power_says_which_numbers_are_missing_or_wrong(words, said):
     assert said in re.sub(r"\s+", " ", result.output)
 
 
+def pairs_of_old(person: int, scene: int) -> str:
+    return f"p{person};s{scene};ours;theirs;{'left' if (person + scene) % 3 else 'right'}"
+
+
+def answers_of_old(person: int, scene: int) -> str:
+    truth = ("left", "right")[scene % 2]
+    wrong = {"left": "right", "right": "left"}[truth]
+    return f"p{person};s{scene // 2};{truth};{wrong if (person + scene) % 3 == 0 else truth}"
+
+
+@pytest.mark.parametrize(
+    ("task", "head", "row", "words", "design", "named"),
+    [
+        (
+            "two-interval", "who;scene;first;second;said", pairs_of_old, ["chosen=said"],
+            ["--pairs", 1, "--scenes", 3, "--repeats", 2, "--people", 6], "deviations",
+        ),
+        (
+            "yes-no", "who;scene;expected;answer", answers_of_old, ["--set", "signal=left"],
+            ["new/study.toml"], "d_prime",
+        ),
+        (
+            "identification", "who;scene;expected;answer", answers_of_old,
+            ["--set", "alternatives=2"], ["new/study.toml"], "participant_sd",
+        ),
+    ],
+)  # fmt: skip
+def test_an_imported_table_serves_as_the_pilot_of_a_power_curve(
+    tmp_path, monkeypatch, task, head, row, words, design, named
+):
+    monkeypatch.chdir(tmp_path)
+    lines = [row(person, scene) for person in range(6) for scene in range(6)]
+    Path("old.csv").write_text("\n".join([head, *lines]) + "\n")
+    maps = ["--map", "participant=who", *(["--map"] if "=" in words[0] else []), *words]
+    done = run("import", "old.csv", "--task", task, *maps, "--out", "old one")
+    assert done.exit_code == 0, done.output
+    if design == ["new/study.toml"]:
+        assert CliRunner().invoke(app, ["new-study", "new", "--task", task]).exit_code == 0
+    words = ["--rate", 0.7] if task == "two-interval" else []
+
+    done = run("power", *design, *words, "--from", "old one/decisions.csv", "--studies", 100)
+
+    assert done.exit_code == 0, done.output
+    text = re.sub(r"\s+", " ", done.output)
+    assert named in text
+    assert "6 participants in the pilot" in text
+
+
 def test_power_prints_a_table_and_draws_the_curve(tmp_path):
     result = run("power", "demo", "--rate", 0.7, "--studies", 200, "--out", tmp_path / "p")
 

@@ -46,7 +46,7 @@ def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monke
     assert stopped.stderr == "stopped; the same command goes on where it was\n"
     again = run(*command)
     assert again.exit_code == 0
-    assert "1 simulated sessions" in again.stdout
+    assert "1 simulated session," in again.stdout
 
 
 def test_an_artificial_observer_lets_a_person_quit():

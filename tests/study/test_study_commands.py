@@ -238,7 +238,7 @@ def test_simulate_list_and_status_tell_one_story(tmp_path):
         assert word in status
 
     again = metamerlab("session", "simulate", "demo", "--out", root, "--participants", 3)
-    assert again.stdout.strip().endswith("1 simulated sessions, 24 decisions")
+    assert again.stdout.strip().endswith("1 simulated session, 24 decisions")
 
 
 @pytest.mark.parametrize(
@@ -278,7 +278,7 @@ def test_one_decision_is_enough_to_be_a_session(study, tmp_path):
     path = study(("timeout_s = 20.0", "timeout_s = 0.75"), ("max_attempts = 3", "max_attempts = 1"))
     result = metamerlab("session", "simulate", path, "--out", tmp_path / "s")
 
-    (done,) = re.findall(r"1 simulated sessions, (\d+) decisions", result.stdout)
+    (done,) = re.findall(r"1 simulated session, (\d+) decisions", result.stdout)
     assert 0 < int(done) < 24  # some too late, some not
     assert result.exit_code == 0, result.stderr
 
@@ -380,7 +380,7 @@ def test_simulate_goes_on_with_a_stopped_session_and_refuses_another_protocol(tm
 
     result = metamerlab("session", "simulate", path, "--out", root)
 
-    assert result.stdout.strip().endswith("1 simulated sessions, 24 decisions")
+    assert result.stdout.strip().endswith("1 simulated session, 24 decisions")
     assert (journal.parent / "torn-line.txt").read_bytes() == whole[10][:50]
     journal.write_bytes(b"".join(whole[:10]))
     other = study(("repeats = 2", "repeats = 4"))

@@ -16,6 +16,7 @@ from analysis.report.wording import (
 )
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale
+from protocols.prose import count_of
 
 TESTS = {
     "participant-scene": (
@@ -179,8 +180,8 @@ def scale_text(one: SizeScale, settings: Settings) -> str:
         circular = sum(result.circular > 0 for _, result in one.triads)
         zeta = sum(result.zeta for _, result in one.triads) / len(one.triads)
         parts.append(
-            f"{circular} of {len(one.triads)} participants contradict themselves in circles"
-            f" (mean Kendall's ζ = {number(zeta)}; 1: never)."
+            f"{circular} of {count_of(len(one.triads), 'participant')} contradict themselves in"
+            f" circles (mean Kendall's ζ = {number(zeta)}; 1: never)."
         )
     if one.observers.flagged:
         parts.append(

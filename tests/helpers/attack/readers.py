@@ -8,6 +8,7 @@ import dataclasses
 import gzip
 import math
 import shutil
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +28,7 @@ from analysis.export.bids_gaze import read_samples
 from analysis.plain_csv import read_decisions
 from analysis.tidy import read_sessions
 from analysis.trials_csv import read_trials
+from analysis.xlsx import read_xlsx
 from pipeline.compression.codec import Settings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.file_format import read_compressed, to_bytes
@@ -189,8 +191,39 @@ READERS: tuple[Reader, ...] = (
     Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
     Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_gaze(str(path))),
     Reader("decisions-csv", "decisions.csv", mutations.PLAIN, read_decisions, _lost, 0.3),
+    Reader("table-xlsx", "old.xlsx", mutations.ZIPPED, lambda path: read_xlsx(path, []), _anything),
     Reader("trials-csv", "trials.csv", mutations.PLAIN, read_trials, _lost),
 )
+
+
+def write_xlsx(path: Path) -> None:
+    """Write a workbook whose first part is its sheet, so that the attack harms what is read."""
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    links = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    rows = (("who", "first", "second", "share"), ("p1", "ours", "blur", 0.5))
+    lines = [
+        f'<row r="{number}">'
+        + "".join(
+            f'<c r="{chr(65 + column)}{number}"><v>{value}</v></c>'
+            if isinstance(value, float)
+            else f'<c r="{chr(65 + column)}{number}" t="inlineStr"><is><t>{value}</t></is></c>'
+            for column, value in enumerate(row)
+        )
+        + f'<c r="E{number}" t="s"><v>0</v></c></row>'
+        for number, row in enumerate(rows, 1)
+    ]
+    files = {
+        "xl/worksheets/sheet1.xml": f"<worksheet {main}><sheetData>{''.join(lines)}</sheetData>"
+        "</worksheet>",
+        "xl/workbook.xml": f'<workbook {main} xmlns:r="{links}"><sheets><sheet name="Data"'
+        ' r:id="r1"/></sheets></workbook>',
+        "xl/_rels/workbook.xml.rels": '<Relationships><Relationship Id="r1"'
+        ' Target="worksheets/sheet1.xml"/></Relationships>',
+        "xl/sharedStrings.xml": f"<sst {main}><si><t>note</t></si></sst>",
+    }
+    with zipfile.ZipFile(path, "w") as packed:
+        for name, text in files.items():
+            packed.writestr(name, text)
 
 
 def write_samples(folder: Path) -> None:
@@ -283,6 +316,7 @@ def _write_tables(folder: Path, rng: np.random.Generator) -> None:
     (folder / "stimuli.csv").write_text(
         "stimulus,file,scene,level\n" + "".join(f"s{n},s{n}.png,one,{n / 4}\n" for n in range(6))
     )
+    write_xlsx(folder / "old.xlsx")
     (folder / "decisions.csv").write_text(
         "participant,first,second,chosen,scene,rt_s\n"
         + "".join(f"P{n % 3},a,b,{'ab'[n % 2]},one,{0.4 + n / 10}\n" for n in range(12))
