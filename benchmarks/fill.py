@@ -102,21 +102,17 @@ class Bench:
         self.mask = mask
         self.frame = masked_frame(edge_px, mask)
         self.size = (edge_px, edge_px)
-        known = (~self.frame.hole).astype(np.float32)[..., None]
-        rgba = np.concatenate([self.frame.colour * known, known], axis=-1)
-        self.image = texture_from(ctx, rgba, "rgba32f")
-        self.depth_m = texture_from(ctx, self.frame.depth_m, "r32f")
-        self.flow_px = texture_from(ctx, self.frame.flow_px, "rg32f")
+        self.textures = FrameTextures.of(ctx, self.frame)
         self.filled = create_texture(ctx, self.size, "rgba32f")
         self.push_pull = PushPullPass(ctx, self.size)
         self.copier = Copy(ctx, "rgba32f")
         self._push_pull_ms: list[float] = []
 
     def run_push_pull(self) -> None:
-        self.push_pull(self.image, self.filled)
+        self.push_pull(self.textures.colour, self.filled)
 
     def run_copy(self) -> None:
-        self.copier((self.image, self.filled))
+        self.copier((self.textures.colour, self.filled))
 
     def time_all(self, methods: Iterable[str], repeats: int) -> list[Timing]:
         """Time methods one after another, and put all on one clock."""
@@ -158,13 +154,13 @@ class Bench:
             metameric = MetamericPass(self.ctx, self.size, METAMERIC[method])
 
             def fill() -> None:
-                metameric(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M, seed=SEED)
+                metameric(self.textures, z_near_m=Z_NEAR_M, seed=SEED)
 
             return fill, metameric.dispatches, metameric.held_bytes, metameric.release
         if method == "shift-map":
             shift_map = ShiftMapPass(self.ctx, self.size, ShiftMapSettings())
             return (
-                lambda: shift_map(self.image, self.depth_m, self.flow_px, z_near_m=Z_NEAR_M),
+                lambda: shift_map(self.textures, z_near_m=Z_NEAR_M),
                 shift_map.dispatches,
                 shift_map.held_bytes,
                 shift_map.release,
@@ -172,7 +168,7 @@ class Bench:
         if method == "push-pull-depth":
             guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.gamma)
             return (
-                lambda: guided(self.image, self.depth_m, Z_NEAR_M),
+                lambda: guided(self.textures.colour, self.textures.depth_m, Z_NEAR_M),
                 guided.dispatches,
                 guided.held_bytes,
                 guided.release,
@@ -184,7 +180,7 @@ class Bench:
         if method == "weighted-pull-push":
             weighted = WeightedPullPushPass(self.ctx, self.size)
             return (
-                lambda: weighted(self.image, self.filled),
+                lambda: weighted(self.textures.colour, self.filled),
                 weighted.dispatches,
                 None,
                 weighted.release,
@@ -224,7 +220,7 @@ class Bench:
         )
 
     def release(self) -> None:
-        for item in (self.image, self.depth_m, self.flow_px, self.filled, self.push_pull):
+        for item in (self.textures, self.filled, self.push_pull):
             item.release()
         self.copier.release()
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.gl.texture import create_texture, read_back, upload
+from pipeline.gl.texture import check_texture, create_texture, read_back, upload
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,25 @@ class FrameTextures:
             create_texture(ctx, size, "r32f"),
             create_texture(ctx, size, "rg32f"),
         )
+
+    @classmethod
+    def of(cls, ctx: moderngl.Context, frame: WarpedFrame) -> Self:
+        """Make textures of a frame."""
+        textures = cls.create(ctx, (frame.size[1], frame.size[0]))
+        textures.upload(frame)
+        return textures
+
+    def check(self, size: tuple[int, int]) -> None:
+        """Require one size (width, height) and the formats above.
+
+        Raises
+        ------
+        InputError
+            Naming the texture, what must hold and what was found.
+        """
+        check_texture(self.colour, "colour", size, "rgba32f")
+        check_texture(self.depth_m, "depth_m", size, "r32f")
+        check_texture(self.flow_px, "flow_px", size, "rg32f")
 
     @property
     def size(self) -> tuple[int, int]:

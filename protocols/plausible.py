@@ -78,6 +78,7 @@ def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Pro
         *_times(study),
         *_sizes(study, display),
         *_scenes(study),
+        *_true_view(study),
         *_length(study, trials),
     ]
 
@@ -129,6 +130,18 @@ def _scenes(study: StudyProtocol) -> Iterator[Problem]:
                 f"the cameras are {scene.baseline_m:g} m apart; metres are meant: should it be"
                 f" {scene.baseline_m / 1000:g}?",
             )
+
+
+def _true_view(study: StudyProtocol) -> Iterator[Problem]:
+    view = study.stimuli.clips.true_view if isinstance(study.stimuli, WarpedClips) else None
+    dot_deg = study.trial.fixation_x_deg, study.trial.fixation_y_deg
+    if view is not None and (view.x_deg, view.y_deg) != dot_deg:
+        yield Problem(
+            "stimuli.clips.true_view",
+            f"the true view is around ({view.x_deg:g}, {view.y_deg:g}) deg, and the dot at"
+            f" ({dot_deg[0]:g}, {dot_deg[1]:g}) deg (trial.fixation_x_deg, fixation_y_deg); should"
+            " they be the same place?",
+        )
 
 
 def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:

@@ -32,6 +32,7 @@ from stimuli.paths import make_path
 from stimuli.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.scenery import Scenery
 from stimuli.solve import solve_extent
+from stimuli.true_view import true_share, with_true_view
 from stimuli.whole_file import write_whole
 
 ENCODERS = 2
@@ -181,8 +182,12 @@ def _frames(
             given = orders.method(clip).parameters
             method = create_method(orders.registry_name(clip), ctx, given)
             fills = Fills(method, footage, orders.protocol.warped.clips.seed)
+        view = orders.protocol.warped.clips.true_view
+        share = None if view is None else true_share(orders.render_px, orders.distance_px, view)
         for frame in wanted:
             colour = footage.truth(frame) if fills is None else fills.frame(frame)
+            if fills is not None and share is not None:
+                colour = with_true_view(colour, footage.truth(frame), share)
             yield frame, _rescaled(colour, orders)
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error

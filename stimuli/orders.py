@@ -55,6 +55,12 @@ class Orders:
         asked = self.protocol.warped.clips.render_width_px
         return (width, height) if asked is None else (asked, max(1, round(height * asked / width)))
 
+    @property
+    def distance_px(self) -> float:
+        """Distance of the eye in pixels of frames as they are made."""
+        of_display = self.display.distance_mm / self.display.pitch_x_mm
+        return of_display * self.render_px[0] / self.shown_px[0]
+
     def scene(self, clip: ClipName) -> Scene:
         """The scene of a clip."""
         return self.protocol.warped.scene(clip.scene)
@@ -100,6 +106,8 @@ class Orders:
             "rescale": clips.rescale,
             "exr": clips.exr,
         }
+        if clips.true_view is not None:
+            inputs["true_view"] = [clips.true_view.model_dump(), self.distance_px]
         return cache_key(inputs)
 
     def _survey_key(self, scene_name: str, size_name: str) -> str:

@@ -377,6 +377,7 @@ def gl_context(shared_gl_context: moderngl.Context) -> Iterator[moderngl.Context
     A test fails if it leaves an object alive in the context, or a GL error unread.
     """
     shared_gl_context.__enter__()  # another test may have made its own context current
+    shared_gl_context.detect_framebuffer(0).use()  # or have released the framebuffer in use
     shared_gl_context.clear_errors()
     watch = GLWatch()
     yield shared_gl_context

@@ -6,6 +6,7 @@ Twin: reference.py.
 import moderngl
 
 from pipeline.background_texture import reference
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.regions import WorkLists
 
@@ -38,15 +39,15 @@ class SeekPass(Pass):
         self._seek["depth_threshold"] = depth_threshold
         self.origin_px = self._texture(size, "rg32f")
 
-    def __call__(
-        self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
-        z_near_m: float,
-    ) -> moderngl.Texture:
+    def __call__(self, frame: FrameTextures, z_near_m: float) -> moderngl.Texture:
         """Return the texture of origins; one dispatch over the pixels with a hole."""
         self._seek["z_near_m"] = z_near_m
-        frame = {"image": image, "depth_m": depth_m, "flow_px": flow_px}
-        self._lists.run(self._seek, ("holes", 1), origin=self.origin_px, **frame)
+        self._lists.run(
+            self._seek,
+            ("holes", 1),
+            image=frame.colour,
+            depth_m=frame.depth_m,
+            flow_px=frame.flow_px,
+            origin=self.origin_px,
+        )
         return self.origin_px

@@ -80,6 +80,7 @@ class Shader:
         self._slots = _slots(self._program, code)
         self._writes = any(slot.writes for slot in self._slots.values())
         self._held: dict[str, Resource] = {}
+        self._checked: dict[str, Resource] = {}
         self.group = _group(code)
 
     def __setitem__(self, name: str, value: Any) -> None:
@@ -143,9 +144,24 @@ class Shader:
         for name, slot in self._slots.items():
             if name not in given:
                 raise ShaderError(f"{self.path}: {slot.kind} {name!r} is not given")
-            self._bind_one(name, slot, given[name])
+            resource: Any = given[name]
+            if resource is not self._checked.get(name):
+                self._check(name, slot, resource)
+                self._checked[name] = resource
+            if slot.kind == "image":
+                resource.bind_to_image(slot.point, slot.reads, slot.writes)
+            elif slot.kind == "buffer":
+                resource.bind_to_storage_buffer(slot.point)
+            elif slot.kind == "block":
+                resource.bind_to_uniform_block(slot.point)
+            elif isinstance(resource, Sequence):
+                for point, texture in enumerate(resource, start=slot.point):
+                    texture.use(point)
+            else:
+                resource.use(slot.point)
 
-    def _bind_one(self, name: str, slot: _Slot, resource: Resource) -> None:
+    def _check(self, name: str, slot: _Slot, resource: Resource) -> None:
+        """Require a resource that fits its place; the last one that did is not asked again."""
         match slot.kind, resource:
             case "image", moderngl.Texture() | moderngl.TextureArray():
                 if image_format(resource) != slot.format:
@@ -153,16 +169,10 @@ class Shader:
                         f"{self.path}: image {name!r} is {slot.format}"
                         f" (got a texture of {image_format(resource)})"
                     )
-                resource.bind_to_image(slot.point, read=slot.reads, write=slot.writes)
-            case "sampler", moderngl.Texture() | moderngl.TextureArray():
-                resource.use(slot.point)
-            case "sampler", [*textures]:
-                for point, texture in enumerate(textures, start=slot.point):
-                    texture.use(point)
-            case "buffer", moderngl.Buffer():
-                resource.bind_to_storage_buffer(slot.point)
-            case "block", moderngl.Buffer():
-                resource.bind_to_uniform_block(slot.point)
+            case "sampler", moderngl.Texture() | moderngl.TextureArray() | [*_]:
+                pass
+            case "buffer" | "block", moderngl.Buffer():
+                pass
             case _:
                 raise ShaderError(
                     f"{self.path}: {slot.kind} {name!r} cannot be a {type(resource).__name__}"

@@ -54,8 +54,7 @@ class Metameric(Guided[MetamericPass]):
         return MetamericPass(self._ctx, size, self._settings)
 
     def _run(self, filler: MetamericPass, frame: FrameTextures, seed: int) -> None:
-        z_near_m = self._nearest_m(frame)
-        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m, seed=seed)
+        filler(frame, z_near_m=self._nearest_m(frame), seed=seed)
 
 
 class PushPullDepth(Guided[GuidedBasePass]):
@@ -113,5 +112,4 @@ class MetamericPaper(Guided[PrintedPass]):
         return PrintedPass(self._ctx, size, self._settings)
 
     def _run(self, filler: PrintedPass, frame: FrameTextures, seed: int) -> None:
-        z_near_m = self._nearest_m(frame)
-        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m, seed=seed)
+        filler(frame, z_near_m=self._nearest_m(frame), seed=seed)

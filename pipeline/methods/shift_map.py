@@ -34,5 +34,4 @@ class ShiftMap(Guided[ShiftMapPass]):
         return ShiftMapPass(self._ctx, size, self._settings)
 
     def _run(self, filler: ShiftMapPass, frame: FrameTextures, seed: int) -> None:  # noqa: ARG002
-        z_near_m = self._nearest_m(frame)
-        filler(frame.colour, frame.depth_m, frame.flow_px, z_near_m=z_near_m)
+        filler(frame, z_near_m=self._nearest_m(frame))

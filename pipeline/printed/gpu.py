@@ -9,8 +9,9 @@ import moderngl
 import numpy as np
 
 from pipeline.features.gpu import band_constants, low_constants
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
-from pipeline.gl.texture import check_size, check_texture
+from pipeline.gl.texture import check_size
 from pipeline.printed.noise import TILE as NOISE_TILE
 from pipeline.printed.noise import printed_noise
 from pipeline.printed.settings import PrintedSettings
@@ -103,32 +104,22 @@ class PrintedPass(Pass):
 
     def __call__(
         self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
+        frame: FrameTextures,
         *,
         z_near_m: float,
         seed: int,
     ) -> None:
-        """Fill `image` in place.
+        """Fill the holes of `frame.colour` in place; alpha stays as it is.
 
         Parameters
         ----------
-        image : rgba32f
-            rgb: encoded colour; alpha: 1 known, 0 hole. Alpha stays as it is.
-        depth_m : r32f
-            With the background's depth inside holes.
-        flow_px : rg32f
-            Warped motion.
         z_near_m : float
             The clip's nearest depth.
         """
-        check_texture(image, "image", self.size, "rgba32f")
-        check_texture(depth_m, "depth_m", self.size, "r32f")
-        check_texture(flow_px, "flow_px", self.size, "rg32f")
+        frame.check(self.size)
         self.set_seed(seed)
         self._split["z_near_m"] = z_near_m
-        self._pull_colours(image, depth_m)
+        self._pull_colours(frame.colour, frame.depth_m)
         levels = self.settings.levels
         for k in range(levels):
             here = {"low": self._low[k], "guide": self._guide[k]}
@@ -165,10 +156,10 @@ class PrintedPass(Pass):
                 ycbcr=below,
                 planes=self._planes[k],
                 noise=self._noise,
-                flow_px=flow_px,
-                image=image,
+                flow_px=frame.flow_px,
+                image=frame.colour,
             )
-        self._compose.run_over(self.size, image=image, ycbcr=below)
+        self._compose.run_over(self.size, image=frame.colour, ycbcr=below)
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand.

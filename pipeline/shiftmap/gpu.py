@@ -7,8 +7,8 @@ compares; each tile's first shift, and the sweeps; the detail; and all put toget
 import moderngl
 
 from pipeline.background_texture.reference import MARGIN_PX, OCTANT_TANGENT
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
-from pipeline.gl.texture import check_texture
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.shiftmap import settings as fixed
@@ -110,34 +110,25 @@ class ShiftMapPass(Pass):
 
     def __call__(
         self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
+        frame: FrameTextures,
         *,
         z_near_m: float,
     ) -> None:
-        """Fill `image` in place.
+        """Fill the holes of `frame.colour` in place; alpha stays as it is.
 
         Parameters
         ----------
-        image : rgba32f
-            rgb: encoded colour; alpha: 1 known, 0 hole. Alpha stays as it is.
-        depth_m : r32f
-            With the background's depth inside holes.
-        flow_px : rg32f
-            Warped motion.
         z_near_m : float
             The clip's nearest depth.
         """
-        check_texture(depth_m, "depth_m", self.size, "r32f")
-        check_texture(flow_px, "flow_px", self.size, "rg32f")
+        frame.check(self.size)
         self._steps["reset"].run(self._reset_groups)
-        self.base(image, depth_m, z_near_m)
+        self.base(frame.colour, frame.depth_m, z_near_m)
         self._set(z_near_m=z_near_m)
         self._hold(
-            image=image,
-            depth_m=depth_m,
-            flow_px=flow_px,
+            image=frame.colour,
+            depth_m=frame.depth_m,
+            flow_px=frame.flow_px,
             quarters=self.base.chain.at(fixed.LOW_RESOLUTION),
             quarter_guide=self.base.guide.at(fixed.LOW_RESOLUTION),
         )

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.background_texture.gpu import SeekPass
 from pipeline.errors import InputError
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.compute import Resource
 from pipeline.gl.passes import Pass
-from pipeline.gl.texture import check_texture
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.noise.mixing import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
@@ -148,47 +148,43 @@ class MetamericPass(Pass):
 
     def __call__(
         self,
-        image: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        flow_px: moderngl.Texture,
+        frame: FrameTextures,
         *,
         z_near_m: float,
         seed: int,
         source_from_target: NDArray[np.float64] | None = None,
     ) -> None:
-        """Fill `image` in place.
+        """Fill the holes of `frame.colour` in place; alpha stays as it is.
 
         Parameters
         ----------
-        image : rgba32f
-            rgb: encoded colour; alpha: 1 known, 0 hole. Alpha stays as it is.
-        depth_m : r32f
-            With the background's depth inside holes.
-        flow_px : rg32f
-            Warped motion.
         z_near_m : float
             The clip's nearest depth.
         source_from_target : ndarray, shape (4, 4)
             Needed by ``anchor="camera"``; see `camera.reprojection`.
         """
-        check_texture(image, "image", self.size, "rgba32f")
-        check_texture(depth_m, "depth_m", self.size, "r32f")
-        check_texture(flow_px, "flow_px", self.size, "rg32f")
+        frame.check(self.size)
         if self.settings.anchor == "camera":
             matrix = check_source_from_target(source_from_target)
             self._composite["source_from_target"] = tuple(
                 matrix.T.astype(np.float32).ravel().tolist()
             )
         self.set_seed(seed)
-        self.base(image, depth_m, z_near_m)
-        levels = self.low_bands(image, depth_m, z_near_m)
-        self.variances(levels[: self.settings.levels], depth_m, z_near_m)
-        frame = {"image": image, "depth_m": depth_m, "flow_px": flow_px}
+        self.base(frame.colour, frame.depth_m, z_near_m)
+        levels = self.low_bands(frame.colour, frame.depth_m, z_near_m)
+        self.variances(levels[: self.settings.levels], frame.depth_m, z_near_m)
         detail: dict[str, Resource] = {}
         if self._seek:
-            detail = {"origin": self._seek(**frame, z_near_m=z_near_m), "coarser": levels[1:]}
+            detail = {"origin": self._seek(frame, z_near_m), "coarser": levels[1:]}
         self._composite["z_near_m"] = z_near_m
-        self.base.lists.run(self._composite, ("holes", 1), **frame, **detail)
+        self.base.lists.run(
+            self._composite,
+            ("holes", 1),
+            image=frame.colour,
+            depth_m=frame.depth_m,
+            flow_px=frame.flow_px,
+            **detail,
+        )
 
 
 def check_limits(ctx: moderngl.Context, size: tuple[int, int]) -> None:

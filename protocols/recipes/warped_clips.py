@@ -363,6 +363,21 @@ class Method(Model):
         return self.registry_name == "reference"
 
 
+class TrueView(Model):
+    """Where people look, and how far around it every frame shows the true view.
+
+    So a periphery that is up-sampled in time can be shown around a fovea that is not
+    ([MI] Fig. 12).
+    """
+
+    within_deg: Degrees
+    """From the dot; over the next degree it gives way to what the method made."""
+    x_deg: float = 0.0
+    """Place of the dot, right of the clip's centre."""
+    y_deg: float = 0.0
+    """Place of the dot, below the clip's centre."""
+
+
 class Clips(Grown):
     """How every clip is made, in native pixels of the study's display.
 
@@ -394,13 +409,15 @@ class Clips(Grown):
     """Keep float frames beside the PNGs."""
     preview: bool = True
     """Write a small video per clip."""
+    true_view: TrueView | None = None
+    """What is shown around the dot; left out: every method's frame as it is, everywhere."""
 
     @property
     def frames(self) -> int:
         """Frames in one clip."""
         return round(self.duration_s * self.fps)
 
-    added_later: ClassVar[tuple[str, ...]] = ("width_px", "height_px")
+    added_later: ClassVar[tuple[str, ...]] = ("width_px", "height_px", "true_view")
 
     @model_validator(mode="after")
     def _one_size(self) -> Clips:
@@ -471,6 +488,16 @@ class WarpedClips(Recipe):
     """How every clip is made."""
 
     section: ClassVar[str] = "stimuli.clips"
+
+    @model_validator(mode="after")
+    def _true_views_exist(self) -> WarpedClips:
+        without = [scene.name for scene in self.scenes if not scene.has_reference]
+        if self.clips.true_view is not None and without:
+            raise ValueError(
+                f"true_view needs scenes with a reference ({', '.join(without)}: none); leave them"
+                " out, or leave true_view out"
+            )
+        return self
 
     @property
     def size_unit(self) -> str:

@@ -117,3 +117,15 @@ def test_a_display_in_place_of_a_study_is_one_mistake(display):
     assert result.exit_code == 2
     assert "must be a study (this is a display)" in result.stderr
     assert result.stderr.count("\n") <= 2
+
+
+def test_a_true_view_away_from_the_dot_is_noted(study):
+    clips = "[stimuli.clips]\n"
+    there = check(study((clips, clips + "true_view = { within_deg = 3, x_deg = 2 }\n")))
+    same = check(study((clips, clips + "true_view = { within_deg = 3 }\n")))
+
+    assert "the true view is around (2, 0) deg, and the dot at (0, 0) deg" in " ".join(
+        there[1].split()
+    )
+    assert "true view" not in same[1]
+    assert there[0] == same[0] == 0

@@ -8,7 +8,8 @@ import pytest
 
 from pipeline.camera import Camera, reprojection
 from pipeline.frame import WarpedFrame
-from pipeline.gl.texture import create_texture, read_back, upload
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import read_back, upload
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
@@ -68,23 +69,20 @@ class MetamericRun:
         self.frame, self.settings = frame, settings
         height, width = frame.size
         self.fill_pass = MetamericPass(ctx, (width, height), settings)
-        self._image = create_texture(ctx, (width, height), "rgba32f")
-        self._depth_m = create_texture(ctx, (width, height), "r32f")
-        self._flow_px = create_texture(ctx, (width, height), "rg32f")
+        self.textures = FrameTextures.create(ctx, (width, height))
         self.matrix = cameras(frame.size) if settings.anchor == "camera" else None
 
     def load(self, frame=None):
         frame = frame or self.frame
+        self.textures.upload(frame)
+        # What the array holds inside holes goes up too: no pass may read it.
         alpha = ~frame.hole[..., None]
-        upload(self._image, np.concatenate([frame.colour, alpha], -1, dtype=np.float32))
-        upload(self._depth_m, frame.depth_m)
-        upload(self._flow_px, frame.flow_px)
+        rgba = np.concatenate([frame.colour, alpha], -1, dtype=np.float32)
+        upload(self.textures.colour, rgba)
 
     def call(self, seed=3):
         self.fill_pass(
-            self._image,
-            self._depth_m,
-            self._flow_px,
+            self.textures,
             z_near_m=Z_NEAR_M,
             seed=seed,
             source_from_target=self.matrix,
@@ -93,7 +91,7 @@ class MetamericRun:
     def __call__(self, frame=None, seed=3):
         self.load(frame)
         self.call(seed)
-        return read_back(self._image)
+        return read_back(self.textures.colour)
 
     def reference(self, seed=3, **changes):
         return metameric_fill(
@@ -126,7 +124,7 @@ class MetamericRun:
         return found
 
     def release(self):
-        for thing in (self.fill_pass, self._image, self._depth_m, self._flow_px):
+        for thing in (self.fill_pass, self.textures):
             thing.release()
 
     def decided_by_threshold(self, fill, margin=12 * ROUNDOFF):

@@ -10,7 +10,8 @@ from scipy import ndimage
 
 from pipeline.background_texture.reference import texture_origins
 from pipeline.frame import WarpedFrame
-from pipeline.gl.texture import read_back, texture_from
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import read_back
 from pipeline.inpaint.reference import guide_from_depth
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
@@ -41,22 +42,13 @@ def disc_scene(rng, size, motion_px):
     )
 
 
-def textures(ctx, warped):
-    known = (~warped.hole)[..., None].astype(np.float32)
-    image = np.concatenate([warped.colour * known, known], axis=-1)
-    arrays = (image, warped.depth_m, warped.flow_px)
-    formats = ("rgba32f", "r32f", "rg32f")
-    return [texture_from(ctx, *pair) for pair in zip(arrays, formats, strict=True)]
-
-
 def gpu_fill(ctx, warped, settings=BACKGROUND, seed=1):
     filler = MetamericPass(ctx, (warped.size[1], warped.size[0]), settings)
-    inputs = textures(ctx, warped)
-    filler(*inputs, z_near_m=Z_NEAR_M, seed=seed)
-    filled = read_back(inputs[0])[..., :3]
+    inputs = FrameTextures.of(ctx, warped)
+    filler(inputs, z_near_m=Z_NEAR_M, seed=seed)
+    filled = read_back(inputs.colour)[..., :3]
     filler.release()
-    for texture in inputs:
-        texture.release()
+    inputs.release()
     return filled
 
 
@@ -90,12 +82,11 @@ def test_origins_on_gpu_are_the_references(gl_context, rng, motion_px):
     warped = replace(warped, hole=warped.hole | (np.arange(128) >= 120))  # and at the border
     origin_px, found = texture_origins(warped, guide_from_depth(warped.depth_m, Z_NEAR_M), 0.04)
     filler = MetamericPass(gl_context, (128, 96), BACKGROUND)
-    inputs = textures(gl_context, warped)
-    filler(*inputs, z_near_m=Z_NEAR_M, seed=1)
+    inputs = FrameTextures.of(gl_context, warped)
+    filler(inputs, z_near_m=Z_NEAR_M, seed=1)
     ours = read_back(filler.origin_px)
     filler.release()
-    for texture in inputs:
-        texture.release()
+    inputs.release()
 
     np.testing.assert_array_equal(ours[warped.hole][:, 0] >= 0, found[warped.hole])
     np.testing.assert_array_equal(ours[found], origin_px[found].astype(np.float32))

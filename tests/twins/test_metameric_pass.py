@@ -6,6 +6,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, texture_bytes, texture_from
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
@@ -144,15 +145,15 @@ def test_held_bytes_are_what_is_held(prepare, rng, disc_scene):
     assert run.fill_pass.held_bytes == held
 
 
-@pytest.mark.parametrize("argument", ["image", "depth_m", "flow_px"])
+@pytest.mark.parametrize("argument", ["colour", "depth_m", "flow_px"])
 def test_textures_of_another_size_are_refused(gl_context, argument):
     fill_pass = MetamericPass(gl_context, (8, 9), MetamericSettings())
-    formats = {"image": "rgba32f", "depth_m": "r32f", "flow_px": "rg32f"}
+    formats = {"colour": "rgba32f", "depth_m": "r32f", "flow_px": "rg32f"}
     good = {name: create_texture(gl_context, (8, 9), kind) for name, kind in formats.items()}
     wrong = create_texture(gl_context, (9, 8), formats[argument])
 
     with pytest.raises(InputError, match=rf"^{argument} must be 8x9"):
-        fill_pass(**(good | {argument: wrong}), z_near_m=1.0, seed=1)
+        fill_pass(FrameTextures(**(good | {argument: wrong})), z_near_m=1.0, seed=1)
     for thing in (fill_pass, wrong, *good.values()):
         thing.release()
 
@@ -215,7 +216,7 @@ def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng, disc_scene):
         depth_m = texture_from(gl_context, frame.depth_m, "r32f")
         flow_px = texture_from(gl_context, frame.flow_px, "rg32f")
         fill_pass = MetamericPass(gl_context, (40, 30), settings)
-        fill_pass(image, depth_m, flow_px, z_near_m=1.0, seed=1)
+        fill_pass(FrameTextures(image, depth_m, flow_px), z_near_m=1.0, seed=1)
         results.append(read_back(image))
         for thing in (image, depth_m, flow_px, fill_pass):
             thing.release()

@@ -132,8 +132,8 @@ class Stages:
             self.guides.append(here[:, :, 0, 3])
         lows = [read_back(low) for low in fill_pass.low_bands._coarser]
         run.load()
-        fill_pass.base(run._image, run._depth_m, Z_NEAR_M)
-        self.base = read_back(run._image)[..., :3].astype(np.float64)
+        fill_pass.base(run.textures.colour, run.textures.depth_m, Z_NEAR_M)
+        self.base = read_back(run.textures.colour)[..., :3].astype(np.float64)
         self.bands = [
             analyse(ycbcr_from_rgb(np.nan_to_num(colour.astype(np.float64))), 1).bands[0]
             for colour in (self.base, *(low[..., :3] for low in lows))

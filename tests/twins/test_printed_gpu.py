@@ -1,12 +1,15 @@
 """The printed method on the GPU against its definition."""
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.gl.texture import create_texture, read_back, texture_from
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.printed.gpu import PrintedPass
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
@@ -43,14 +46,12 @@ def run(
     height, width = warped.size
     known = (~warped.hole).astype(np.float32)[..., None]
     filler = PrintedPass(ctx, (width, height), settings)
-    textures = (
-        texture_from(ctx, np.concatenate([warped.colour, known], axis=-1), "rgba32f"),
-        texture_from(ctx, warped.depth_m, "r32f"),
-        texture_from(ctx, warped.flow_px, "rg32f"),
-    )
-    filler(*textures, z_near_m=1.0, seed=seed)
-    found = read_back(textures[0])
-    for resource in (*textures, filler):
+    textures = FrameTextures.of(ctx, warped)
+    # What the array holds inside holes goes up too: no pass may read it.
+    upload(textures.colour, np.concatenate([warped.colour, known], axis=-1))
+    filler(textures, z_near_m=1.0, seed=seed)
+    found = read_back(textures.colour)
+    for resource in (textures, filler):
         resource.release()
     np.testing.assert_array_equal(found[..., 3], known[..., 0])
     return found[..., :3]
@@ -74,18 +75,12 @@ def test_gpu_matches_reference(gl_context, rng, size, settings):
 def test_another_seed_gives_other_noise_and_the_first_comes_back(gl_context, rng):
     warped = frame(rng, 33, 47)
     filler = PrintedPass(gl_context, (47, 33), PrintedSettings())
-    known = (~warped.hole).astype(np.float32)[..., None]
     results = []
     for seed in (1, 2, 1):
-        textures = (
-            texture_from(gl_context, np.concatenate([warped.colour, known], axis=-1), "rgba32f"),
-            texture_from(gl_context, warped.depth_m, "r32f"),
-            texture_from(gl_context, warped.flow_px, "rg32f"),
-        )
-        filler(*textures, z_near_m=1.0, seed=seed)
-        results.append(read_back(textures[0]))
-        for texture in textures:
-            texture.release()
+        textures = FrameTextures.of(gl_context, warped)
+        filler(textures, z_near_m=1.0, seed=seed)
+        results.append(read_back(textures.colour))
+        textures.release()
     filler.release()
     np.testing.assert_array_equal(results[0], results[2])
     assert (results[0] != results[1]).any(axis=-1)[warped.hole].all()
@@ -95,7 +90,7 @@ def test_another_seed_gives_other_noise_and_the_first_comes_back(gl_context, rng
 def test_dispatches_are_counted_right(gl_context, monkeypatch, rng, size):
     made = []
     filler = PrintedPass(gl_context, size, PrintedSettings())
-    textures = [create_texture(gl_context, size, name) for name in ("rgba32f", "r32f", "rg32f")]
+    textures = FrameTextures.create(gl_context, size)
     before = moderngl.ComputeShader.run
 
     def counted(shader, *groups):
@@ -103,23 +98,23 @@ def test_dispatches_are_counted_right(gl_context, monkeypatch, rng, size):
         before(shader, *groups)
 
     monkeypatch.setattr(moderngl.ComputeShader, "run", counted)
-    filler(*textures, z_near_m=1.0, seed=0)
+    filler(textures, z_near_m=1.0, seed=0)
     assert len(made) == filler.dispatches
     assert filler.held_bytes > 100 * size[0] * size[1]
-    for resource in (*textures, filler):
+    for resource in (textures, filler):
         resource.release()
     assert rng is not None
 
 
 def test_textures_of_another_size_or_format_are_refused(gl_context):
     filler = PrintedPass(gl_context, (8, 6), PrintedSettings())
-    right = [create_texture(gl_context, (8, 6), name) for name in ("rgba32f", "r32f", "rg32f")]
+    right = FrameTextures.create(gl_context, (8, 6))
     small = create_texture(gl_context, (7, 6), "r32f")
     with pytest.raises(InputError, match=r"depth_m must be 8x6 r32f"):
-        filler(right[0], small, right[2], z_near_m=1.0, seed=0)
+        filler(replace(right, depth_m=small), z_near_m=1.0, seed=0)
     with pytest.raises(InputError, match="seed must be a whole number"):
-        filler(*right, z_near_m=1.0, seed=-1)
-    for resource in (*right, small, filler):
+        filler(right, z_near_m=1.0, seed=-1)
+    for resource in (right, small, filler):
         resource.release()
 
 

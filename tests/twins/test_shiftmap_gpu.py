@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.frame import WarpedFrame
-from pipeline.gl.texture import create_texture, read_back, texture_bytes, upload
+from pipeline.frame_textures import FrameTextures
+from pipeline.gl.texture import read_back, texture_bytes
 from pipeline.inpaint.reference import guide_from_depth
 from pipeline.shiftmap.base import find_ways, smooth_base
 from pipeline.shiftmap.gpu import TILE_BYTES, TILES, ShiftMapPass
@@ -50,18 +51,12 @@ class Run:
         self.frame, self.settings = frame, ShiftMapSettings(**settings)
         height, width = frame.size
         self.fill_pass = ShiftMapPass(ctx, (width, height), self.settings)
-        formats = ("rgba32f", "r32f", "rg32f")
-        self._inputs = [create_texture(ctx, (width, height), name) for name in formats]
+        self._inputs = FrameTextures.create(ctx, (width, height))
 
     def __call__(self):
-        known = (~self.frame.hole).astype(np.float32)[..., None]
-        image = np.concatenate([self.frame.colour * known, known], axis=-1)
-        for texture, array in zip(
-            self._inputs, (image, self.frame.depth_m, self.frame.flow_px), strict=True
-        ):
-            upload(texture, array)
-        self.fill_pass(*self._inputs, z_near_m=Z_NEAR_M)
-        return read_back(self._inputs[0])
+        self._inputs.upload(self.frame)
+        self.fill_pass(self._inputs, z_near_m=Z_NEAR_M)
+        return read_back(self._inputs.colour)
 
     def made(self, name):
         return read_back(self.fill_pass.textures[name])
@@ -78,7 +73,7 @@ class Run:
         return Planes(y >> 31 != 0, x >> 24 | (y >> 24 & 127) << 8, colour, low)
 
     def release(self):
-        for item in (self.fill_pass, *self._inputs):
+        for item in (self.fill_pass, self._inputs):
             item.release()
 
 
