@@ -60,12 +60,13 @@ class Viewing:
         middle_x_px, middle_y_px = self.width_px / 2, self.height_px / 2
         pitch_x_mm, pitch_y_mm, az = self.pitch_x_mm, self.pitch_y_mm, self.distance_mm
         bx, by, bz = self.sight(x_px, y_px)
+        azbx, azby, azbz = az * bx, az * by, az * bz
+        sqrt, atan2, degrees = math.sqrt, math.atan2, math.degrees
 
         def angle_deg(x_px: float, y_px: float) -> float:  # as below, for thousands of samples
             ax, ay = (x_px - middle_x_px) * pitch_x_mm, (y_px - middle_y_px) * pitch_y_mm
-            x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            cross = math.sqrt(x * x + y * y + z * z)
-            return math.degrees(math.atan2(cross, ax * bx + ay * by + az * bz))
+            x, y, z = ay * bz - azby, azbx - ax * bz, ax * by - ay * bx
+            return degrees(atan2(sqrt(x * x + y * y + z * z), ax * bx + ay * by + azbz))
 
         return angle_deg
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 
 from protocols.journal import Attempt, Phase, ShownStimulus
@@ -14,6 +13,7 @@ from study_app.recorder import Recorder
 from study_app.trial import GazeMode, Timeline, Trial
 
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
+_SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
 
 
 def attempt_event(
@@ -127,9 +127,10 @@ def _phases(
 def _gaze_csv(samples: Sequence[GazeSample], start_s: float) -> bytes:
     lines = ["t_s,raw_t,x_px,y_px\n"]
     for t_s, raw_t, x_px, y_px in samples:
-        seen = x_px == x_px and y_px == y_px  # `GazeSample.valid`, for thousands of samples
-        place = f"{x_px:.2f},{y_px:.2f}" if seen else ","
-        lines.append(f"{t_s - start_s:.6f},{raw_t!r},{place}\n")
+        if x_px == x_px and y_px == y_px:  # `GazeSample.valid`, for thousands of samples
+            lines.append(_SEEN % (t_s - start_s, raw_t, x_px, y_px))
+        else:
+            lines.append(_LOST % (t_s - start_s, raw_t))
     return "".join(lines).encode("ascii")
 
 
@@ -141,17 +142,18 @@ def _flips_csv(
     start_s: float,
 ) -> bytes:
     hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
-    text = io.StringIO()
-    text.write(FLIPS_HEADER + "\n")
+    names = [phase.name for phase in timeline.phases]
+    lines = [FLIPS_HEADER + "\n"]
     before_s: float | None = None
     for (index, frames, flip), shown in zip(log.flips, log.shown, strict=True):
-        interval = "" if before_s is None else f"{flip.t_s - before_s:.6f}"
-        numbers = " ".join(str(frame) for _, frame in frames)
-        digests = " ".join(hashes[stimulus][frame] for stimulus, frame in frames)
-        text.write(
-            f"{shown.number},{flip.t_s - start_s:.6f},{interval},{flip.refreshes},{flip.kind},"
-            f"{round(flip.late_s, 6) + 0.0:.6f},{shown.evidence},{timeline.phases[index].name},"
+        t_s, refreshes, kind, late_s = flip
+        interval = "" if before_s is None else f"{t_s - before_s:.6f}"
+        numbers = " ".join([str(frame) for _, frame in frames])
+        digests = " ".join([hashes[stimulus][frame] for stimulus, frame in frames])
+        lines.append(
+            f"{shown.number},{t_s - start_s:.6f},{interval},{refreshes},{kind},"
+            f"{round(late_s, 6) + 0.0:.6f},{shown.evidence},{names[index]},"
             f"{numbers},{digests}\n"
         )
-        before_s = flip.t_s
-    return text.getvalue().encode("ascii")
+        before_s = t_s
+    return "".join(lines).encode("ascii")

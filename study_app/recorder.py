@@ -179,8 +179,8 @@ class Recorder:
             If the disk refuses; no part of the file is left.
         """
         try:
-            for extra in ("", *(f"-{number}" for number in range(2, 1000))):
-                path = self.folder / f"{stem}{extra}{suffix}"
+            for number in range(1, 1000):
+                path = self.folder / f"{stem}{f'-{number}' if number > 1 else ''}{suffix}"
                 path.parent.mkdir(exist_ok=True)
                 try:
                     file = path.open("xb")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 from protocols.display import Display
@@ -9,18 +10,16 @@ from protocols.errors import StudyError
 from protocols.plugins import registered
 from protocols.schema import StudyProtocol
 from stimuli.recipes.base import Builder
-from stimuli.recipes.files import FileBuilder
-from stimuli.recipes.foveated_images import FoveatedBuilder
-from stimuli.recipes.warped_clips import WarpedClipBuilder
 
-BUILDERS: dict[str, type[Builder]] = registered(
+BUILDERS: dict[str, str | type[Builder]] = registered(
     "builders",
     {
-        "warped-clips": WarpedClipBuilder,
-        "files": FileBuilder,
-        "foveated-images": FoveatedBuilder,
+        "warped-clips": "warped_clips:WarpedClipBuilder",
+        "files": "files:FileBuilder",
+        "foveated-images": "foveated_images:FoveatedBuilder",
     },
 )
+"""Ours are imported when they are asked for: each knows libraries that the others do not need."""
 
 
 def builder_of(protocol: StudyProtocol, display: Display, folder: Path) -> Builder:
@@ -38,4 +37,8 @@ def builder_of(protocol: StudyProtocol, display: Display, folder: Path) -> Build
             f"stimuli.kind {protocol.stimuli.kind!r}: building needs a builder of that name (there"
             f" are {', '.join(BUILDERS)}); the package that adds the recipe can add one"
         ) from None
+    if isinstance(made, str):
+        module, _, name = made.partition(":")
+        found: type[Builder] = getattr(import_module(f"stimuli.recipes.{module}"), name)
+        return found(protocol, display, folder)
     return made(protocol, display, folder)

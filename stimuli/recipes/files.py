@@ -91,6 +91,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
             free_bytes=shutil.disk_usage(there).free,
             time_s=time_s / max(1, workers),
             renderer="none: files made elsewhere",
+            measured=f"reading {self.wanted[0].file}",
         )
 
     def check_inputs(self) -> None:

@@ -199,6 +199,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         finally:
             self.close()
         there = next(place for place in (out, *out.absolute().parents) if place.exists())
+        left_out = {one.shown.name for one in self.wanted if one.shown.condition in _SLOW}
+        tried = " and ".join(name for name in times if name not in left_out)
         return Estimate(
             clips=len(self.wanted),
             frames=len(self.wanted),
@@ -207,6 +209,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             free_bytes=shutil.disk_usage(there).free,
             time_s=sum(times[one.shown.name] for one in self.wanted),
             renderer=renderer,
+            measured=f"one stimulus by {tried or 'no method'}"
+            + (f"; not counted: {' and '.join(sorted(left_out))}" if left_out else ""),
         )
 
     def check_inputs(self) -> None:

@@ -87,6 +87,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
         ("disk", f"{found.disk_bytes / GIB:.2f} GiB ({found.free_bytes / GIB:.0f} GiB free)"),
         ("time", f"about {_duration(found.time_s)} with {count} workers"),
         ("renderer", found.renderer),
+        *((("measured", found.measured),) if found.measured else ()),
     ):
         table.add_row(name, value)
     PlainConsole().print(table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -174,12 +175,15 @@ def simulate(
                 done = attempt.outcome == "completed"
                 progress.update(task, description=f"{code} trials", advance=float(done))
 
+            gc.freeze()  # what is loaded by now stays: no sitting need search it for garbage
             try:
                 outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
             except KeyboardInterrupt:
                 progress.stop()
                 say("stopped; the same command goes on where it was", file=sys.stderr)
                 raise typer.Exit(130) from None
+            finally:
+                gc.unfreeze()
         done = sum(outcome.main_done for outcome in outcomes.values())
         made = f"{count_of(len(outcomes), 'simulated session')}, {count_of(done, 'decision')}"
         say(f"{out / study.study.name}: {made}")

@@ -75,8 +75,34 @@ class FixationMonitor:
 
     def feed(self, samples: Iterable[GazeSample]) -> None:
         """Take new samples, oldest first."""
-        for sample in samples:
-            self._take(sample)
+        # One loop without calls where nothing happens: it runs for every sample between flips.
+        rules, interval_s, angle_to_dot_deg = self._rules, self._interval_s, self._angle_to_dot_deg
+        silence_s, window_deg = rules.silence_s, rules.window_deg
+        for t_s, _, x_px, y_px in samples:
+            last_s = self._last_s
+            if last_s > -math.inf:
+                since_s = t_s - (last_s if last_s > self._began_s else self._began_s)
+                if t_s - last_s > silence_s:
+                    self._loss = True
+                if since_s > 1.5 * interval_s:
+                    self._lost_s += since_s - interval_s
+            self._last_s = t_s
+            self._samples += 1
+            if x_px != x_px or y_px != y_px:  # not `sample.valid`, for thousands of samples
+                self._take_lost(t_s)
+                continue
+            if self._lost_since_s is not None:
+                self._end_loss(t_s, self._lost_since_s)
+            angle_deg = angle_to_dot_deg(x_px, y_px)
+            self._angles += 1
+            self._angle_sum_deg += angle_deg
+            if angle_deg > self._angle_max_deg:
+                self._angle_max_deg = angle_deg
+            self._inside = angle_deg <= window_deg
+            if not (self._inside or t_s <= self._pardoned_until_s):
+                self._take_outside(t_s)
+            elif self._outside_samples:
+                self._end_outside()
 
     def verdict(self, now_s: float) -> Watch:
         """Return what gaze says at `now_s`."""
@@ -112,34 +138,8 @@ class FixationMonitor:
             max_deg=round(self._angle_max_deg, 4) if self._angles else None,
         )
 
-    def _take(self, sample: GazeSample) -> None:
-        t_s, _, x_px, y_px = sample
-        last_s, rules = self._last_s, self._rules
-        if -math.inf < last_s < math.inf:
-            since_s = t_s - (last_s if last_s > self._began_s else self._began_s)
-            if t_s - last_s > rules.silence_s:
-                self._loss = True
-            if since_s > 1.5 * self._interval_s:
-                self._lost_s += since_s - self._interval_s
-        self._last_s = t_s
-        self._samples += 1
-        if x_px != x_px or y_px != y_px:  # not `sample.valid`, for thousands of samples
-            self._take_lost(t_s)
-            return
-        if self._lost_since_s is not None:
-            if t_s - self._lost_since_s <= rules.blink_s + _EPSILON_S:
-                self._blinks += 1
-            self._lost_since_s = None
-            self._pardoned_until_s = t_s + rules.blink_margin_s
-        angle = self._angle_to_dot_deg(x_px, y_px)
-        self._angles += 1
-        self._angle_sum_deg += angle
-        if angle > self._angle_max_deg:
-            self._angle_max_deg = angle
-        self._inside = angle <= rules.window_deg
-        if self._inside or t_s <= self._pardoned_until_s:
-            self._outside_since_s, self._outside_samples, self._counted = None, 0, False
-            return
+    def _take_outside(self, t_s: float) -> None:
+        rules = self._rules
         if self._outside_since_s is None:
             self._outside_since_s = t_s
         self._outside_samples += 1
@@ -151,9 +151,18 @@ class FixationMonitor:
             self._violations += not self._counted
             self._counted = True
 
+    def _end_outside(self) -> None:
+        self._outside_since_s, self._outside_samples, self._counted = None, 0, False
+
+    def _end_loss(self, t_s: float, lost_since_s: float) -> None:
+        if t_s - lost_since_s <= self._rules.blink_s + _EPSILON_S:
+            self._blinks += 1
+        self._lost_since_s = None
+        self._pardoned_until_s = t_s + self._rules.blink_margin_s
+
     def _take_lost(self, t_s: float) -> None:
         self._inside = False
-        self._outside_since_s, self._outside_samples, self._counted = None, 0, False
+        self._end_outside()
         self._lost_s += self._interval_s
         if self._lost_since_s is None:
             self._lost_since_s = t_s

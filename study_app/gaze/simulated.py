@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Literal
 
 import numpy as np
@@ -142,7 +143,8 @@ class SimulatedGaze:
             number = index * _CHUNK + np.arange(_CHUNK, dtype=np.float64)
             columns = (self._start_s + number / self._rate_hz, number, *self._chunk_px(index).T)
             rows = zip(*(column.tolist() for column in columns), strict=True)
-            self._chunk = index, list(map(GazeSample._make, rows))
+            # As `GazeSample._make` does, without counting the columns of every row.
+            self._chunk = index, list(map(tuple.__new__, repeat(GazeSample), rows))
         return self._chunk[1]
 
     def _chunk_px(self, index: int) -> NDArray[np.float64]:
@@ -151,9 +153,8 @@ class SimulatedGaze:
         rng = np.random.default_rng((self._seed, index))
         gaze_deg = rng.normal(0.0, self._behaviour.jitter_deg, (_CHUNK, 2)) + self._dot
         phases, rates_hz = self._waves
-        for axis in (0, 1):
-            waves = np.sin(2 * math.pi * np.outer(after_s, rates_hz[axis]) + phases[axis])
-            gaze_deg[:, axis] += self._behaviour.drift_deg / 3 * waves.sum(axis=1)
+        waves = np.sin(2 * math.pi * (after_s[:, None, None] * rates_hz) + phases)
+        gaze_deg += self._behaviour.drift_deg / 3 * waves.sum(axis=2)
         for event in self._events:
             since_s = after_s - event.at_s
             if since_s[-1] < -_DRAG_S[0] or since_s[0] >= event.duration_s + _DRAG_S[1]:

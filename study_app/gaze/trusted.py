@@ -51,7 +51,8 @@ class TrustedGaze:
         for sample in self.source.poll():
             t_s, raw_t, x_px, y_px = sample
             # Written so that what is no number fails.
-            if not (self._last_s <= t_s <= latest_s and math.isfinite(raw_t)):
+            in_time = -math.inf < t_s and self._last_s <= t_s <= latest_s
+            if not (in_time and math.isfinite(raw_t)):
                 self.left_out += 1
                 continue
             self._last_s = t_s

@@ -403,6 +403,7 @@ def test_the_commands_build_check_and_probe_it(metamerlab, stills):
     planned = metamerlab("stimuli", "build", stills.path, "--out", stills.clips, "--dry-run")
     assert planned.exit_code == 0, planned.output
     assert "4, 32 x 24 px" in " ".join(planned.stdout.split())
+    assert "measured reading " in " ".join(planned.stdout.split())
     assert not stills.clips.exists()
 
     built = metamerlab("stimuli", "build", stills.path, "--out", stills.clips)

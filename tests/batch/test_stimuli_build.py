@@ -593,4 +593,5 @@ def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_st
     assert re.search(r"frames\s+24, 78 x 58 px", result.stdout)
     assert re.search(r"disk\s+[\d.]+ GiB", result.stdout)
     assert re.search(r"time\s+about \d+ ", result.stdout)
+    assert re.search(r"measured\s+one frame of \S+ by every method", result.stdout)
     assert not (tmp_path / "clips").exists()

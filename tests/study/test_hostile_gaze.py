@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from analysis.export.bids_gaze import read_samples
@@ -97,6 +97,7 @@ any_sample = st.builds(GazeSample, any_float, any_float, any_float, any_float)
 
 
 @given(st.lists(any_sample, max_size=40))
+@example([GazeSample(-math.inf, 0.0, 0.0, 0.0)])
 def test_whatever_is_sent_is_judged_by_finite_numbers_and_reads_back(samples):
     kept, _ = trusted(samples)
     monitor = FixationMonitor(DEMO.gaze, VIEWING, (0.0, 0.0), 60.0)
