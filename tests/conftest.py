@@ -370,6 +370,13 @@ def shared_gl_context() -> Iterator[moderngl.Context]:
     release_context(ctx)
 
 
+@pytest.fixture(scope="module")
+def module_gl_context(shared_gl_context: moderngl.Context) -> moderngl.Context:
+    """Give the off-screen context, current, to a fixture that serves a whole file."""
+    shared_gl_context.__enter__()  # another test may have made its own context current
+    return shared_gl_context
+
+
 @pytest.fixture
 def gl_context(shared_gl_context: moderngl.Context) -> Iterator[moderngl.Context]:
     """Yield an off-screen context, current; without OpenGL skip, or fail where REQUIRE_GL=1.

@@ -115,8 +115,8 @@ class Gliding:
 
 
 @pytest.fixture(scope="module")
-def method(shared_gl_context):
-    made = create_method("shift-map", shared_gl_context)
+def method(module_gl_context):
+    made = create_method("shift-map", module_gl_context)
     yield made
     made.release()
 

@@ -44,11 +44,11 @@ class Take:
 
 
 @pytest.fixture(scope="module")
-def take(shared_gl_context):
+def take(module_gl_context):
     world = build_scene("colonnade", 0, {})
     here = world.viewpoint.camera(*SIZE)
     there = here.moved((0.15, -0.08, 0.1))
-    renderer = Renderer(shared_gl_context, world)
+    renderer = Renderer(module_gl_context, world)
     try:
         return Take(renderer.render(here), renderer.render(there), (here, there))
     finally:

@@ -78,11 +78,11 @@ class Run:
 
 
 @pytest.fixture(scope="module", params=[(75, 110, 24), (64, 96, 4)], ids=["odd", "narrow"])
-def run(request, shared_gl_context):
+def run(request, module_gl_context):
     """A filled frame; of odd size with a wide hole, or with one that is not quite thin."""
     height, width, width_px = request.param
     frame = two_grounds(np.random.default_rng(5), (height, width), width_px)
-    made = Run(shared_gl_context, frame)
+    made = Run(module_gl_context, frame)
     made.filled = made()
     made.guide = guide_from_depth(frame.depth_m, Z_NEAR_M)
     made.ways = find_ways(frame, made.guide, THRESHOLD)
