@@ -40,7 +40,7 @@ def sequential(
 ) -> None:
     """Say at which p a study's planned looks stop it, and how often that is wrong.
 
-    The study file plans the looks in its section [analysis.sequential]: rule and numbers of
+    The study file plans the looks in its section analysis.sequential: rule and numbers of
     participants. The study's own design and test are simulated with and without an effect.
 
     Example: metamerlab analysis sequential study.toml --set rate=0.65
