@@ -23,6 +23,17 @@ from pipeline.gl.context import create_context, release_context
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
+# Files that take longest, as `script/test --costs` tells: they begin first.
+LONGEST = (
+    "tests/presenter/test_guide.py",
+    "tests/test_demo.py",
+    "tests/test_docs.py",
+    "tests/presenter/test_every_task_was_shown.py",
+    "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/presenter/test_presenter_mistakes.py",
+    "tests/batch/test_stimuli_build.py",
+    "tests/batch/test_beyond_blur_stimuli.py",
+)
 IN_TURN = """
 import json, sys
 from study_app.cli import main
@@ -99,20 +110,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give whole files to workers, and everything before the screen to one of them.
+    """Give whole files to workers, those first that take longest: else one ends the run alone.
 
-    Sittings in real time would disturb each other. Marks for `--dist loadgroup` would say the
-    same, but pytest 9.2 ignores them (pytest-xdist issue 1386).
+    Every worker has a screen of its own, so sittings in real time run side by side.
     """
     from xdist.scheduler import LoadScopeScheduling
 
-    class OneScreen(LoadScopeScheduling):
+    class WholeFiles(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.split("::", 1)[0]
-            return "screen" if file.startswith("tests/presenter/") else file
+            return nodeid.split("::", 1)[0]
 
-    config.option.loadscopereorder = False  # in the order of the tests: the screen comes early
-    return OneScreen(config, log)
+    config.option.loadscopereorder = False  # in the order of the tests, as sorted below
+    return WholeFiles(config, log)
 
 
 def cpu_s() -> float:
@@ -175,7 +184,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Skip what is marked `full` unless it was asked for."""
+    """Put the longest files first; skip what is marked `full` unless it was asked for."""
+    order = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.nodeid.split("::", 1)[0], len(order)))
     if config.getoption("--full"):
         return
     for item in items:

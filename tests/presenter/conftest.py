@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,14 @@ from study_app.strip import Seen
 
 WIDTH, HEIGHT = 640, 480
 METAMERLAB = "from study_app.cli import main; main()"
+# Before any of these texts where an artificial observer sits: it takes no time to read and decide.
+HASTY = """
+from study_app import page_turner
+from study_app.observers.base import ArtificialObserver
+thoughtful = ArtificialObserver.answer
+ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.02)
+page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1
+"""
 # After each flip the presenter waits until the watcher has read it: the capture keeps up on a busy
 # machine. A flip that never comes is waited for in vain, and noticed.
 PACED = """
@@ -285,6 +293,11 @@ def start_study(tmp_path: Path) -> Callable[..., Study]:
     return lambda name="study": empty_study(tmp_path / name)
 
 
+def in_haste(code: str, arguments: Sequence[object], hasty: bool = True) -> str:
+    """Put `HASTY` before a text that lets an artificial observer sit."""
+    return HASTY + code if hasty and "--simulate" in arguments else code
+
+
 @dataclass(frozen=True)
 class Screen:
     """An X server whose picture lies in a file, with a window manager."""
@@ -330,11 +343,18 @@ class Screen:
         subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
 
     def start(
-        self, *arguments: object, code: str = METAMERLAB, **kwargs: object
+        self,
+        *arguments: object,
+        code: str = METAMERLAB,
+        hasty: bool = True,
+        **kwargs: object,
     ) -> subprocess.Popen[str]:
-        """Start `metamerlab` on this screen, or other Python text."""
+        """Start `metamerlab` on this screen, or other Python text.
+
+        An artificial observer then takes no time for pages and answers, unless not `hasty`.
+        """
         return subprocess.Popen(
-            [sys.executable, "-c", code, *map(str, arguments)],
+            [sys.executable, "-c", in_haste(code, arguments, hasty), *map(str, arguments)],
             env=self.env,
             text=True,
             stdout=subprocess.PIPE,
@@ -366,7 +386,7 @@ class Screen:
     ) -> subprocess.CompletedProcess[str]:
         """Run Python text on this screen."""
         return subprocess.run(
-            [sys.executable, "-c", text, *map(str, arguments)],
+            [sys.executable, "-c", in_haste(text, arguments), *map(str, arguments)],
             env=self.env,
             text=True,
             capture_output=True,

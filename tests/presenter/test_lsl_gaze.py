@@ -73,6 +73,7 @@ def test_decisions_fall_within_one_frame_and_one_sample_of_the_rule(
             *screen.session("run", study, "--simulate", "--gaze", f"lsl:{name}", "--markers"),
             "--skip-validation",
             code=HEARD,
+            hasty=False,
         )
         outlet.wait(timeout=30)
     finally:

@@ -73,16 +73,16 @@ def test_what_cannot_be_shown_or_watched_is_refused_with_its_cure(screen, make_s
 
 
 def test_a_sitting_without_a_decision_is_no_success(screen, make_study):
-    study = make_study({"timeout_s": "0.1", "max_attempts": "1"})
+    study = make_study({"timeout_s": "0.1", "max_attempts": "1", "repeats": "1"})
 
-    done = screen.run(*screen.session("run", study, "--simulate"))
+    done = screen.run(*screen.session("run", study, "--simulate"), hasty=False)
 
     message = error_of(done)
-    assert "recorded: none of 6 by P01; void attempts: 6 too-late)" in message
+    assert "recorded: none of 3 by P01; void attempts: 3 too-late)" in message
     assert "response.timeout_s" in message
     assert "completed" not in done.stdout
     journal = study.journal()
-    assert [attempt.void_reason for attempt in journal.attempts] == ["too-late"] * 6
+    assert [attempt.void_reason for attempt in journal.attempts] == ["too-late"] * 3
     last = journal.events[-1]
     assert isinstance(last, SessionEnd)
     assert (last.reason, last.completed_trials) == ("completed", 0)

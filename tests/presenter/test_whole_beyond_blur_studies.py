@@ -27,12 +27,6 @@ DECISIONS = {"beyond-blur-task": 300, "beyond-blur-preference": 252, "beyond-blu
 FEW = {"beyond-blur-task": 20, "beyond-blur-preference": 4, "beyond-blur-detection": 12}
 SIZE = {"beyond-blur-task": (612, 340)}
 LIMIT_S = 3000
-# The reaction time of an artificial observer would be most of a whole study's.
-HASTY = """
-from study_app.observers.base import ArtificialObserver
-thoughtful = ArtificialObserver.answer
-ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.02)
-"""
 
 
 @pytest.fixture
@@ -108,7 +102,7 @@ def test_another_process_sees_every_decision_of_a_whole_sitting(screen, make, na
     study = make(name)
     decisions = DECISIONS[name] if full else FEW[name]
 
-    seen = screen.watch(study, also=HASTY, timeout_s=LIMIT_S)
+    seen = screen.watch(study, timeout_s=LIMIT_S)
 
     trials, attempts = planned(study), study.journal().attempts
     assert len(trials) == decisions
@@ -136,7 +130,6 @@ def test_killed_and_resumed_a_whole_sitting_loses_and_doubles_nothing(
     rng = np.random.default_rng(len(trials))
     last = len(trials) - (2 if full else 1)
     points = np.unique(np.linspace(1, last, kills).astype(int))
-    run = HASTY + "from study_app.cli import main\nmain()\n"
 
     def attempts():
         path = study.sitting() / "journal.jsonl"
@@ -146,7 +139,7 @@ def test_killed_and_resumed_a_whole_sitting_loses_and_doubles_nothing(
             else []
         )
 
-    process = screen.start(*screen.session("run", study, "--simulate"), code=run)
+    process = screen.start(*screen.session("run", study, "--simulate"))
     saved = ()
     for point in points:
         wait(lambda wanted=point: len(attempts()) >= wanted, f"{point} attempts", 600, process)
@@ -158,7 +151,7 @@ def test_killed_and_resumed_a_whole_sitting_loses_and_doubles_nothing(
         saved = events
         if len(attempts()) >= len(trials):
             break
-        process = screen.start(*screen.session("resume", study, "--simulate"), code=run)
+        process = screen.start(*screen.session("resume", study, "--simulate"))
     _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode in (0, -signal.SIGKILL), err
 
