@@ -127,7 +127,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 def cpu_s() -> float:
     """Return the CPU time of this process and of those that it started and that have ended."""
     now = os.times()
-    return now.user + now.system + now.children_user + now.children_system
+    forked = sum(sys.modules["forked"].COSTS_S) if "forked" in sys.modules else 0.0
+    return now.user + now.system + now.children_user + now.children_system + forked
 
 
 class Costs:

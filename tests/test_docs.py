@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import pytest
 from PIL import Image
 
@@ -127,13 +128,17 @@ class Newcomer:
         if command not in self.done:
             for other in needed_for(command, self.commands):
                 self.run(other)
-            self.done[command] = subprocess.run(
-                ["bash", "-c", f"set -euo pipefail; {command}"],
-                cwd=self.folder,
-                capture_output=True,
-                text=True,
-                timeout=120,
-            )
+            program, *words = shlex.split(command, comments=True)
+            if program == ".venv/bin/metamerlab" and not set("|&;<>$`") & set(command):
+                self.done[command] = forked.run(*words, folder=self.folder, timeout=120)
+            else:
+                self.done[command] = subprocess.run(
+                    ["bash", "-c", f"set -euo pipefail; {command}"],
+                    cwd=self.folder,
+                    capture_output=True,
+                    text=True,
+                    timeout=120,
+                )
         return self.done[command]
 
 

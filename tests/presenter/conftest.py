@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import METAMERLAB, Forked
 from PIL import Image
 
 from protocols.display import Display
@@ -31,7 +32,6 @@ from study_app.layout import Extras, Layout
 from study_app.strip import Seen
 
 WIDTH, HEIGHT = 640, 480
-METAMERLAB = "from study_app.cli import main; main()"
 # Before any of these texts where an artificial observer sits: it takes no time to read and decide.
 HASTY = """
 from study_app import page_turner
@@ -342,36 +342,16 @@ class Screen:
         """Let keys go down and up, as a keyboard does."""
         subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
 
-    def start(
-        self,
-        *arguments: object,
-        code: str = METAMERLAB,
-        hasty: bool = True,
-        **kwargs: object,
-    ) -> subprocess.Popen[str]:
+    def start(self, *arguments: object, code: str = METAMERLAB, hasty: bool = True) -> Forked:
         """Start `metamerlab` on this screen, or other Python text.
 
         An artificial observer then takes no time for pages and answers, unless not `hasty`.
         """
-        return subprocess.Popen(
-            [sys.executable, "-c", in_haste(code, arguments, hasty), *map(str, arguments)],
-            env=self.env,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            **kwargs,
-        )
+        return Forked(*arguments, code=in_haste(code, arguments, hasty), env=self.env)
 
     def run(self, *arguments: object, **kwargs: object) -> subprocess.CompletedProcess[str]:
         """Run `metamerlab` on this screen to its end."""
-        process = self.start(*arguments, **kwargs)
-        try:
-            out, err = process.communicate(timeout=240)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            out, err = process.communicate()
-            raise AssertionError(f"did not end:\n{out}\n{err}") from None
-        return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+        return self._ended(self.start(*arguments, **kwargs), 240)
 
     def script(
         self, text: str, *arguments: object, timeout_s: float = 240
@@ -385,14 +365,16 @@ class Screen:
         self, text: str, *arguments: object, timeout_s: float = 240
     ) -> subprocess.CompletedProcess[str]:
         """Run Python text on this screen."""
-        return subprocess.run(
-            [sys.executable, "-c", in_haste(text, arguments), *map(str, arguments)],
-            env=self.env,
-            text=True,
-            capture_output=True,
-            timeout=timeout_s,
-            check=False,
-        )
+        return self._ended(self.start(*arguments, code=text), timeout_s)
+
+    def _ended(self, process: Forked, timeout_s: float) -> subprocess.CompletedProcess[str]:
+        try:
+            out, err = process.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            out, err = process.communicate()
+            raise AssertionError(f"did not end:\n{out}\n{err}") from None
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def watch(
         self, study: Study, *more: object, also: str = "", timeout_s: float = 240
@@ -476,7 +458,7 @@ def wait_for(
     condition: Callable[[], object],
     what: str,
     timeout_s: float = 60.0,
-    process: subprocess.Popen[str] | None = None,
+    process: Forked | None = None,
 ) -> object:
     """Poll until a condition holds; give up at once if `process` ends before."""
     until_s = time.monotonic() + timeout_s

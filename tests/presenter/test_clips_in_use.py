@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import pytest
+from forked import METAMERLAB, Forked
 
 from protocols.folder_hold import only_build
 
@@ -25,7 +25,6 @@ window.claim_screen = claimed
 from study_app.cli import main
 main()
 """
-METAMERLAB = [sys.executable, "-c", "from study_app.cli import main; main()"]
 
 
 def error_of(done) -> str:
@@ -43,7 +42,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 @pytest.fixture
 def ended():
     """Give a list of processes that do not outlive the test."""
-    processes: list[subprocess.Popen[str]] = []
+    processes: list[Forked] = []
     yield processes
     for process in processes:
         process.kill()
@@ -53,15 +52,14 @@ def ended():
 def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study, wait, ended):
     study = make_study()
     before = files_of(study.stimuli)
-    for code, how in (("P01", METAMERLAB[-1]), ("P02", ANOTHER_DESKTOP)):
+    for code, how in (("P01", METAMERLAB), ("P02", ANOTHER_DESKTOP)):
         # Each waits for consent, with nobody to give it.
         ended.append(screen.start(*screen.session("run", study, code=code), code=how))
         journal = study.sessions / "demo" / code / "journal.jsonl"
         wait(journal.exists, "the journal", process=ended[-1])
 
-    build = [*METAMERLAB, "stimuli", "build", str(study.path), "--out", str(study.stimuli)]
     for sitting in ended:
-        done = subprocess.run(build, capture_output=True, text=True, timeout=120, check=False)
+        done = forked.run("stimuli", "build", study.path, "--out", study.stimuli, timeout=120)
         assert f"{study.stimuli}: must stay as it is while a sitting shows" in error_of(done)
         sitting.send_signal(signal.SIGKILL)
         sitting.wait(timeout=30)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import resource
 
+import forked
 import pytest
 
 from protocols.journal import SessionEnd
@@ -117,14 +117,8 @@ def test_no_screen_is_one_message(make_study, screen):
     study = make_study()
     blind = {**os.environ, "DISPLAY": ":987"}
     blind.pop("WAYLAND_DISPLAY", None)
-    import subprocess
-    import sys
 
-    done = subprocess.run(
-        [sys.executable, "-c", "from study_app.cli import main; main()",
-         *map(str, screen.session("run", study))],
-        env=blind, text=True, capture_output=True, timeout=60, check=False,
-    )  # fmt: skip
+    done = forked.run(*screen.session("run", study), env=blind, timeout=60)
 
     assert "a session needs a screen (found none: DISPLAY=':987')" in error_of(done)
 
@@ -142,13 +136,19 @@ def test_an_absent_tracker_is_refused_before_anything_is_written(screen, make_st
     assert not (study.sessions / "demo").exists()
 
 
+# Files may not grow beyond: the journal hits it in mid-session.
+SMALL_DISK = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))
+from study_app.cli import main
+main()
+"""
+
+
 def test_a_full_disk_ends_at_the_last_whole_trial_and_the_sitting_goes_on(screen, make_study):
     study = make_study()
 
-    def small_disk() -> None:  # files may not grow beyond: the journal hits it in mid-session
-        resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))
-
-    done = screen.run(*screen.session("run", study, "--simulate"), preexec_fn=small_disk)
+    done = screen.run(*screen.session("run", study, "--simulate"), code=SMALL_DISK)
 
     assert "the disk refused a write" in error_of(done)
     attempts = study.journal().attempts
@@ -173,14 +173,9 @@ main()
 
 
 def test_too_little_memory_for_two_pairs_is_refused(screen, make_study):
-    import subprocess
-    import sys
-
     study = make_study()
-    done = subprocess.run(
-        [sys.executable, "-c", MEMORY, *map(str, screen.session("run", study, "--simulate"))],
-        env=screen.env, text=True, capture_output=True, timeout=60, check=False,
-    )  # fmt: skip
+
+    done = screen.run(*screen.session("run", study, "--simulate"), code=MEMORY)
 
     assert "graphics memory must hold the stimuli of two trials" in error_of(done)
     assert not (study.sessions / "demo").exists()

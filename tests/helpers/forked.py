@@ -1,0 +1,191 @@
+"""Processes of metamerlab that begin with its modules read: forks of one that has read them.
+
+To read them takes most of a second, and tests start hundreds of processes. Everything else is as
+in a process of its own: arguments, environment, folder, output, signals, exit. What a process
+reads, and when, is for tests that start Python itself.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+METAMERLAB = "from study_app.cli import main; main()"
+# Each command is a fork of a fork: the one in the middle tells how it ended.
+SERVER = """
+import atexit, gc, importlib, json, os, signal, socket, sys, threading, traceback
+
+def wait_for_command():
+    while True:
+        text, descriptors, _, _ = socket.recv_fds(asked, 1 << 20, 3)
+        if not text:
+            os._exit(0)  # the tests are over
+        if os.fork() == 0:
+            return json.loads(text), descriptors
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+def become(arguments, env, folder, out, err, tell):
+    asked.close()
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    child = os.fork()
+    if child:
+        os.write(tell, f"{child}\\n".encode())
+        _, status, used = os.wait4(child, 0)
+        cpu_s = used.ru_utime + used.ru_stime
+        os.write(tell, f"{os.waitstatus_to_exitcode(status)} {cpu_s}\\n".encode())
+        os._exit(0)
+    os.close(tell)
+    for number, descriptor in enumerate((os.open(os.devnull, os.O_RDONLY), out, err)):
+        os.dup2(descriptor, number)
+        os.close(descriptor)
+    os.environ.clear()
+    os.environ.update(env)
+    os.chdir(folder)
+    sys.argv = ["metamerlab", *arguments]
+
+for name in sys.argv[2:]:
+    importlib.import_module(name)
+gc.freeze()  # what is there need not be looked at again, and so not copied
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those in the middle
+asked = socket.socket(fileno=int(sys.argv[1]))
+wanted, descriptors = wait_for_command()
+become(wanted["arguments"], wanted["env"], wanted["folder"], *descriptors)
+status = 1
+try:
+    exec(compile(wanted["code"], "<string>", "exec"), {"__name__": "__main__"})
+    status = 0
+except SystemExit as end:
+    status = end.code or 0
+    if not isinstance(status, int):
+        print(status, file=sys.stderr)
+        status = 1
+except BaseException:
+    traceback.print_exc()
+# As Python ends, but for taking its modules apart, which takes as long as to read them.
+threading._shutdown()
+atexit._run_exitfuncs()
+sys.stdout.flush()
+sys.stderr.flush()
+os._exit(status)
+"""
+READ = (
+    "PIL.PngImagePlugin", "analysis.report.build", "analysis.tasks.preference", "jinja2",
+    "moderngl", "stimuli.build", "stimuli.check", "study_app.cli", "study_app.presenter",
+    "study_app.run", "study_app.session", "study_app.window",
+)  # fmt: skip
+
+COSTS_S: list[float] = []
+"""CPU time of every process that has ended; the system counts them for nobody here."""
+
+
+@cache
+def _server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    """Start the process that forks; it ends when this one does."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    number = str(theirs.fileno())
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", SERVER, number, *READ],
+        pass_fds=(theirs.fileno(),),
+        stdin=subprocess.DEVNULL,
+    )
+    theirs.close()
+    return ours, process
+
+
+def _text_of(written: int) -> str:
+    with os.fdopen(written, "rb") as file:
+        file.seek(0)
+        return file.read().decode()
+
+
+class Forked:
+    """A process that runs Python text, as ``subprocess.Popen`` gives it where output is text.
+
+    Parameters
+    ----------
+    arguments : str
+        What stands in ``sys.argv`` after the program's name.
+    code : str, optional
+        The text; by default the command `metamerlab`.
+    env, folder : optional
+        Its environment and working directory; by default those of this process.
+    """
+
+    def __init__(
+        self,
+        *arguments: object,
+        code: str = METAMERLAB,
+        env: Mapping[str, str] = os.environ,
+        folder: Path = Path(),
+    ) -> None:
+        self.args, self.returncode = arguments, None
+        wanted = {
+            "arguments": [*map(str, arguments)],
+            "code": code,
+            "env": dict(env),
+            "folder": str(folder.resolve()),
+        }
+        self._written = [os.memfd_create(name) for name in ("out", "err")]
+        self._texts: tuple[str, ...] = ()
+        told, tell = os.pipe()
+        server, _ = _server()
+        socket.send_fds(server, [json.dumps(wanted).encode()], [*self._written, tell])
+        os.close(tell)
+        self._told = os.fdopen(told)
+        self.pid = int(self._told.readline())
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end; return its status, below 0 where a signal ended it."""
+        if self.returncode is None:
+            if not select.select([self._told], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(self.args, timeout)
+            status, cpu_s = self._told.readline().split()
+            self.returncode = int(status)
+            COSTS_S.append(float(cpu_s))
+            self._told.close()
+            self._texts = tuple(map(_text_of, self._written))
+        return self.returncode
+
+    def poll(self) -> int | None:
+        """Return its status if it has ended."""
+        try:
+            return self.wait(0)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """Wait for its end; return all that it wrote."""
+        self.wait(timeout)
+        out, err = self._texts
+        return out, err
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+
+def run(
+    *arguments: object, timeout: float | None = None, **kwargs: object
+) -> subprocess.CompletedProcess[str]:
+    """Run a process to its end; see `Forked`."""
+    process = Forked(*arguments, **kwargs)
+    try:
+        out, err = process.communicate(timeout)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
