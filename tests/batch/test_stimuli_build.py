@@ -14,9 +14,10 @@ import sys
 from concurrent.futures import Future
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
-from attack.builds import COMMAND, contents, kill_builds
+from attack.builds import contents, kill_builds
 
 import stimuli.build
 import stimuli.clip
@@ -30,12 +31,6 @@ from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
 from stimuli.worker import describe_renderer
-
-
-def run(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=240, **options
-    )
 
 
 @pytest.fixture(scope="module")
@@ -587,7 +582,7 @@ def test_a_mistake_is_placed_once(orders, tmp_path, inline_class, said, told):
 
 
 def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_study, tmp_path):
-    result = run("build", small_study, "--out", tmp_path / "clips", "--dry-run")
+    result = forked.run("stimuli", "build", small_study, "--out", tmp_path / "clips", "--dry-run")
     assert result.returncode == 0, result.stderr
     assert re.search(r"clips\s+6", result.stdout)
     assert re.search(r"frames\s+24, 78 x 58 px", result.stdout)

@@ -7,6 +7,7 @@ reads, and when, is for tests that start Python itself.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import select
@@ -88,8 +89,8 @@ COSTS_S: list[float] = []
 
 
 @cache
-def _server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """Start the process that forks; it ends when this one does."""
+def _server() -> socket.socket:
+    """Start the process that forks, which ends with this one; return where it is asked."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     number = str(theirs.fileno())
     process = subprocess.Popen(
@@ -98,7 +99,13 @@ def _server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
         stdin=subprocess.DEVNULL,
     )
     theirs.close()
-    return ours, process
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
 
 
 def _text_of(written: int) -> str:
@@ -137,8 +144,7 @@ class Forked:
         self._written = [os.memfd_create(name) for name in ("out", "err")]
         self._texts: tuple[str, ...] = ()
         told, tell = os.pipe()
-        server, _ = _server()
-        socket.send_fds(server, [json.dumps(wanted).encode()], [*self._written, tell])
+        socket.send_fds(_server(), [json.dumps(wanted).encode()], [*self._written, tell])
         os.close(tell)
         self._told = os.fdopen(told)
         self.pid = int(self._told.readline())

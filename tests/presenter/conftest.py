@@ -32,12 +32,12 @@ from study_app.layout import Extras, Layout
 from study_app.strip import Seen
 
 WIDTH, HEIGHT = 640, 480
-# Before any of these texts where an artificial observer sits: it takes no time to read and decide.
+# Before any of these texts where an artificial observer sits: it reads and decides fast.
 HASTY = """
 from study_app import page_turner
 from study_app.observers.base import ArtificialObserver
 thoughtful = ArtificialObserver.answer
-ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.02)
+ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.12)
 page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1
 """
 # After each flip the presenter waits until the watcher has read it: the capture keeps up on a busy
@@ -345,7 +345,7 @@ class Screen:
     def start(self, *arguments: object, code: str = METAMERLAB, hasty: bool = True) -> Forked:
         """Start `metamerlab` on this screen, or other Python text.
 
-        An artificial observer then takes no time for pages and answers, unless not `hasty`.
+        An artificial observer then reads and answers fast, unless not `hasty`.
         """
         return Forked(*arguments, code=in_haste(code, arguments, hasty), env=self.env)
 

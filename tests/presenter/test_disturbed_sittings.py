@@ -16,12 +16,15 @@ import time, glfw
 from study_app import clips, presenter
 from study_app.cli import main
 
-read_frame, show, attempts = clips.read_frame, presenter.Presenter.show, []
+read_frame, show, attempts, disturbed = clips.read_frame, presenter.Presenter.show, [], [False]
 def slow(*arguments):
     time.sleep(0.03)
     return read_frame(*arguments)
 def shown(self, picture):
-    if picture.phase.name == "second" and picture.refreshes == 3:
+    if picture.phase.name != "second":
+        disturbed[0] = False
+    elif picture.refreshes >= 3 and not disturbed[0]:
+        disturbed[0] = True
         attempts.append(self._trial.id)
         if len(attempts) == 1:
             self._window._sleep._apart_s -= 3600

@@ -8,23 +8,23 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-from stimuli.check import check_batch
+import forked
+from forked import Forked
 
-COMMAND = (sys.executable, "-c", "from study_app.cli import main; main()", "stimuli")
+from stimuli.check import check_batch
 
 
 def build_by_command(study: Path, out: Path) -> subprocess.CompletedProcess[str]:
     """Build in a process of its own, to the end."""
-    return subprocess.run(_command(study, out), capture_output=True, text=True, timeout=240)
+    return forked.run(*_command(study, out), timeout=240)
 
 
 def _command(study: Path, out: Path) -> list[str]:
-    return [*COMMAND, "build", str(study), "--out", str(out), "--workers", "2"]
+    return ["stimuli", "build", str(study), "--out", str(out), "--workers", "2"]
 
 
 def kill_builds(
@@ -51,9 +51,7 @@ def kill_builds(
     rng, killed, finished = random.Random(seed), 0, 0
     most = entries(whole)
     while killed < kills:
-        process = subprocess.Popen(
-            _command(study, out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        process = Forked(*_command(study, out))
         # By what lies on the disk, not by the clock: a busy machine is killed as far on.
         enough = entries(out) + rng.randint(1, most)
         began = time.monotonic()
