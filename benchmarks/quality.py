@@ -73,17 +73,14 @@ def cells(quality: Quality) -> str:
 
 def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     """Render as Markdown: one row per pair and method."""
-    return "\n".join(
-        [
-            "| pair (interior holes) | method | PSNR dB | SSIM | high-frequency ratio | band error |",
-            "| --- | --- | ---: | ---: | ---: | ---: |",
-        ]
-        + [
-            f"| {pair} ({100 * share:.1f} %) | {method} | {cells(quality)} |"
-            for pair, (share, fills) in results.items()
-            for method, quality in fills.items()
-        ]
-    )
+    lines = [
+        "| pair (interior holes) | method | PSNR dB | SSIM | high-frequency ratio | band error |",
+        "| --- | --- | ---: | ---: | ---: | ---: |",
+    ]
+    for pair, (share, fills) in results.items():
+        for method, quality in fills.items():
+            lines.append(f"| {pair} ({100 * share:.1f} %) | {method} | {cells(quality)} |")
+    return "\n".join(lines)
 
 
 def means(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
