@@ -53,7 +53,7 @@ FovOption = Annotated[
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", "--parameter", help="A parameter of the one method, as name=value.", metavar="P=V"
+        "--set", "--parameter", help="A parameter of the method, as name=value.", metavar="P=V"
     ),
 ]
 
