@@ -116,7 +116,7 @@ def figure(
             sizes = list(dict.fromkeys(row.size for row in rows))
             if len(sizes) > 1:
                 raise StudyError(
-                    "--size: scores are of one size (the crops that differ most are of"
+                    "--size: a figure shows scores of one size (the chosen crops are of"
                     f" {' and '.join(map(str, sizes))}); choose one"
                 )
             scores, simulated = _scores(report, score, sizes[0])
