@@ -155,7 +155,9 @@ def test_a_condition_changes_the_picture_from_the_foveas_border_on_all_around(me
     """Of a picture of noise, the nearest changed pixel in every direction is as near."""
     more = {}
     if method == "energy-metamer":
-        pytest.importorskip("torch")
+        pytest.importorskip(
+            "torch", reason="needs the extra `metamers`: script/setup --metamers installs it"
+        )
         more = {"steps": 1}
     shown = Shown(name=method, parameters={"law": "v1", "fovea_deg": FOVEA_DEG, **more})
     order = small("beyond-blur-preference", methods=(shown,))

@@ -67,7 +67,7 @@ def report(batch, tmp_path_factory):
     """Open the sheet in a browser, use it, and return what it showed."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
-        pytest.skip("needs Chromium")
+        pytest.skip("needs Chromium (apt-get install chromium)")
     folder = tmp_path_factory.mktemp("browser")
     text = (batch / "contact-sheet.html").read_text(encoding="utf-8")
     assert text.count("<head>") == text.count("</body>") == 1

@@ -240,7 +240,9 @@ def test_every_condition_is_centred_on_the_gaze_of_a_panorama(method, on_gpu, rn
     """Of noise, what is left unchanged is the fovea's disc on the sphere, here over the seam."""
     more = {}
     if method == "energy-metamer":
-        pytest.importorskip("torch")
+        pytest.importorskip(
+            "torch", reason="needs the extra `metamers`: script/setup --metamers installs it"
+        )
         more = {"steps": 1}
     ctx = request.getfixturevalue("gl_context") if on_gpu else None
     width, height, fovea_deg = 256, 128, 18.0

@@ -131,7 +131,7 @@ def test_a_view_turned_into_angles_and_back_looks_the_same_way(target):
 def test_a_browser_shows_the_view_and_its_line(served):
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
-        pytest.skip("needs Chromium")
+        pytest.skip("needs Chromium (apt-get install chromium)")
     pages = []
 
     def visit(address):

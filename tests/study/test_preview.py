@@ -177,7 +177,7 @@ def test_an_earlier_preview_is_written_over_and_nothing_else(tmp_path):
 def test_a_browser_plays_it_phase_by_phase(page, tmp_path):
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
-        pytest.skip("needs Chromium")
+        pytest.skip("needs Chromium (apt-get install chromium)")
     walk = """
     addEventListener("load", () => {
       const seen = [];
