@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
+import forked
 import pytest
 
 NO_GL = """
@@ -139,3 +141,35 @@ def test_costs_count_processes_that_a_test_starts(run_pytest, workers):
     assert float(costs["`test_made_up.py`: its process is slow"]) >= 1
     assert float(costs["`test_made_up.py`"]) >= 1
     assert "`test_made_up.py`: quick" not in costs
+
+
+HABITS = """
+import atexit, os, sys
+atexit.register(print, "over")
+print(os.getcwd(), os.environ["SAID"], sys.argv[1:])
+print("wrong", file=sys.stderr)
+"""
+
+
+def test_a_forked_process_is_one_of_its_own(tmp_path):
+    env = {**os.environ, "SAID": "so"}
+    for last, status, told in (
+        ("", 0, ""), ("sys.exit(3)", 3, ""), ("sys.exit('no')", 1, "no\n"), ("1 / 0", 1, "Division")
+    ):  # fmt: skip
+        done = forked.run("a", 1, code=HABITS + last, env=env, folder=tmp_path)
+        assert (done.returncode, done.stdout) == (status, f"{tmp_path} so ['a', '1']\nover\n")
+        assert done.stderr.startswith("wrong\n")
+        assert told in done.stderr
+    process = forked.Forked(code="import time; time.sleep(60)")
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.communicate(timeout=0.05)
+    assert process.poll() is None
+    process.kill()
+    assert (process.communicate(), process.returncode) == (("", ""), -signal.SIGKILL)
+
+
+def test_costs_count_forked_processes():
+    before_s = sum(forked.COSTS_S)
+    forked.run(code="import time\nwhile time.process_time() < 0.5: pass")
+
+    assert sum(forked.COSTS_S) - before_s >= 0.4

@@ -342,12 +342,19 @@ class Screen:
         """Let keys go down and up, as a keyboard does."""
         subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
 
-    def start(self, *arguments: object, code: str = METAMERLAB, hasty: bool = True) -> Forked:
+    def start(
+        self,
+        *arguments: object,
+        code: str = METAMERLAB,
+        hasty: bool = True,
+        folder: Path = Path(),
+    ) -> Forked:
         """Start `metamerlab` on this screen, or other Python text.
 
         An artificial observer then reads and answers fast, unless not `hasty`.
         """
-        return Forked(*arguments, code=in_haste(code, arguments, hasty), env=self.env)
+        text = in_haste(code, arguments, hasty)
+        return Forked(*arguments, code=text, env=self.env, folder=folder)
 
     def run(self, *arguments: object, **kwargs: object) -> subprocess.CompletedProcess[str]:
         """Run `metamerlab` on this screen to its end."""

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from forked import Forked
 from PIL import Image
 
 from protocols.journal import Attempt, SessionResume
@@ -167,7 +166,7 @@ def adapted(words: list[str]) -> tuple[list[str], bool]:
 @pytest.mark.timeout(900)
 def test_every_command_of_the_guide_runs_in_its_order(screen, tmp_path):
     here, program = tmp_path, Path(sys.executable).parent
-    env = {**screen.env, "PATH": f"{program}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "120"}
+    env = {**screen.env, "PATH": f"{program}{os.pathsep}{os.environ['PATH']}"}
     (tmp_path / "disparity.py").write_text(blocks("python")[0], encoding="utf-8")
     ran = []
     for words in commands():
@@ -186,7 +185,7 @@ def test_every_command_of_the_guide_runs_in_its_order(screen, tmp_path):
         if words[0] != "metamerlab":
             subprocess.run(words, cwd=here, env=env, check=True, timeout=400)
             continue
-        process = Forked(*words[1:], env=env, folder=here)
+        process = screen.start(*words[1:], folder=here)
         with Robot(screen) if robot else nullcontext():
             out, err = process.communicate(timeout=400)
         assert process.returncode == 0, f"{shlex.join(words)}\n{out}\n{err}"

@@ -147,7 +147,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "turned": lambda: seen_from((0.1, 0, 0.2), turn(12, 25)),
     "turned about": lambda: seen_from((0, 0, 0), turn(0, 180)),
     "jittered": lambda: random_scene(np.random.default_rng(1), 0.4),
-    "scattered": lambda: random_scene(np.random.default_rng(2), 30),
+    "scattered": lambda: random_scene(np.random.default_rng(2), 30, 25, 32),
     "thrown far out": lambda: random_scene(np.random.default_rng(3), 9000, 12, 14),
     "stretched by halves": stretched_by_halves,
     "past a post": passed_post,
