@@ -41,20 +41,27 @@ ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial
 page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1
 """
 # After each flip the presenter waits until the watcher has read it: the capture keeps up on a busy
-# machine. A flip that never comes is waited for in vain, and noticed.
+# machine. A flip that never comes is waited for in vain, and noticed. The session's clock stands
+# still for so long, and for what a busy machine takes from it between flips.
 PACED = """
 import mmap, struct, sys, time
-from study_app import presenter
+from study_app import presenter, window
 from study_app.cli import main
 
 with open(sys.argv.pop(), "r+b") as file:
     read = mmap.mmap(file.fileno(), 8)
+stood_s, flipped_s = 0.0, time.monotonic()
+window.Window.now = lambda self: time.monotonic() - stood_s
 presenters_flip = presenter.Presenter._flip
 def paced(self, draw):
+    global stood_s, flipped_s
+    stood_s += max(0.0, time.monotonic() - flipped_s - 0.004)
     shown = presenters_flip(self, draw)
-    until_s = time.monotonic() + 2.0
-    while struct.unpack("<q", read[:8])[0] < shown.number and time.monotonic() < until_s:
+    began_s = time.monotonic()
+    while struct.unpack("<q", read[:8])[0] < shown.number and time.monotonic() < began_s + 2.0:
         time.sleep(0.0005)
+    flipped_s = time.monotonic()
+    stood_s += flipped_s - began_s
     return shown
 presenter.Presenter._flip = paced
 """
