@@ -16,7 +16,7 @@ html_show_copyright = False
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-include_patterns = ["*.md", "docs/**", "api/**"]
+include_patterns = ["*.md", "docs/**", "api/**", "benchmarks/**"]
 suppress_warnings = ["myst.header"]  # a page may begin below its first level
 
 # Pages link to headings as GitHub does.

@@ -28,7 +28,8 @@ def site() -> dict[str, Any]:
 def sources() -> dict[str, Path]:
     """Return the pages that are files, by name on the site, without `.md`."""
     found = {FRONT: REPOSITORY / "README.md", "CHANGELOG": REPOSITORY / "CHANGELOG.md"}
-    for path in sorted((REPOSITORY / "docs").rglob("*.md")):
+    tables = (REPOSITORY / "benchmarks/results").glob("*.md")
+    for path in sorted([*(REPOSITORY / "docs").rglob("*.md"), *tables]):
         found[path.relative_to(REPOSITORY).with_suffix("").as_posix()] = path
     return found
 
@@ -72,7 +73,7 @@ def relinked(text: str, page: str) -> tuple[str, set[str]]:
             return match["before"].strip("[]")  # a folder: nothing to show
         if path and path not in pages:
             files.add(path)
-            if path.endswith(".md"):  # a table of results: to be downloaded, no page
+            if path.endswith(".md"):  # no page of the site: to be downloaded
                 return f"{match['before']}(path:{target})"
         return match[0]
 
