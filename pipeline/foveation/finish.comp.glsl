@@ -51,7 +51,8 @@ ivec2 wrapped(ivec2 texel) {
 // Twin: bent() in reference.py.
 vec4 bent(vec4 chroma, float bend, float mean) {
     vec4 turned = bend * chroma;
-    return mix(vec4(-0.25 / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5))) - mean;
+    vec4 bowed = mix(vec4(-0.25 / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
+    return (bowed - mean) * inversesqrt(1.0 + 2.0 * bend * mean);
 }
 #endif
 

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
 MOST_BEND = 0.5
-"""See `bent`: at this bend, noise's shorter side ends nearest to its mean."""
+"""See `bent`: of noise of unit variance, whose shorter side then ends at its deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +163,16 @@ def chroma_bends(wanted: Wanted, chroma: str) -> tuple[Floats, Floats]:
 
 
 def bent(noise: Floats, bend: Floats, mean: Floats) -> Floats:
-    """Give normal noise of zero mean a skewness: ``n + bend n^2 - mean``, held where it would turn.
+    """Give normal noise of zero mean a skewness, and leave it its variance.
 
-    The first terms of Cornish and Fisher (1938): of unit variance, noise of skewness s is
-    ``n + s (n^2 - 1) / 6``. Swings to the short side end at ``-1 / (4 bend)``, before the mean.
+    ``n + bend n^2 - mean``, held where it would turn, over what that adds to its deviation. The
+    first terms of Cornish and Fisher (1938): of unit variance, noise of skewness s is
+    ``n + s (n^2 - 1) / 6``.
     """
     turned = bend * noise
     held = np.divide(-0.25, bend, out=np.zeros_like(bend), where=bend != 0)
-    return np.asarray(np.where(turned > -0.5, noise * (1 + turned), held) - mean)
+    bowed = np.where(turned > -0.5, noise * (1 + turned), held) - mean
+    return np.asarray(bowed / np.sqrt(1 + 2 * bend * mean))
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:
