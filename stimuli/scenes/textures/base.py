@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +27,6 @@ def fractal(
     return noise(rng, size, slope, coarsest, 1.0)
 
 
-@lru_cache(maxsize=4)
 def photograph(name: str, size: int = SIZE_PX) -> Plane:
     """One of scikit-image's grey photographs, made to repeat; zero mean, unit variance.
 
@@ -48,9 +46,7 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
         mixed = np.tile(mixed, (size // 512, size // 512))
     elif size < 512:
         mixed = mixed.reshape(size, 512 // size, size, 512 // size).mean(axis=(1, 3))
-    result = np.asarray((mixed - mixed.mean()) / mixed.std())
-    result.setflags(write=False)  # it is kept
-    return result
+    return np.asarray((mixed - mixed.mean()) / mixed.std())
 
 
 def ramp(plane: Plane, colours: Sequence[Colour]) -> Picture:
@@ -60,7 +56,8 @@ def ramp(plane: Plane, colours: Sequence[Colour]) -> Picture:
     result = shaded(np.diff(table, axis=0)[0] / step, np.clip(plane, 0, step))
     for index, rise in enumerate(np.diff(table, axis=0)[1:] / step, 1):
         result += shaded(rise, np.clip(plane - index * step, 0, step))
-    return result + table[0]
+    result += table[0]
+    return result
 
 
 def shaded(tone: ArrayLike, value: Plane) -> Picture:

@@ -11,6 +11,7 @@ from scipy import ndimage
 from stimuli.scenes.textures.base import (
     SIZE_PX,
     Colour,
+    Plane,
     Texture,
     finish,
     fractal,
@@ -18,9 +19,6 @@ from stimuli.scenes.textures.base import (
     shaded,
     stretched,
 )
-
-
-Line = NDArray[np.float64]
 
 
 def masonry(
@@ -86,19 +84,19 @@ def planks(rng: np.random.Generator, boards: int = 6, tone: Colour = (128, 98, 6
     return finish(colour * value[..., None])
 
 
-def _texels(size: int) -> tuple[Line, Line]:
+def _texels(size: int) -> tuple[Plane, Plane]:
     """Where texels lie, in textures: a column of places and a row of them."""
     place = np.arange(size) / size
     return place[:, None], place[None, :]
 
 
-def _counted(place: Line, count: int) -> tuple[NDArray[np.int32], Line]:
+def _counted(place: Plane, count: int) -> tuple[NDArray[np.int32], Plane]:
     """Which of `count` pieces `place` lies in, over and over, and how far into it."""
     whole = np.floor(place)
     return whole.astype(np.int32) % count, place - whole
 
 
-def _around(place: float, reach: float, size: int) -> tuple[NDArray[np.int64], Line]:
+def _around(place: float, reach: float, size: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Texels within `reach` of `place`, both in textures, and how far from it they are."""
     texel = np.arange(np.floor((place - reach) * size), np.ceil((place + reach) * size) + 1)
     return texel.astype(np.int64) % size, texel / size - place
