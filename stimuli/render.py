@@ -29,7 +29,7 @@ NEAR_M = 0.05  # and at most this
 class Renderer:
     """A world on the GPU.
 
-    Uploads, draws the shadow map and bakes the sky's light on construction (some seconds in
+    Uploads, draws the shadow map and bakes the sky's light on construction (about a second in
     software for a world of 10^5 triangles); a call draws one view.
 
     Parameters
