@@ -3,36 +3,61 @@
 //
 // Eq. 1's partition as integers: the top bit says "stretched". Below it, a surface's key
 // falls with inverse depth (nearest wins) and a stretched quad's rises (farthest wins).
+//
+// Round 0 lowers every pixel's key. Who comes first writes its claim; who comes later and is not
+// beaten contests it. So at most pixels, which one quad covers, all is said. Round 1 asks again
+// only those that contested, and the first claim counts among those that have the final key. In
+// what order they come changes nothing: who set the final key came first or has contested, and so
+// has who tied with it.
 
-layout(std430) buffer Keys { uint keys[]; };        // per target pixel
-layout(std430) buffer Winners { uint winners[]; };  // per target pixel, quad + part * quads
-layout(std430) buffer Large {
+layout(r32ui) uniform coherent uimage2D keys;    // per target pixel
+layout(r32ui) uniform coherent uimage2D claims;  // per target pixel: a claim, and OVERTAKEN
+
+layout(std430) buffer Lists {
     uint large_count;
-    uint unreached;      // nonzero: some target pixel was reached by no quad
-    uint large[];        // quads left to large.comp.glsl; room for all there are
+    uint contested_count;
+    uint left_count;
+    uint unreached;  // nonzero: some target pixel was reached by no quad
+    // From the start on, quads left to large.comp.glsl; from the end on, other quads that
+    // contested; a quad is in one of the two at most. Afterwards, pixels left to the second
+    // resolve.comp.glsl. Room for all there are.
+    uint entries[];
 };
-// What to draw of each listed quad: bit k for part k, and TORN. Written by classify.comp.glsl.
+// What to draw of each large quad: bit k for part k, TORN, CONTESTED. Written by
+// classify.comp.glsl.
 layout(std430) buffer Parts { uint parts[]; };
 
 const uint TORN = 1u << 8;
+const uint CONTESTED = 1u << 9;
 
-// 0: find the least key. 1: find the first quad that has it. One program does both, and the
-// key's arithmetic is `precise`, so that both compute the very same keys.
+const uint OVERTAKEN = 0x80000000u;  // the first claim is void
+const uint NO_CLAIM = ~OVERTAKEN;
+
+// One program does both rounds, and the key's arithmetic is `precise`, so that both compute the
+// very same keys.
 uniform int round_index;
 
-void rank(Quad quad, Areas area, uint index, bool stretched, ivec2 pixel) {
+// A claim is made by a triangle: abc or acd of a part of a quad. In order of parts, then quads.
+uint claim_of(uint quad_part, bool upper) { return 2u * quad_part + (upper ? 0u : 1u); }
+
+// Tells, in round 0, whether to come again in round 1.
+bool rank(Quad quad, Areas area, uint quad_part, bool stretched, ivec2 pixel) {
     vec2 weight;
     bool upper;
-    if (!covers(quad, area, weight, upper)) return;
+    if (!covers(quad, area, weight, upper)) return false;
     vec4 w = 1.0 / quad.depth;
     vec2 rest = upper ? w.yz : w.zw;
     precise float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
     uint key = ~STRETCHED - (~STRETCHED & floatBitsToUint(max(inverse_m, 0.0)));
     if (stretched) key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
-    uint cell = uint(pixel.y * target_size.x + pixel.x);
+    uint claim = claim_of(quad_part, upper);
     if (round_index == 0) {
-        atomicMin(keys[cell], key);
-    } else if (keys[cell] == key) {
-        atomicMin(winners[cell], index);
+        uint before = imageAtomicMin(keys, pixel, key);
+        // Whole bits on either side of the word: these two commute.
+        if (before == NOTHING) imageAtomicAnd(claims, pixel, OVERTAKEN | claim);
+        else if (key < before) imageAtomicOr(claims, pixel, OVERTAKEN);
+        return before != NOTHING && key <= before;
     }
+    if (imageLoad(keys, pixel).x == key) imageAtomicMin(claims, pixel, claim);
+    return false;
 }

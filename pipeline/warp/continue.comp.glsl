@@ -8,8 +8,10 @@
 
 layout(local_size_x = LANES) in;
 
-layout(std430) buffer Large {
+layout(std430) buffer Lists {
     uint large_count;
+    uint contested_count;
+    uint left_count;
     uint unreached;
 };
 

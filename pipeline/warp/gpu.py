@@ -1,5 +1,7 @@
 """The warp on the GPU. Twin: reference.py."""
 
+import math
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
-from pipeline.gl.texture import format_of, texture_from
+from pipeline.gl.texture import format_of, texture_from, upload
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
 TILE = 8  # work-group edge, quads or pixels
@@ -19,7 +21,9 @@ SMALL = 16  # target pixels in the bounding box of a quad that one invocation dr
 GROUPS = 512  # work groups that share the listed quads
 PARTS = 8  # of a quad, each of which may win a pixel
 MOST_QUADS = 2**32 // PARTS - 1
-_UNTOUCHED = b"\xff\xff\xff\xff"
+NOTHING = 0xFFFFFFFF  # of keys
+NO_CLAIM = 0x7FFFFFFF
+COUNTERS = 4
 RINGS = 2  # of vertices around the source
 
 
@@ -70,7 +74,10 @@ class WarpPass(Pass):
             SMEAR=settings.variant == "smear",
             HIDE=settings.variant == "remove",
         )
-        self._resolve = self._shader("warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
+        self._resolve, self._left = (
+            self._shader("warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend, LEFT=left)
+            for left in (False, True)
+        )
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
             self._shader(
@@ -88,19 +95,21 @@ class WarpPass(Pass):
             target_origin=(self.window.x_px, self.window.y_px),
             stretch=settings.stretch_subpixels(self.window),
         )
-        # Room for every key and every quad: overflow cannot happen.
-        self._large_quads = self._buffer(_list_bytes(source_size))
+        # Room for every quad, or for every pixel: overflow cannot happen.
+        room = max(math.prod(self._mesh), width * height)
+        self._lists = self._buffer(4 * (COUNTERS + room))
+        ranks = {}
+        for name, untouched in (("keys", NOTHING), ("claims", NO_CLAIM)):
+            ranks[name] = self._texture((width, height), "r32ui")
+            upload(ranks[name], np.full((height, width), untouched, np.uint32))
         self._hold(
-            keys=self._buffer(_UNTOUCHED * (width * height)),
-            winners=self._buffer(_UNTOUCHED * (width * height)),
-            large=self._large_quads,
-            parts=self._buffer(_list_bytes(source_size)),
+            **ranks, lists=self._lists, parts=self._buffer(4 * math.prod(self._mesh))
         )
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return (8 if self.settings.variant == "full" else 6) + len(self._rim)
+        return (9 if self.settings.variant == "full" else 7) + len(self._rim)
 
     def __call__(
         self,
@@ -124,17 +133,19 @@ class WarpPass(Pass):
         """
         self._check(colour, depth_m, flow_px, warped)
         motion = {"depth_m": depth_m, "flow_px": flow_px}
-        self._large_quads.write(bytes(8))
-        for index in (0, 1):
-            self._set(round_index=index)
-            self._small.run_over(self._mesh, **motion)
-            if index == 0:
-                self._classify.run(GROUPS, **motion)
-            self._large.run(GROUPS, **motion)
+        self._lists.write(bytes(4 * COUNTERS))
+        self._set(round_index=0)
+        self._small.run_over(self._mesh, **motion)
+        self._classify.run(GROUPS, **motion)
+        self._large.run(GROUPS, **motion)
+        self._set(round_index=1)
+        self._small.run(GROUPS, **motion)
+        self._large.run(GROUPS, **motion)
         size = self.window.width_px, self.window.height_px
         result = {"warped_colour": warped.colour, "warped_flow_px": warped.flow_px}
         depth = {"warped_depth_m": warped.depth_m}
         self._resolve.run_over(size, colour=colour, **motion, **result, **depth)
+        self._left.run(GROUPS, colour=colour, **motion, **result, **depth)
         if self.settings.variant == "full":
             for along, lines, fallback in (((1, 0), size[1], 0.0), ((0, 1), size[0], np.inf)):
                 self._continue["along"] = along

@@ -1,6 +1,6 @@
 #version 430
 // Rank the quads that cover a few pixels, one per invocation; list those that cover many, or
-// may be torn, for large.comp.glsl.
+// may be torn, for large.comp.glsl. A second dispatch looks again at those that contested a pixel.
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant TILE    // work-group edge, quads
@@ -14,8 +14,7 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 uniform int stretch;  // sub-pixels; a longer side may be torn
 
-void main() {
-    ivec2 first = ivec2(gl_GlobalInvocationID.xy);
+void draw(ivec2 first) {
     ivec2 mesh = mesh_size();
     if (any(greaterThanEqual(first, mesh))) return;
     bool ring = in_ring_0(first);
@@ -38,14 +37,29 @@ void main() {
             && longest(high - low) <= NARROW;
     uint index = uint(first.y * mesh.x + first.x);
     if (ring || doubtful || !few) {
-        if (round_index == 0) large[atomicAdd(large_count, 1u)] = index;
+        entries[atomicAdd(large_count, 1u)] = index;
         return;
     }
+    bool contested = false;
     for (int y = start.y; y <= last.y; ++y)
         for (int x = start.x; x <= last.x; ++x) {
             ivec2 centre = ivec2(x, y) * SUB + SUB / 2;
             Areas area = narrow_areas(quad.a - centre, quad.b - centre,
                                       quad.c - centre, quad.d - centre);
-            rank(quad, area, index, false, ivec2(x, y));
+            if (rank(quad, area, index, false, ivec2(x, y))) contested = true;
         }
+    if (contested) entries[uint(mesh.x * mesh.y) - 1u - atomicAdd(contested_count, 1u)] = index;
+}
+
+void main() {
+    ivec2 mesh = mesh_size();
+    // Round 0 walks the mesh, round 1 the list.
+    uint slot = gl_WorkGroupID.x * TILE * TILE + gl_LocalInvocationIndex;
+    uint end = round_index == 0 ? slot + 1u : contested_count;
+    for (; slot < end; slot += gl_NumWorkGroups.x * TILE * TILE) {
+        ivec2 first = ivec2(gl_GlobalInvocationID.xy);
+        if (round_index != 0)
+            first = place_of(int(entries[uint(mesh.x * mesh.y) - 1u - slot]), mesh.x);
+        draw(first);
+    }
 }
