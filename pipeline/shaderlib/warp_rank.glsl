@@ -10,8 +10,8 @@
 // what order they come changes nothing: who set the final key came first or has contested, and so
 // has who tied with it.
 
-layout(r32ui) uniform coherent uimage2D keys;    // per target pixel
-layout(r32ui) uniform coherent uimage2D claims;  // per target pixel: a claim, and OVERTAKEN
+layout(std430) buffer Keys { uint keys[]; };   // per target pixel
+layout(std430) buffer Claims { uint claims[]; };  // per target pixel: a claim, and OVERTAKEN
 
 layout(std430) buffer Lists {
     uint large_count;
@@ -41,6 +41,8 @@ uniform int round_index;
 uint claim_of(uint quad_part, bool upper) { return 2u * quad_part + (upper ? 0u : 1u); }
 
 // Tells, in round 0, whether to come again in round 1.
+int cell_of(ivec2 pixel) { return pixel.y * target_size.x + pixel.x; }
+
 bool rank(Quad quad, Areas area, uint quad_part, bool stretched, ivec2 pixel) {
     vec2 weight;
     bool upper;
@@ -52,12 +54,12 @@ bool rank(Quad quad, Areas area, uint quad_part, bool stretched, ivec2 pixel) {
     if (stretched) key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
     uint claim = claim_of(quad_part, upper);
     if (round_index == 0) {
-        uint before = imageAtomicMin(keys, pixel, key);
+        uint before = atomicMin(keys[cell_of(pixel)], key);
         // Whole bits on either side of the word: these two commute.
-        if (before == NOTHING) imageAtomicAnd(claims, pixel, OVERTAKEN | claim);
-        else if (key < before) imageAtomicOr(claims, pixel, OVERTAKEN);
+        if (before == NOTHING) atomicAnd(claims[cell_of(pixel)], OVERTAKEN | claim);
+        else if (key < before) atomicOr(claims[cell_of(pixel)], OVERTAKEN);
         return before != NOTHING && key <= before;
     }
-    if (imageLoad(keys, pixel).x == key) imageAtomicMin(claims, pixel, claim);
+    if (keys[cell_of(pixel)] == key) atomicMin(claims[cell_of(pixel)], claim);
     return false;
 }

@@ -100,8 +100,7 @@ class WarpPass(Pass):
         self._lists = self._buffer(4 * (COUNTERS + room))
         ranks = {}
         for name, untouched in (("keys", NOTHING), ("claims", NO_CLAIM)):
-            ranks[name] = self._texture((width, height), "r32ui")
-            upload(ranks[name], np.full((height, width), untouched, np.uint32))
+            ranks[name] = self._buffer(np.full(width * height, untouched, np.uint32).tobytes())
         self._hold(
             **ranks, lists=self._lists, parts=self._buffer(4 * math.prod(self._mesh))
         )

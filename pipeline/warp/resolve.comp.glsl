@@ -77,8 +77,8 @@ vec2 wide_weight(dvec2 p, dvec2 q, dvec2 r) {
 #if LEFT
 
 void finish(ivec2 pixel) {
-    uint claim = imageLoad(claims, pixel).x;
-    imageStore(claims, pixel, uvec4(NO_CLAIM));
+    uint claim = claims[cell_of(pixel)];
+    claims[cell_of(pixel)] = NO_CLAIM;
     bool upper = (claim & 1u) == 0u;
     ivec2 mesh = mesh_size();
     uint quads = uint(mesh.x * mesh.y);
@@ -105,9 +105,9 @@ void main() {
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, target_size))) return;
-    uint key = imageLoad(keys, pixel).x;
-    uint claim = imageLoad(claims, pixel).x;
-    imageStore(keys, pixel, uvec4(NOTHING));
+    uint key = keys[cell_of(pixel)];
+    uint claim = claims[cell_of(pixel)];
+    keys[cell_of(pixel)] = NOTHING;
 
     if (key == NOTHING) {
         if (bool(EXTEND)) unreached = 1u;
@@ -118,7 +118,7 @@ void main() {
     bool own = (claim >> 1) < uint(mesh.x * mesh.y);  // not of a strip or another part
     ivec2 first = place_of(int(claim >> 1), mesh.x);
     if ((key & STRETCHED) != 0u) {
-        imageStore(claims, pixel, uvec4(NO_CLAIM));
+        claims[cell_of(pixel)] = NO_CLAIM;
         store_hole(pixel, first);
         return;
     }
@@ -134,7 +134,7 @@ void main() {
         entries[atomicAdd(left_count, 1u)] = uint(pixel.y * target_size.x + pixel.x);
         return;
     }
-    imageStore(claims, pixel, uvec4(NO_CLAIM));
+    claims[cell_of(pixel)] = NO_CLAIM;
     store_surface(pixel, p, q, r, narrow_weight(to_p, to_q, to_r));
 }
 

@@ -12,7 +12,7 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // NOTHING, as the last stage left them; RIM between the two dispatches.
-layout(r32ui) uniform uimage2D keys;
+layout(std430) buffer Keys { uint keys[]; };
 
 layout(rgba32f) uniform image2D warped_colour;  // a: 1 known, 0 hole
 layout(rg32f) uniform readonly image2D warped_flow_px;
@@ -49,8 +49,8 @@ void main() {
     ivec2 size = imageSize(warped_colour);
     if (any(greaterThanEqual(pixel, size))) return;
 #if CLEAR
-    if (imageLoad(keys, pixel).x == NOTHING) return;
-    imageStore(keys, pixel, uvec4(NOTHING));
+    if (keys[pixel.y * size.x + pixel.x] == NOTHING) return;
+    keys[pixel.y * size.x + pixel.x] = NOTHING;
     imageStore(warped_colour, pixel, vec4(0.0));
 #else
     if (hole_at(pixel)) return;
@@ -59,6 +59,6 @@ void main() {
         || rim_along(pixel, ivec2(0, -1), motion) || rim_along(pixel, ivec2(0, 1), motion)
         || rim_along(pixel, ivec2(-1, -1), motion) || rim_along(pixel, ivec2(1, -1), motion)
         || rim_along(pixel, ivec2(-1, 1), motion) || rim_along(pixel, ivec2(1, 1), motion))
-        imageStore(keys, pixel, uvec4(RIM));
+        keys[pixel.y * size.x + pixel.x] = RIM;
 #endif
 }
