@@ -14,8 +14,15 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 
 uniform int stretch;  // sub-pixels; a longer side may be torn
 
-void draw(ivec2 first) {
+void main() {
     ivec2 mesh = mesh_size();
+    ivec2 first = ivec2(gl_GlobalInvocationID.xy);
+    uint quads = uint(mesh.x * mesh.y);
+    if (round_index != 0) {
+        uint slot = gl_WorkGroupID.x * TILE * TILE + gl_LocalInvocationIndex;
+        if (slot >= contested_count) return;
+        first = place_of(int(entries[quads - 1u - slot]), mesh.x);
+    }
     if (any(greaterThanEqual(first, mesh))) return;
     bool ring = in_ring_0(first);
     if (ring && !bool(EXTEND)) return;
@@ -46,20 +53,7 @@ void draw(ivec2 first) {
             ivec2 centre = ivec2(x, y) * SUB + SUB / 2;
             Areas area = narrow_areas(quad.a - centre, quad.b - centre,
                                       quad.c - centre, quad.d - centre);
-            if (rank(quad, area, index, false, ivec2(x, y))) contested = true;
+            if (rank(quad, area, first, 0, false, ivec2(x, y))) contested = true;
         }
-    if (contested) entries[uint(mesh.x * mesh.y) - 1u - atomicAdd(contested_count, 1u)] = index;
-}
-
-void main() {
-    ivec2 mesh = mesh_size();
-    // Round 0 walks the mesh, round 1 the list.
-    uint slot = gl_WorkGroupID.x * TILE * TILE + gl_LocalInvocationIndex;
-    uint end = round_index == 0 ? slot + 1u : contested_count;
-    for (; slot < end; slot += gl_NumWorkGroups.x * TILE * TILE) {
-        ivec2 first = ivec2(gl_GlobalInvocationID.xy);
-        if (round_index != 0)
-            first = place_of(int(entries[uint(mesh.x * mesh.y) - 1u - slot]), mesh.x);
-        draw(first);
-    }
+    if (contested) entries[quads - 1u - atomicAdd(contested_count, 1u)] = index;
 }
