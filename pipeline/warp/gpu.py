@@ -24,6 +24,8 @@ MOST_QUADS = 2**32 // PARTS - 1
 NOTHING = 0xFFFFFFFF  # of keys
 NO_CLAIM = 0x3FFFFFFF
 COUNTERS = 4
+import os
+TX=int(os.environ.get("TX","8"));TY=int(os.environ.get("TY","8"))
 RINGS = 2  # of vertices around the source
 
 
@@ -64,7 +66,7 @@ class WarpPass(Pass):
         self._mesh = _mesh_size(source_size)
         extend = settings.variant == "full"
         lanes = SOFTWARE_LANES if describe(ctx).software else LANES
-        self._small = self._shader("warp/small.comp.glsl", TILE=TILE, SMALL=SMALL, EXTEND=extend)
+        self._small = self._shader("warp/small.comp.glsl", COLUMNS=TX,ROWS=TY, SMALL=SMALL, EXTEND=extend)
         self._classify = self._shader(
             "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
         )
@@ -74,7 +76,7 @@ class WarpPass(Pass):
             SMEAR=settings.variant == "smear",
             HIDE=settings.variant == "remove",
         )
-        self._resolve = self._shader("warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
+        self._resolve = self._shader("warp/resolve.comp.glsl", COLUMNS=TX,ROWS=TY, EXTEND=extend)
         self._mend = self._shader("warp/mend.comp.glsl", LANES=lanes)
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [

@@ -3,10 +3,11 @@
 // the next call.
 // Twin: resolve() in reference.py. Change both or neither.
 
-#constant TILE    // work-group edge, pixels
+#constant COLUMNS
+#constant ROWS    // work-group edge, pixels
 #constant EXTEND  // whether unreached pixels are continued afterwards
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+layout(local_size_x = COLUMNS, local_size_y = ROWS) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"

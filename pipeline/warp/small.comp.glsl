@@ -3,11 +3,12 @@
 // may be torn, for large.comp.glsl. A second dispatch looks again at those that contested a pixel.
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
-#constant TILE    // work-group edge, quads
+#constant COLUMNS
+#constant ROWS    // work-group edge, quads
 #constant SMALL   // target pixels in the bounding box of a quad drawn here, at most
 #constant EXTEND  // whether ring 0 is drawn
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+layout(local_size_x = COLUMNS, local_size_y = ROWS) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
@@ -19,7 +20,7 @@ void main() {
     ivec2 first = ivec2(gl_GlobalInvocationID.xy);
     uint quads = uint(mesh.x * mesh.y);
     if (round_index != 0) {
-        uint slot = gl_WorkGroupID.x * TILE * TILE + gl_LocalInvocationIndex;
+        uint slot = gl_WorkGroupID.x * COLUMNS * ROWS + gl_LocalInvocationIndex;
         if (slot >= contested_count) return;
         first = place_of(int(entries[quads - 1u - slot]), mesh.x);
     }
