@@ -22,10 +22,10 @@ GROUPS = 512  # work groups that share the listed quads
 PARTS = 8  # of a quad, each of which may win a pixel
 MOST_QUADS = 2**32 // PARTS - 1
 NOTHING = 0xFFFFFFFF  # of keys
-NO_CLAIM = 0x3FFFFFFF
+NO_CLAIM = 0x7FFFFFFF
 COUNTERS = 4
 import os
-TX=int(os.environ.get("TX","8"));TY=int(os.environ.get("TY","8"))
+TX=int(os.environ.get("TX","64"));TY=int(os.environ.get("TY","1"))
 RINGS = 2  # of vertices around the source
 
 
@@ -76,8 +76,10 @@ class WarpPass(Pass):
             SMEAR=settings.variant == "smear",
             HIDE=settings.variant == "remove",
         )
-        self._resolve = self._shader("warp/resolve.comp.glsl", COLUMNS=TX,ROWS=TY, EXTEND=extend)
-        self._mend = self._shader("warp/mend.comp.glsl", LANES=lanes)
+        self._resolve, self._left = (
+            self._shader("warp/resolve.comp.glsl", COLUMNS=TX,ROWS=TY, EXTEND=extend, LEFT=left)
+            for left in (False, True)
+        )
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
             self._shader(
@@ -132,20 +134,19 @@ class WarpPass(Pass):
         """
         self._check(colour, depth_m, flow_px, warped)
         motion = {"depth_m": depth_m, "flow_px": flow_px}
+        self._lists.write(bytes(4 * COUNTERS))
+        self._set(round_index=0)
+        self._small.run_over(self._mesh, **motion)
+        self._classify.run(GROUPS, **motion)
+        self._large.run(GROUPS, **motion)
+        self._set(round_index=1)
+        self._small.run(4096, **motion)
+        self._large.run(GROUPS, **motion)
         size = self.window.width_px, self.window.height_px
         result = {"warped_colour": warped.colour, "warped_flow_px": warped.flow_px}
         depth = {"warped_depth_m": warped.depth_m}
-        drawn = {"colour": colour, **motion, **result, **depth}
-        self._lists.write(bytes(4 * COUNTERS))
-        self._set(round_index=0)
-        self._small.run_over(self._mesh, **drawn)
-        self._classify.run(GROUPS, **drawn)
-        self._large.run(GROUPS, **drawn)
-        self._set(round_index=1)
-        self._small.run(4096, **drawn)
-        self._large.run(GROUPS, **drawn)
-        self._resolve.run_over(size, **drawn)
-        self._mend.run(GROUPS, **drawn)
+        self._resolve.run_over(size, colour=colour, **motion, **result, **depth)
+        self._left.run(GROUPS, colour=colour, **motion, **result, **depth)
         if self.settings.variant == "full":
             for along, lines, fallback in (((1, 0), size[1], 0.0), ((0, 1), size[0], np.inf)):
                 self._continue["along"] = along

@@ -23,7 +23,7 @@ void cross_edge(ivec2 from, ivec2 to, int y, inout vec2 span) {
 }
 
 // Tells whether it contested a pixel.
-bool draw(Quad quad, ivec2 first, int part, bool stretched) {
+bool draw(Quad quad, uint quad_part, bool stretched) {
     int lane = int(gl_LocalInvocationIndex);
     ivec2 lowest_at = lowest(quad), highest_at = highest(quad);
     // Pixels outside the quad may be tried: one more on each side.
@@ -50,7 +50,7 @@ bool draw(Quad quad, ivec2 first, int part, bool stretched) {
             Areas area;
             if (narrow) area = narrow_areas(a, b, c, d);
             else area = wide_areas(a, b, c, d);
-            if (rank(quad, area, first, part, stretched, ivec2(x, y))) contested = true;
+            if (rank(quad, area, quad_part, stretched, ivec2(x, y))) contested = true;
         }
     }
     return contested;
@@ -61,15 +61,18 @@ void main() {
     for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
         uint found = parts[slot];
         if (round_index != 0 && (found & CONTESTED) == 0u) continue;
+        uint index = entries[slot];
         bool stretched = (found & TORN) != 0u && !bool(SMEAR);
         uint shown = found & (TORN - 1u);
         if (bool(SMEAR)) shown = 1u;
         else if (bool(HIDE) && stretched) shown &= ~1u;
-        ivec2 first = place_of(int(entries[slot]), mesh.x);
+        ivec2 first = place_of(int(index), mesh.x);
         bool contested = false;
         for (; shown != 0u; shown &= shown - 1u) {
             int part = findLSB(shown);
-            if (draw(load_quad(first, part), first, part, stretched && part == 0)) contested = true;
+            if (draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
+                     stretched && part == 0))
+                contested = true;
         }
         if (contested) atomicOr(parts[slot], CONTESTED);
     }

@@ -1,30 +1,143 @@
 #version 430
-// List the pixels that several quads cover, see who was reached by none, and clear the ranks for
-// the next call.
+// Show at every target pixel what its winning triangle carries, and clear the ranks for the
+// next call. Two programs: the first leaves to the second what is not of a quad's own and narrow.
 // Twin: resolve() in reference.py. Change both or neither.
 
 #constant COLUMNS
-#constant ROWS    // work-group edge, pixels
+#constant ROWS   // work-group edge, pixels
 #constant EXTEND  // whether unreached pixels are continued afterwards
+#constant LEFT    // whether to do what the first program left
 
 layout(local_size_x = COLUMNS, local_size_y = ROWS) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
 
+layout(rgba32f) uniform readonly image2D colour;  // encoded R'G'B', source
+
+// rgb: encoded colour, 0 in holes. a: 1 known, 0 hole.
+layout(rgba32f) uniform writeonly image2D warped_colour;
+// Metres; in holes the background's. 0 where no quad reached: continue.comp.glsl fills it.
+layout(r32f) uniform writeonly image2D warped_depth_m;
+layout(rg32f) uniform writeonly image2D warped_flow_px;
+
+void store(ivec2 pixel, vec4 shown, float depth, vec2 motion) {
+    imageStore(warped_colour, pixel, shown);
+    imageStore(warped_depth_m, pixel, vec4(depth));
+    imageStore(warped_flow_px, pixel, vec4(motion, 0.0, 0.0));
+}
+
+// 1 / depth is linear in the image plane. This form gives back one depth of three exactly
+// where it alone counts, and where all three are the same.
+float blend_depth(float a, float b, float c, vec2 weight) {
+    if (weight == vec2(0.0)) return a;
+    if (isinf(a)) {
+        float inverse = weight.x / b + weight.y / c;
+        return inverse > 0.0 ? 1.0 / inverse : INFINITE;
+    }
+    float ratio = 1.0 + weight.x * (a / b - 1.0) + weight.y * (a / c - 1.0);
+    return ratio > 0.0 ? a / ratio : INFINITE;
+}
+
+// In holes the farthest corner's; the first of equals, in reading order.
+void store_hole(ivec2 pixel, ivec2 first) {
+    float farthest = 0.0;
+    ivec2 source = ivec2(0);
+    for (int k = 0; k < 4; ++k) {
+        ivec2 at = pixel_of(first + ivec2(k & 1, k >> 1));
+        float depth = imageLoad(depth_m, at).x;
+        if (depth > farthest) {
+            farthest = depth;
+            source = at;
+        }
+    }
+    store(pixel, vec4(0.0), farthest, imageLoad(flow_px, source).xy);
+}
+
+void store_surface(ivec2 pixel, ivec2 p, ivec2 q, ivec2 r, vec2 weight) {
+    vec3 base = imageLoad(colour, p).rgb;
+    vec3 mixed = base + weight.x * (imageLoad(colour, q).rgb - base)
+                      + weight.y * (imageLoad(colour, r).rgb - base);
+    vec2 motion = imageLoad(flow_px, p).xy;
+    motion += weight.x * (imageLoad(flow_px, q).xy - motion) + weight.y * (imageLoad(flow_px, r).xy - motion);
+    float depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x, imageLoad(depth_m, r).x, weight);
+    store(pixel, vec4(clamp(mixed, 0.0, 1.0), 1.0), depth, motion);
+}
+
+// How the second and third corner of a triangle weigh at the origin; see Areas.
+vec2 narrow_weight(ivec2 p, ivec2 q, ivec2 r) {
+    int pq = turn(p, q), qr = turn(q, r), pr = turn(p, r);
+    return vec2(-float(pr), float(pq)) / float(pq + qr - pr);
+}
+
+vec2 wide_weight(dvec2 p, dvec2 q, dvec2 r) {
+    double pq = turn(p, q), qr = turn(q, r), pr = turn(p, r);
+    return vec2(-float(pr), float(pq)) / float(pq + qr - pr);
+}
+
+#if LEFT
+
+void finish(ivec2 pixel) {
+    uint claim = ranks[cell_of(pixel)].claim;
+    ranks[cell_of(pixel)].claim = NO_CLAIM;
+    bool upper = (claim & 1u) == 0u;
+    ivec2 mesh = mesh_size();
+    uint quads = uint(mesh.x * mesh.y);
+    int part = int((claim >> 1) / quads);
+    ivec2 first = place_of(int((claim >> 1) - uint(part) * quads), mesh.x);
+    Quad quad = load_quad(first, part);
+    int second = upper ? 1 : 2;
+    ivec2 centre = pixel * SUB + SUB / 2;
+    vec2 weight = wide_weight(quad.a - centre, (upper ? quad.b : quad.c) - centre,
+                              (upper ? quad.c : quad.d) - centre);
+    store_surface(pixel, pixel_of(first + corner(source_of(part, 0))),
+                  pixel_of(first + corner(source_of(part, second))),
+                  pixel_of(first + corner(source_of(part, second + 1))), weight);
+}
+
+void main() {
+    uint slot = gl_WorkGroupID.x * COLUMNS * ROWS + gl_LocalInvocationIndex;
+    for (; slot < left_count; slot += gl_NumWorkGroups.x * COLUMNS * ROWS)
+        finish(place_of(int(entries[slot]), target_size.x));
+}
+
+#else
+
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, target_size))) return;
     int cell = cell_of(pixel);
-    Rank found = ranks[cell];
-    if ((found.claim & SHARED) != 0u) {
-        entries[atomicAdd(shared_count, 1u)] = uint(cell);
-        return;
-    }
+    uint key = ranks[cell].key;
+    uint claim = ranks[cell].claim;
     ranks[cell].key = NOTHING;
-    ranks[cell].claim = NO_CLAIM;
-    if (found.key == NOTHING) {
+
+    if (key == NOTHING) {
         if (bool(EXTEND)) unreached = 1u;
         store(pixel, vec4(0.0), bool(EXTEND) ? 0.0 : INFINITE, vec2(0.0));
+        return;
     }
+    ivec2 mesh = mesh_size();
+    bool own = (claim >> 1) < uint(mesh.x * mesh.y);  // not of a strip or another part
+    ivec2 first = place_of(int(claim >> 1), mesh.x);
+    if ((key & STRETCHED) != 0u) {
+        ranks[cell_of(pixel)].claim = NO_CLAIM;
+        store_hole(pixel, first);
+        return;
+    }
+    bool upper = (claim & 1u) == 0u;
+    ivec2 vp = first, vq = first + (upper ? ivec2(1, 0) : ivec2(1)),
+          vr = first + (upper ? ivec2(1) : ivec2(0, 1));
+    ivec2 p = pixel_of(vp), q = pixel_of(vq), r = pixel_of(vr);
+    ivec2 centre = pixel * SUB + SUB / 2;
+    ivec2 to_p = position(vp, imageLoad(flow_px, p).xy) - centre;
+    ivec2 to_q = position(vq, imageLoad(flow_px, q).xy) - centre;
+    ivec2 to_r = position(vr, imageLoad(flow_px, r).xy) - centre;
+    if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
+        entries[atomicAdd(left_count, 1u)] = uint(pixel.y * target_size.x + pixel.x);
+        return;
+    }
+    ranks[cell_of(pixel)].claim = NO_CLAIM;
+    store_surface(pixel, p, q, r, narrow_weight(to_p, to_q, to_r));
 }
+
+#endif

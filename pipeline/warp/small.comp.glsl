@@ -4,7 +4,7 @@
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
 #constant COLUMNS
-#constant ROWS    // work-group edge, quads
+#constant ROWS   // work-group edge, quads
 #constant SMALL   // target pixels in the bounding box of a quad drawn here, at most
 #constant EXTEND  // whether ring 0 is drawn
 
@@ -54,7 +54,7 @@ void main() {
             ivec2 centre = ivec2(x, y) * SUB + SUB / 2;
             Areas area = narrow_areas(quad.a - centre, quad.b - centre,
                                       quad.c - centre, quad.d - centre);
-            if (rank(quad, area, first, 0, false, ivec2(x, y))) contested = true;
+            if (rank(quad, area, index, false, ivec2(x, y))) contested = true;
         }
     if (contested) entries[quads - 1u - atomicAdd(contested_count, 1u)] = index;
 }
