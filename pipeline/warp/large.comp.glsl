@@ -68,8 +68,10 @@ void main() {
         else if (bool(HIDE) && stretched) shown &= ~1u;
         ivec2 first = place_of(int(index), mesh.x);
         bool contested = false;
-        for (; shown != 0u; shown &= shown - 1u) {
-            int part = findLSB(shown);
+        // Strips before the quad that they lie on, which then does not contest their pixels.
+        while (shown != 0u) {
+            int part = findMSB(shown);
+            shown ^= 1u << part;
             if (draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
                      stretched && part == 0))
                 contested = true;
