@@ -39,29 +39,17 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
-// In holes the farthest corner's; the first of equals, in reading order.
-void store_hole(ivec2 pixel, ivec2 first) {
-    float farthest = 0.0;
-    ivec2 source = ivec2(0);
-    for (int k = 0; k < 4; ++k) {
-        ivec2 at = pixel_of(first + ivec2(k & 1, k >> 1));
-        float depth = imageLoad(depth_m, at).x;
-        if (depth > farthest) {
-            farthest = depth;
-            source = at;
-        }
-    }
-    store(pixel, vec4(0.0), farthest, imageLoad(flow_px, source).xy);
-}
-
-void store_surface(ivec2 pixel, ivec2 p, ivec2 q, ivec2 r, vec2 weight) {
+// What a triangle of vertices p q r shows, given how its second and third corner weigh.
+void surface(ivec2 p, ivec2 q, ivec2 r, vec2 weight, out vec4 shown, out float depth, out vec2 motion) {
     vec3 base = imageLoad(colour, p).rgb;
     vec3 mixed = base + weight.x * (imageLoad(colour, q).rgb - base)
                       + weight.y * (imageLoad(colour, r).rgb - base);
-    vec2 motion = imageLoad(flow_px, p).xy;
-    motion += weight.x * (imageLoad(flow_px, q).xy - motion) + weight.y * (imageLoad(flow_px, r).xy - motion);
-    float depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x, imageLoad(depth_m, r).x, weight);
-    store(pixel, vec4(clamp(mixed, 0.0, 1.0), 1.0), depth, motion);
+    shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
+    motion = imageLoad(flow_px, p).xy;
+    motion += weight.x * (imageLoad(flow_px, q).xy - motion)
+            + weight.y * (imageLoad(flow_px, r).xy - motion);
+    depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x, imageLoad(depth_m, r).x,
+                        weight);
 }
 
 // How the second and third corner of a triangle weigh at the origin; see Areas.
@@ -78,8 +66,9 @@ vec2 wide_weight(dvec2 p, dvec2 q, dvec2 r) {
 #if LEFT
 
 void finish(ivec2 pixel) {
-    uint claim = ranks[cell_of(pixel)].claim;
-    ranks[cell_of(pixel)].claim = NO_CLAIM;
+    int cell = cell_of(pixel);
+    uint claim = ranks[cell].claim;
+    ranks[cell].claim = NO_CLAIM;
     bool upper = (claim & 1u) == 0u;
     ivec2 mesh = mesh_size();
     uint quads = uint(mesh.x * mesh.y);
@@ -90,9 +79,13 @@ void finish(ivec2 pixel) {
     ivec2 centre = pixel * SUB + SUB / 2;
     vec2 weight = wide_weight(quad.a - centre, (upper ? quad.b : quad.c) - centre,
                               (upper ? quad.c : quad.d) - centre);
-    store_surface(pixel, pixel_of(first + corner(source_of(part, 0))),
-                  pixel_of(first + corner(source_of(part, second))),
-                  pixel_of(first + corner(source_of(part, second + 1))), weight);
+    vec4 shown;
+    float depth;
+    vec2 motion;
+    surface(pixel_of(first + corner(source_of(part, 0))),
+            pixel_of(first + corner(source_of(part, second))),
+            pixel_of(first + corner(source_of(part, second + 1))), weight, shown, depth, motion);
+    store(pixel, shown, depth, motion);
 }
 
 void main() {
@@ -111,33 +104,42 @@ void main() {
     uint claim = ranks[cell].claim;
     ranks[cell].key = NOTHING;
 
-    if (key == NOTHING) {
-        if (bool(EXTEND)) unreached = 1u;
-        store(pixel, vec4(0.0), bool(EXTEND) ? 0.0 : INFINITE, vec2(0.0));
-        return;
-    }
     ivec2 mesh = mesh_size();
     bool own = (claim >> 1) < uint(mesh.x * mesh.y);  // not of a strip or another part
-    ivec2 first = place_of(int(claim >> 1), mesh.x);
-    if ((key & STRETCHED) != 0u) {
-        ranks[cell_of(pixel)].claim = NO_CLAIM;
-        store_hole(pixel, first);
-        return;
-    }
     bool upper = (claim & 1u) == 0u;
-    ivec2 vp = first, vq = first + (upper ? ivec2(1, 0) : ivec2(1)),
-          vr = first + (upper ? ivec2(1) : ivec2(0, 1));
+    ivec2 vp = place_of(int(claim >> 1), mesh.x);
+    ivec2 vq = vp + (upper ? ivec2(1, 0) : ivec2(1)), vr = vp + (upper ? ivec2(1) : ivec2(0, 1));
     ivec2 p = pixel_of(vp), q = pixel_of(vq), r = pixel_of(vr);
-    ivec2 centre = pixel * SUB + SUB / 2;
-    ivec2 to_p = position(vp, imageLoad(flow_px, p).xy) - centre;
-    ivec2 to_q = position(vq, imageLoad(flow_px, q).xy) - centre;
-    ivec2 to_r = position(vr, imageLoad(flow_px, r).xy) - centre;
-    if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
-        entries[atomicAdd(left_count, 1u)] = uint(pixel.y * target_size.x + pixel.x);
-        return;
+    vec4 shown = vec4(0.0);
+    float depth = bool(EXTEND) ? 0.0 : INFINITE;
+    vec2 motion = vec2(0.0);
+    if (key == NOTHING) {
+        if (bool(EXTEND)) unreached = 1u;
+    } else if (key >= STRETCHED) {
+        // In holes the farthest corner's; the first of equals, in reading order.
+        depth = imageLoad(depth_m, p).x;
+        motion = imageLoad(flow_px, p).xy;
+        for (int k = 1; k < 4; ++k) {
+            ivec2 at = pixel_of(vp + ivec2(k & 1, k >> 1));
+            float there = imageLoad(depth_m, at).x;
+            if (there > depth) {
+                depth = there;
+                motion = imageLoad(flow_px, at).xy;
+            }
+        }
+    } else {
+        ivec2 centre = pixel * SUB + SUB / 2;
+        ivec2 to_p = position(vp, imageLoad(flow_px, p).xy) - centre;
+        ivec2 to_q = position(vq, imageLoad(flow_px, q).xy) - centre;
+        ivec2 to_r = position(vr, imageLoad(flow_px, r).xy) - centre;
+        if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
+            entries[atomicAdd(left_count, 1u)] = uint(cell);
+            return;
+        }
+        surface(p, q, r, narrow_weight(to_p, to_q, to_r), shown, depth, motion);
     }
-    ranks[cell_of(pixel)].claim = NO_CLAIM;
-    store_surface(pixel, p, q, r, narrow_weight(to_p, to_q, to_r));
+    ranks[cell].claim = NO_CLAIM;
+    store(pixel, shown, depth, motion);
 }
 
 #endif
