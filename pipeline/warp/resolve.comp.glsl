@@ -40,14 +40,12 @@ float blend_depth(float a, float b, float c, vec2 weight) {
 }
 
 // What a triangle of vertices p q r shows, given how its second and third corner weigh.
-void surface(ivec2 p, ivec2 q, ivec2 r, vec2 weight, out vec4 shown, out float depth, out vec2 motion) {
+void surface(ivec2 p, ivec2 q, ivec2 r, vec2 fp, vec2 fq, vec2 fr, vec2 weight, out vec4 shown, out float depth, out vec2 motion) {
     vec3 base = imageLoad(colour, p).rgb;
     vec3 mixed = base + weight.x * (imageLoad(colour, q).rgb - base)
                       + weight.y * (imageLoad(colour, r).rgb - base);
     shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
-    motion = imageLoad(flow_px, p).xy;
-    motion += weight.x * (imageLoad(flow_px, q).xy - motion)
-            + weight.y * (imageLoad(flow_px, r).xy - motion);
+    motion = fp + weight.x * (fq - fp) + weight.y * (fr - fp);
     depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x, imageLoad(depth_m, r).x,
                         weight);
 }
@@ -84,7 +82,7 @@ void finish(ivec2 pixel) {
     vec2 motion;
     surface(pixel_of(first + corner(source_of(part, 0))),
             pixel_of(first + corner(source_of(part, second))),
-            pixel_of(first + corner(source_of(part, second + 1))), weight, shown, depth, motion);
+            pixel_of(first + corner(source_of(part, second + 1))), quad.fa, upper ? quad.fb : quad.fc, upper ? quad.fc : quad.fd, weight, shown, depth, motion);
     store(pixel, shown, depth, motion);
 }
 
@@ -129,14 +127,13 @@ void main() {
         }
     } else {
         ivec2 centre = pixel * SUB + SUB / 2;
-        ivec2 to_p = position(vp, imageLoad(flow_px, p).xy) - centre;
-        ivec2 to_q = position(vq, imageLoad(flow_px, q).xy) - centre;
-        ivec2 to_r = position(vr, imageLoad(flow_px, r).xy) - centre;
+        vec2 fp = imageLoad(flow_px, p).xy, fq = imageLoad(flow_px, q).xy, fr = imageLoad(flow_px, r).xy;
+        ivec2 to_p = position(vp, fp) - centre, to_q = position(vq, fq) - centre, to_r = position(vr, fr) - centre;
         if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
             entries[atomicAdd(left_count, 1u)] = uint(cell);
             return;
         }
-        surface(p, q, r, narrow_weight(to_p, to_q, to_r), shown, depth, motion);
+        surface(p, q, r, fp, fq, fr, narrow_weight(to_p, to_q, to_r), shown, depth, motion);
     }
     ranks[cell].claim = NO_CLAIM;
     store(pixel, shown, depth, motion);
