@@ -49,12 +49,14 @@ void main() {
         return;
     }
     bool contested = false;
-    for (int y = start.y; y <= last.y; ++y)
-        for (int x = start.x; x <= last.x; ++x) {
-            ivec2 centre = ivec2(x, y) * SUB + SUB / 2;
-            Areas area = narrow_areas(quad.a - centre, quad.b - centre,
-                                      quad.c - centre, quad.d - centre);
-            if (rank(quad, area, index, false, ivec2(x, y))) contested = true;
-        }
+    ivec2 pixel = start;
+    for (int count = box.x * box.y; count > 0; --count) {
+        ivec2 centre = pixel * SUB + SUB / 2;
+        Areas area = narrow_areas(quad.a - centre, quad.b - centre,
+                                  quad.c - centre, quad.d - centre);
+        if (rank(quad, area, index, false, pixel)) contested = true;
+        ++pixel.x;
+        if (pixel.x > last.x) pixel = ivec2(start.x, pixel.y + 1);
+    }
     if (contested) entries[quads - 1u - atomicAdd(contested_count, 1u)] = index;
 }
