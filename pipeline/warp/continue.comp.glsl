@@ -10,7 +10,6 @@ layout(local_size_x = LANES) in;
 
 layout(std430) buffer Lists {
     uint large_count;
-    uint contested_count;
     uint left_count;
     uint unreached;
 };

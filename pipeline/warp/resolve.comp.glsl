@@ -1,14 +1,14 @@
 #version 430
 // Show at every target pixel what its winning triangle carries, and clear the ranks for the
-// next call. Two programs: the first leaves to the second what is not of a quad's own and narrow.
+// next call. Two programs: the second does what the first leaves to it, wide triangles and those of
+// parts, which few pixels show; so the first is short and needs no double.
 // Twin: resolve() in reference.py. Change both or neither.
 
-#constant COLUMNS
-#constant ROWS   // work-group edge, pixels
+#constant ROW     // work-group size, pixels in a row
 #constant EXTEND  // whether unreached pixels are continued afterwards
 #constant LEFT    // whether to do what the first program left
 
-layout(local_size_x = COLUMNS, local_size_y = ROWS) in;
+layout(local_size_x = ROW) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
@@ -21,7 +21,12 @@ layout(rgba32f) uniform writeonly image2D warped_colour;
 layout(r32f) uniform writeonly image2D warped_depth_m;
 layout(rg32f) uniform writeonly image2D warped_flow_px;
 
-void store(ivec2 pixel, vec4 shown, float depth, vec2 motion) {
+// What a pixel shows: a hole that nothing reached, until told otherwise.
+vec4 shown = vec4(0.0);
+float depth = bool(EXTEND) ? 0.0 : INFINITE;
+vec2 motion = vec2(0.0);
+
+void store(ivec2 pixel) {
     imageStore(warped_colour, pixel, shown);
     imageStore(warped_depth_m, pixel, vec4(depth));
     imageStore(warped_flow_px, pixel, vec4(motion, 0.0, 0.0));
@@ -39,15 +44,15 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
-// What a triangle of vertices p q r shows, given how its second and third corner weigh.
-void surface(ivec2 p, ivec2 q, ivec2 r, vec2 fp, vec2 fq, vec2 fr, vec2 weight, out vec4 shown, out float depth, out vec2 motion) {
+// Three source pixels, their motion, and how the second and third of them weigh.
+void show(ivec2 p, ivec2 q, ivec2 r, vec2 fp, vec2 fq, vec2 fr, vec2 weight) {
     vec3 base = imageLoad(colour, p).rgb;
     vec3 mixed = base + weight.x * (imageLoad(colour, q).rgb - base)
                       + weight.y * (imageLoad(colour, r).rgb - base);
     shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
     motion = fp + weight.x * (fq - fp) + weight.y * (fr - fp);
-    depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x, imageLoad(depth_m, r).x,
-                        weight);
+    depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x,
+                        imageLoad(depth_m, r).x, weight);
 }
 
 // How the second and third corner of a triangle weigh at the origin; see Areas.
@@ -63,7 +68,7 @@ vec2 wide_weight(dvec2 p, dvec2 q, dvec2 r) {
 
 #if LEFT
 
-void finish(ivec2 pixel) {
+void show_left(ivec2 pixel) {
     int cell = cell_of(pixel);
     uint claim = ranks[cell].claim;
     ranks[cell].claim = NO_CLAIM;
@@ -77,19 +82,17 @@ void finish(ivec2 pixel) {
     ivec2 centre = pixel * SUB + SUB / 2;
     vec2 weight = wide_weight(quad.a - centre, (upper ? quad.b : quad.c) - centre,
                               (upper ? quad.c : quad.d) - centre);
-    vec4 shown;
-    float depth;
-    vec2 motion;
-    surface(pixel_of(first + corner(source_of(part, 0))),
-            pixel_of(first + corner(source_of(part, second))),
-            pixel_of(first + corner(source_of(part, second + 1))), quad.fa, upper ? quad.fb : quad.fc, upper ? quad.fc : quad.fd, weight, shown, depth, motion);
-    store(pixel, shown, depth, motion);
+    show(pixel_of(first + corner(source_of(part, 0))),
+         pixel_of(first + corner(source_of(part, second))),
+         pixel_of(first + corner(source_of(part, second + 1))),
+         quad.fa, upper ? quad.fb : quad.fc, upper ? quad.fc : quad.fd, weight);
+    store(pixel);
 }
 
 void main() {
-    uint slot = gl_WorkGroupID.x * COLUMNS * ROWS + gl_LocalInvocationIndex;
-    for (; slot < left_count; slot += gl_NumWorkGroups.x * COLUMNS * ROWS)
-        finish(place_of(int(entries[slot]), target_size.x));
+    uint stride = gl_NumWorkGroups.x * ROW;
+    for (uint slot = gl_GlobalInvocationID.x; slot < left_count; slot += stride)
+        show_left(place_of(int(entries[slot]), target_size.x));
 }
 
 #else
@@ -108,9 +111,6 @@ void main() {
     ivec2 vp = place_of(int(claim >> 1), mesh.x);
     ivec2 vq = vp + (upper ? ivec2(1, 0) : ivec2(1)), vr = vp + (upper ? ivec2(1) : ivec2(0, 1));
     ivec2 p = pixel_of(vp), q = pixel_of(vq), r = pixel_of(vr);
-    vec4 shown = vec4(0.0);
-    float depth = bool(EXTEND) ? 0.0 : INFINITE;
-    vec2 motion = vec2(0.0);
     if (key == NOTHING) {
         if (bool(EXTEND)) unreached = 1u;
     } else if (key >= STRETCHED) {
@@ -127,16 +127,18 @@ void main() {
         }
     } else {
         ivec2 centre = pixel * SUB + SUB / 2;
-        vec2 fp = imageLoad(flow_px, p).xy, fq = imageLoad(flow_px, q).xy, fr = imageLoad(flow_px, r).xy;
-        ivec2 to_p = position(vp, fp) - centre, to_q = position(vq, fq) - centre, to_r = position(vr, fr) - centre;
+        vec2 fp = imageLoad(flow_px, p).xy;
+        vec2 fq = imageLoad(flow_px, q).xy, fr = imageLoad(flow_px, r).xy;
+        ivec2 to_p = position(vp, fp) - centre;
+        ivec2 to_q = position(vq, fq) - centre, to_r = position(vr, fr) - centre;
         if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
             entries[atomicAdd(left_count, 1u)] = uint(cell);
             return;
         }
-        surface(p, q, r, fp, fq, fr, narrow_weight(to_p, to_q, to_r), shown, depth, motion);
+        show(p, q, r, fp, fq, fr, narrow_weight(to_p, to_q, to_r));
     }
     ranks[cell].claim = NO_CLAIM;
-    store(pixel, shown, depth, motion);
+    store(pixel);
 }
 
 #endif

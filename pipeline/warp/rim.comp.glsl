@@ -12,7 +12,7 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // NOTHING, as the last stage left them; RIM between the two dispatches.
-layout(std430) buffer Ranks { uvec2 ranks[]; };  // x
+layout(std430) buffer Ranks { uvec2 ranks[]; };  // x: the key
 
 layout(rgba32f) uniform image2D warped_colour;  // a: 1 known, 0 hole
 layout(rg32f) uniform readonly image2D warped_flow_px;
