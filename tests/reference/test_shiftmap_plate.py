@@ -170,7 +170,7 @@ def test_a_clip_is_the_same_as_by_arrays(method, views, in_sequence):
     assert (in_sequence[2] != method.fill(views.warped(2), 1)).any()
 
 
-def test_a_new_source_frees_the_plate_of_the_last(method, views, module_gl_context):
+def test_a_new_source_frees_the_plate_of_the_last(method, views):
     fills = Fills(method, views, 1)
     fills.frame(0)
     plate = fills._plate
