@@ -16,10 +16,12 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import metamerlab
 import pipeline
 from protocols.revision import STAMP_NAME, read_revision
 
 PACKAGES = {"analysis", "pipeline", "protocols", "stimuli", "study_app"}
+FOLDER = "metamerlab-packages"
 
 
 @pytest.fixture(scope="module")
@@ -48,19 +50,27 @@ def contents(wheel):
 def sources(repository: Path) -> set[str]:
     """Return every file of the five packages, as the wheel should name it."""
     return {
-        path.relative_to(repository).as_posix()
+        f"{FOLDER}/{path.relative_to(repository).as_posix()}"
         for package in PACKAGES
         for path in (repository / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
 
 
-def test_the_wheel_holds_exactly_the_five_packages(contents):
-    assert {name.partition("/")[0] for name in contents} == PACKAGES
+def test_the_wheel_puts_nothing_in_the_way_of_other_packages(contents):
+    assert {name.partition("/")[0] for name in contents} == {
+        FOLDER,
+        "metamerlab.py",
+        "metamerlab.pth",
+    }
 
 
-def test_the_wheel_holds_every_file_of_the_packages(repository, contents):
-    assert contents == sources(repository)
+def test_the_wheel_holds_every_file_of_exactly_the_five_packages(repository, contents):
+    assert contents == {*sources(repository), "metamerlab.py", "metamerlab.pth"}
+
+
+def test_the_path_file_names_one_folder_and_runs_no_code(wheel):
+    assert wheel.read("metamerlab.pth").decode() == f"{FOLDER}\n"
 
 
 @pytest.mark.parametrize(
@@ -79,8 +89,12 @@ def test_the_wheel_carries_data_files(contents, suffix, why):
     assert any(name.endswith(suffix) for name in contents), f"no {why} in the wheel"
 
 
+def test_the_five_are_put_in_front_by_their_names():
+    assert set(metamerlab.PACKAGES) == PACKAGES
+
+
 def test_every_package_is_typed(contents):
-    assert {f"{package}/py.typed" for package in PACKAGES} <= contents
+    assert {f"{FOLDER}/{package}/py.typed" for package in PACKAGES} <= contents
 
 
 def test_the_wheel_installs_one_command(wheel):
@@ -103,9 +117,9 @@ def test_the_wheel_carries_the_licence_and_asks_for_the_right_python(wheel):
 
 
 def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):
-    wheel.extract(f"protocols/{STAMP_NAME}", tmp_path)
+    wheel.extract(f"{FOLDER}/protocols/{STAMP_NAME}", tmp_path)
 
-    assert read_revision(tmp_path) == read_revision(repository)
+    assert read_revision(tmp_path / FOLDER) == read_revision(repository)
 
 
 def test_everything_that_is_imported_is_declared(repository):
