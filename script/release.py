@@ -165,7 +165,9 @@ def once(pattern: str, text: str, where: str) -> str:
     """Replace exactly one match."""
     result, count = re.subn(pattern, text, where, flags=re.MULTILINE)
     if count != 1:
-        raise RefusedError(f"{pattern!r} must stand once in a file that names the version (got {count})")
+        raise RefusedError(
+            f"{pattern!r} must stand once in a file that names the version (got {count})"
+        )
     return result
 
 
