@@ -158,3 +158,24 @@ def test_everything_that_is_imported_is_declared(repository):
 def test_the_tests_run_against_the_installed_wheel(repository):
     assert repository not in Path(pipeline.__file__).parents or ".venv" in pipeline.__file__
     assert not any(Path(entry).resolve() == repository for entry in sys.path)
+
+
+def test_the_container_has_the_system_packages_and_runs_as_nobody_special(repository):
+    container = (repository / "Containerfile").read_text(encoding="utf-8")
+    table = (repository / "script/lib.sh").read_text(encoding="utf-8")
+    needed = table.partition('SYSTEM_PACKAGES="')[2].partition('"')[0].splitlines()
+    image = container.rpartition("\nFROM ")[2]
+
+    for line in filter(None, needed):
+        name = line.split()[0]
+        assert name in image or name == "xdotool", name  # only tests type and click
+    assert "\nUSER 1000\n" in image.partition("ENTRYPOINT")[0]
+
+
+def test_the_container_is_built_of_what_git_and_the_lock_know(repository):
+    sent = (repository / ".dockerignore").read_text(encoding="utf-8").split()
+    container = (repository / "Containerfile").read_text(encoding="utf-8")
+
+    assert sent == ["*", "!requirements.lock", "!dist/*.whl"]
+    assert "COPY requirements.lock dist/*.whl ./" in container
+    assert '|| { echo "$wheel is not in requirements.lock"; exit 1; }' in container
