@@ -10,7 +10,6 @@ imported.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from benchmarks import colour_edges
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
@@ -44,7 +43,6 @@ from protocols.revision import code_revision, package_version
 from stimuli.scenes.registry import scene_names
 from study_app.cli.demo.pictures import most_holes
 
-RESULTS = Path(__file__).parent / "results" / "ablation.json"
 PART = PagePart("ablation table")
 SEED = 1
 
@@ -205,7 +203,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--crop", type=int, nargs=2, default=(320, 240), metavar=("W", "H"))
     parser.add_argument("--extent", type=float, default=0.04, help="in near depths (0.04)")
     parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
-    parser.add_argument("--json", type=file_to_write, default=RESULTS)
+    parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
     size_px = (arguments.crop[0], arguments.crop[1])
     ctx = create_context()
@@ -231,7 +229,8 @@ def main(argv: list[str]) -> int:
             for name, found in results.items()
         },
     }  # fmt: skip
-    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if arguments.json is not None:
+        write_record(arguments.json, record)
     return 0
 
 

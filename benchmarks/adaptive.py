@@ -10,7 +10,6 @@ that are not here stay empty.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import random
@@ -29,7 +28,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import spearmanr
 
 from benchmarks.machine import processor
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.psychometric import probability, slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
@@ -545,7 +544,7 @@ def main(argv: list[str]) -> int:
             "lapse": LAPSE,
             **{name: [asdict(row) for row in rows] for name, rows in tables.items()},
         }
-        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, result)
     return 0
 
 

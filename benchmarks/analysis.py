@@ -7,7 +7,6 @@ tenth of them.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -38,7 +37,7 @@ from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
 from analysis.tasks.preference.settings import from_protocol
 from benchmarks.machine import processor
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from protocols.load import load_protocol
 from protocols.revision import code_revision
 
@@ -583,7 +582,7 @@ def main(argv: list[str]) -> int:
             "revision": code_revision(),
             **tables,
         }
-        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, result)
     return 0
 
 

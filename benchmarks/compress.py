@@ -23,7 +23,7 @@ from rich.table import Table
 
 from benchmarks.foveate_quality import cut, jod_of
 from benchmarks.machine import conditions
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from pipeline.compression.codec import Settings, compress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
@@ -120,7 +120,7 @@ def _write(
         "times": times,
         "results": [asdict(one) for one in found],
     }
-    arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    write_record(arguments.json, record)
 
 
 def _pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:

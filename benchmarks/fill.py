@@ -10,7 +10,6 @@ conversions included.
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import statistics
 from collections.abc import Callable, Iterable
@@ -27,7 +26,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.copying import Copy
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
@@ -347,7 +346,7 @@ def main(argv: list[str]) -> int:
             "masks": {name: what for name, (_, _, what) in MASKS.items()},
             "timings": [asdict(t) for t in timings],
         }
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, record)
         console.print(f"wrote {arguments.json}")
     if arguments.docs is not None:
         PART.replace(arguments.docs, markdown(timings))

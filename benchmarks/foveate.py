@@ -10,7 +10,6 @@ odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is i
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -26,7 +25,7 @@ from benchmarks import machine
 from benchmarks.copying import Copy
 from benchmarks.foveate_report import Line
 from benchmarks.odak_library import perception
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.passes import timed_dispatches
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
@@ -248,7 +247,7 @@ def _write(
         "lines": [asdict(line) for line in lines],
     }
     if arguments.json:
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, record)
     if arguments.docs:
         PART.replace(arguments.docs, report.markdown(lines, device.name, machine.busy_words(known)))
     if arguments.plot:

@@ -11,7 +11,6 @@ of band deviations, and FovVideoVDP, foveated, where the extra `metrics` is inst
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -29,7 +28,7 @@ from benchmarks.foveate import picture as any_picture
 from benchmarks.foveate_quality import band_ratios, jod_of, pictures
 from benchmarks.foveate_report import milliseconds, number
 from benchmarks.odak_library import gen_metamer, perception
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.pyramid_banks import (
     Bank,
     haar,
@@ -357,7 +356,7 @@ def main(argv: list[str]) -> int:
             "law": arguments.law,
             "rows": [asdict(row) for row in rows],
         }
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, record)
     if arguments.docs:
         busy = machine.busy_words(known)
         text = markdown(rows, f"{device.name}; {busy}", list(chosen), arguments.law, arguments.edge)

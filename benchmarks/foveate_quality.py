@@ -30,7 +30,7 @@ from rich.table import Table
 from skimage import data
 
 from benchmarks.odak_library import WIDTH_DEG, gen_metamer, perception
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation.conditions import Foveator
@@ -403,4 +403,4 @@ def main(argv: list[str]) -> int:
 def _write(out: Path | None, found: dict[str, object]) -> None:
     """Write a JSON file, where one is asked for."""
     if out is not None:
-        out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        write_record(out, found)

@@ -1,8 +1,10 @@
 """Where benchmarks put what they measured; what could not be stored is refused beforehand."""
 
+import json
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 def file_to_write(name: str) -> Path:
@@ -17,6 +19,27 @@ def file_to_write(name: str) -> Path:
     if path.is_dir() or not path.parent.is_dir():
         raise ArgumentTypeError(f"must be a file in a folder that exists (got {name})")
     return path
+
+
+def write_record(path: Path, record: Any) -> None:
+    """Write what was measured as JSON: six digits, and what holds no further list on one line."""
+    path.write_text(_record(record, "\n") + "\n", encoding="utf-8")
+
+
+def _record(value: Any, line: str) -> str:
+    if isinstance(value, float):
+        return json.dumps(float(f"{value:.6g}"))
+    if not isinstance(value, dict | list | tuple) or not value:
+        return json.dumps(value)
+    inner = value.values() if isinstance(value, dict) else value
+    deep = any(isinstance(one, dict | list | tuple) and one for one in inner)
+    below = line + " " if deep else line
+    items = [_record(one, below) for one in inner]
+    if isinstance(value, dict):
+        items = [f"{json.dumps(str(k))}: {v}" for k, v in zip(value, items, strict=True)]
+    text = f",{below}".join(items) if deep else ", ".join(items)
+    start, end = "{}" if isinstance(value, dict) else "[]"
+    return f"{start}{below}{text}{line}{end}" if deep else f"{start}{text}{end}"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -19,7 +18,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
 from benchmarks.thin import DIRECTIONS, SCENE_SEED
 from pipeline.camera import flow_between
@@ -36,7 +35,6 @@ from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene, scene_names
 
-RESULTS = Path(__file__).parent / "results" / "paper.json"
 PART = PagePart("paper table")
 METHODS = ("metameric-paper", "metameric", "push-pull", "push-pull-depth")
 SEED = 1
@@ -175,7 +173,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--extent", type=float, default=0.04, help="in near depths (0.04)")
     parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
     parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
-    parser.add_argument("--json", type=file_to_write, default=RESULTS)
+    parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
     jod = fovvideovdp()
     ctx = create_context()
@@ -207,7 +205,8 @@ def main(argv: list[str]) -> int:
             for name, (share, rows) in results.items()
         },
     }  # fmt: skip
-    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if arguments.json is not None:
+        write_record(arguments.json, record)
     return 0
 
 

@@ -7,7 +7,6 @@ rules and recorder, on a virtual display; only drawing is missing.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import statistics
@@ -16,7 +15,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from protocols.journal import Note
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
@@ -130,7 +129,7 @@ def main(argv: list[str]) -> int:
             "sessions": [asdict(entry) for entry in sessions],
             "append": asdict(appends),
         }
-        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, result)
     return 0
 
 

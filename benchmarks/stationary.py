@@ -15,17 +15,15 @@ one texture lie, not the error of the fill's numbers.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
@@ -37,7 +35,6 @@ LEVELS = MetamericSettings.levels
 Z_NEAR_M, FRONT_M, BACK_M = 1.0, 2.0, 5.0
 FRONT_COLOUR = np.array((0.8, 0.1, 0.1), np.float32)
 FIRST_SEED = 1000
-RESULTS = Path(__file__).parent / "results" / "stationary.json"
 PART = PagePart("stationary table")
 
 Mask = NDArray[np.bool_]
@@ -202,9 +199,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
     parser.add_argument("--seeds", type=int, default=32, help="how many, for each texture")
     parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
-    parser.add_argument(
-        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
-    )
+    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")
@@ -226,22 +221,17 @@ def main(argv: list[str]) -> int:
             method.release()
     finally:
         release_context(ctx)
-    arguments.json.write_text(
-        json.dumps(
-            {
-                "version": package_version(),
-                "revision": code_revision(),
-                "renderer": renderer,
-                "first_seed": seeds.start,
-                "seeds": len(seeds),
-                "textures": [asdict(texture) for texture in TEXTURES],
-                "scenes": record,
-            },
-            indent=2,
-        )
-        + "\n",
-        encoding="utf-8",
-    )
+    if arguments.json is not None:
+        numbers = {
+            "version": package_version(),
+            "revision": code_revision(),
+            "renderer": renderer,
+            "first_seed": seeds.start,
+            "seeds": len(seeds),
+            "textures": [asdict(texture) for texture in TEXTURES],
+            "scenes": record,
+        }
+        write_record(arguments.json, numbers)
     if arguments.docs is not None:
         PART.replace(arguments.docs, "\n".join(lines))
     return 0

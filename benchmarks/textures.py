@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,7 +19,7 @@ from rich.table import Table
 from scipy.interpolate import griddata
 
 from benchmarks.machine import conditions
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import make_pooling
@@ -83,7 +82,7 @@ def main(argv: list[str]) -> int:
             "paper": {str(size): share for size, share in PAPER.items()},
             "results": found,
         }
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_record(arguments.json, record)
     return 0
 
 

@@ -9,16 +9,14 @@ pixels are from the true view, beside a fill of the same pixels.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.camera import flow_between
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
@@ -31,7 +29,6 @@ from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene, scene_names
 
-RESULTS = Path(__file__).parent / "results" / "thin.json"
 PART = PagePart("thin table")
 DIRECTIONS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 SCENE_SEED = 1
@@ -142,7 +139,7 @@ def main(argv: list[str]) -> int:
         "--extent", type=float, default=0.04, help="the camera's way, in near depths (0.04)"
     )
     parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
-    parser.add_argument("--json", type=file_to_write, default=RESULTS)
+    parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
     ctx = create_context()
     try:
@@ -161,7 +158,8 @@ def main(argv: list[str]) -> int:
         "size_px": list(arguments.size), "extent": arguments.extent,
         "scenes": {name: asdict(thin) for name, thin in results.items()},
     }  # fmt: skip
-    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if arguments.json is not None:
+        write_record(arguments.json, record)
     return 0
 
 

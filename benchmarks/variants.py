@@ -7,7 +7,6 @@ textured plane behind a disc, ten frames of lateral motion, where flicker is mea
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy import ndimage
 
-from benchmarks.output import file_to_write
+from benchmarks.output import file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
@@ -315,7 +314,7 @@ def main(argv: list[str] | None = None) -> int:
             for scene, rows in results.items()
         },
     }
-    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_record(arguments.json, record)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Build hook: a wheel or source archive knows the git revision it was made from."""
+"""Build hook: what is built knows its git revision, and a wheel makes its packages importable."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 STAMP = "protocols/_revision.txt"
+FOLDER = "metamerlab-packages"  # as in pyproject.toml and metamerlab.py
 
 
-class RevisionHook(BuildHookInterface[Any]):
-    """Put the revision in place of the stamp that the repository holds."""
+class BuildHook(BuildHookInterface[Any]):
+    """Put the revision in place of the repository's stamp, and a path file into a wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Write the stamp to a temporary file and have it packed as `STAMP`."""
+        """Write the files to a temporary folder and have them packed."""
         if version == "editable":
             return  # a checkout is asked directly
         root = Path(self.root)
@@ -24,10 +25,15 @@ class RevisionHook(BuildHookInterface[Any]):
         self._scratch = tempfile.TemporaryDirectory(prefix="metamerlab-build-")
         stamp = Path(self._scratch.name) / Path(STAMP).name
         stamp.write_text(reader.read_revision(root) + "\n", encoding="utf-8")
-        build_data["force_include"][str(stamp)] = STAMP
+        wheel = self.target_name == "wheel"
+        build_data["force_include"][str(stamp)] = f"{FOLDER}/{STAMP}" if wheel else STAMP
+        if wheel:
+            paths = Path(self._scratch.name) / "metamerlab.pth"
+            paths.write_text(FOLDER + "\n", encoding="utf-8")
+            build_data["force_include"][str(paths)] = paths.name
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
-        """Remove the temporary file."""
+        """Remove the temporary files."""
         if version != "editable":
             self._scratch.cleanup()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 from collections.abc import Iterator
@@ -80,6 +81,13 @@ def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
                 f"--scheduler {address}: the cluster must have workers (it has none);"
                 f" start some with 'dask worker {address}'"
             )
+        try:  # so that workers, too, look for our packages in our folder first
+            client.run(importlib.import_module, "metamerlab")
+        except ImportError as error:
+            raise StudyError(
+                f"--scheduler {address}: every worker must have metamerlab ({error});"
+                " install the version that runs here where they run"
+            ) from None
         yield cast(Executor, client.get_executor(pure=False, retries=1)), workers
     finally:
         client.close()

@@ -16,10 +16,12 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import metamerlab
 import pipeline
 from protocols.revision import STAMP_NAME, read_revision
 
 PACKAGES = {"analysis", "pipeline", "protocols", "stimuli", "study_app"}
+FOLDER = "metamerlab-packages"
 
 
 @pytest.fixture(scope="module")
@@ -48,19 +50,27 @@ def contents(wheel):
 def sources(repository: Path) -> set[str]:
     """Return every file of the five packages, as the wheel should name it."""
     return {
-        path.relative_to(repository).as_posix()
+        f"{FOLDER}/{path.relative_to(repository).as_posix()}"
         for package in PACKAGES
         for path in (repository / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
 
 
-def test_the_wheel_holds_exactly_the_five_packages(contents):
-    assert {name.partition("/")[0] for name in contents} == PACKAGES
+def test_the_wheel_puts_nothing_in_the_way_of_other_packages(contents):
+    assert {name.partition("/")[0] for name in contents} == {
+        FOLDER,
+        "metamerlab.py",
+        "metamerlab.pth",
+    }
 
 
-def test_the_wheel_holds_every_file_of_the_packages(repository, contents):
-    assert contents == sources(repository)
+def test_the_wheel_holds_every_file_of_exactly_the_five_packages(repository, contents):
+    assert contents == {*sources(repository), "metamerlab.py", "metamerlab.pth"}
+
+
+def test_the_path_file_names_one_folder_and_runs_no_code(wheel):
+    assert wheel.read("metamerlab.pth").decode() == f"{FOLDER}\n"
 
 
 @pytest.mark.parametrize(
@@ -79,8 +89,12 @@ def test_the_wheel_carries_data_files(contents, suffix, why):
     assert any(name.endswith(suffix) for name in contents), f"no {why} in the wheel"
 
 
+def test_the_five_are_put_in_front_by_their_names():
+    assert set(metamerlab.PACKAGES) == PACKAGES
+
+
 def test_every_package_is_typed(contents):
-    assert {f"{package}/py.typed" for package in PACKAGES} <= contents
+    assert {f"{FOLDER}/{package}/py.typed" for package in PACKAGES} <= contents
 
 
 def test_the_wheel_installs_one_command(wheel):
@@ -103,9 +117,9 @@ def test_the_wheel_carries_the_licence_and_asks_for_the_right_python(wheel):
 
 
 def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):
-    wheel.extract(f"protocols/{STAMP_NAME}", tmp_path)
+    wheel.extract(f"{FOLDER}/protocols/{STAMP_NAME}", tmp_path)
 
-    assert read_revision(tmp_path) == read_revision(repository)
+    assert read_revision(tmp_path / FOLDER) == read_revision(repository)
 
 
 def test_everything_that_is_imported_is_declared(repository):
@@ -144,3 +158,28 @@ def test_everything_that_is_imported_is_declared(repository):
 def test_the_tests_run_against_the_installed_wheel(repository):
     assert repository not in Path(pipeline.__file__).parents or ".venv" in pipeline.__file__
     assert not any(Path(entry).resolve() == repository for entry in sys.path)
+
+
+def test_the_container_has_the_system_packages_and_runs_as_nobody_special(repository):
+    container = (repository / "Containerfile").read_text(encoding="utf-8")
+    table = (repository / "script/lib.sh").read_text(encoding="utf-8")
+    needed = table.partition('SYSTEM_PACKAGES="')[2].partition('"')[0].splitlines()
+    image = container.rpartition("\nFROM ")[2]
+    page = (repository / "docs/installing.md").read_text(encoding="utf-8")
+    told = page.partition("apt-get install")[2].partition("\n")[0]
+
+    for line in filter(None, needed):
+        name = line.split()[0]
+        if name != "xdotool":  # only tests type and click
+            assert name in image.split(), name
+            assert name in told.split(), name
+    assert "\nUSER 1000\n" in image.partition("ENTRYPOINT")[0]
+
+
+def test_the_container_is_built_of_what_git_and_the_lock_know(repository):
+    sent = (repository / ".dockerignore").read_text(encoding="utf-8").split()
+    container = (repository / "Containerfile").read_text(encoding="utf-8")
+
+    assert sent == ["*", "!requirements.lock", "!dist/*.whl"]
+    assert "COPY requirements.lock dist/*.whl ./" in container
+    assert '|| { echo "$wheel is not in requirements.lock"; exit 1; }' in container

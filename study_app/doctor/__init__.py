@@ -12,12 +12,14 @@ from pathlib import Path
 
 import psutil
 
+import metamerlab
 from study_app.doctor.findings import EVERY_JOB, Finding, Job, Needs, Status, worst
 from study_app.doctor.graphics import check_display, check_egl, check_gl
 from study_app.doctor.probes import Answer, ask
 from study_app.doctor.software import (
     check_extras,
     check_fonts,
+    check_names,
     check_packages,
     check_python,
     check_text_shaping,
@@ -50,6 +52,7 @@ def examine(
         check_python(),
         check_packages(requirements(), tested_versions()),
         check_extras(requirements()),
+        check_names(metamerlab.PACKAGES),
         check_gl(probe("gl"), needs),
         check_egl(probe("egl")),
         *check_display(display, os.environ),

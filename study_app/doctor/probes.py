@@ -41,8 +41,8 @@ def ask(name: str, *, timeout_s: float = 60.0) -> Answer:
         The probe's answer, or ``{"error": reason}``: also where the process
         crashed, hung for `timeout_s` or printed no answer.
     """
-    code = f"from study_app.doctor.probes import answer; answer({name!r})"
-    # -P: a folder of the user's that happens to be called "pipeline" must not be imported.
+    code = f"import metamerlab; from study_app.doctor.probes import answer; answer({name!r})"
+    # -P and metamerlab: another package that happens to be called "pipeline" is not imported.
     command = [sys.executable, "-P", "-c", code]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)

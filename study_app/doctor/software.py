@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import platform
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -88,6 +90,34 @@ def check_extras(requirements: Iterable[Requirement]) -> Finding:
     absent = [name for name, there in extras.items() if not there]
     found = f"installed: {', '.join(present) or 'none'}; not installed: {', '.join(absent) or '-'}"
     return Finding("optional parts", Status.PASS, found, details=extras)
+
+
+def check_names(names: Iterable[str], path: Iterable[str] | None = None) -> Finding:
+    """Whether another package, or a file beside a program of yours, has a name of ours.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of our packages.
+    path : iterable of str, optional
+        The folders where Python looks; left out, `sys.path`.
+    """
+    folders = [*(sys.path if path is None else path)]
+    elsewhere: dict[str, str] = {}
+    for name in names:
+        ours = importlib.util.find_spec(name)
+        home = Path(ours.origin).resolve().parents[1] if ours and ours.origin else None
+        other = PathFinder.find_spec(name, [one for one in folders if Path(one).resolve() != home])
+        if other is not None and other.origin:  # a folder without __init__.py stands behind ours
+            elsewhere[name] = other.origin
+    if not elsewhere:
+        return Finding("names", Status.PASS, "no other package has a name of ours")
+    found = "; ".join(f"{name} is also {origin}" for name, origin in elsewhere.items())
+    cure = (
+        "none for this command; programs of your own begin with 'import metamerlab', or run where"
+        " the other package is not installed"
+    )
+    return Finding("names", Status.WARN, found, cure, details=elsewhere)
 
 
 def requirements() -> list[Requirement]:

@@ -1,10 +1,11 @@
 """Benchmarks refuse what they could not write before they measure for minutes."""
 
 import importlib
+import json
 
 import pytest
 
-from benchmarks.output import PagePart
+from benchmarks.output import PagePart, write_record
 
 
 @pytest.mark.parametrize(
@@ -69,3 +70,13 @@ def test_a_part_is_replaced_and_the_rest_stays(tmp_path):
     part.replace(part.page(str(page)), "new")
 
     assert page.read_text(encoding="utf-8") == f"a\n{part.begin}\nnew\n{part.end}\nb\n"
+
+
+def test_a_record_keeps_six_digits_of_every_number_and_all_else(tmp_path):
+    rows = [{"x": 1e-9, "y": [True, "é"]}, {}]
+    record = {"a": 0.123456789, "n": 123456789, "none": None, "rows": rows}
+    write_record(tmp_path / "record.json", record)
+
+    text = (tmp_path / "record.json").read_text(encoding="utf-8")
+    assert json.loads(text) == {**record, "a": 0.123457}
+    assert len(text.splitlines()) == 12

@@ -16,7 +16,12 @@ from study_app.doctor import Job, Status, examine, worst
 from study_app.doctor.findings import Finding, Needs
 from study_app.doctor.graphics import check_display, check_egl, check_gl
 from study_app.doctor.probes import PROBES, ask
-from study_app.doctor.software import check_extras, check_packages, check_python
+from study_app.doctor.software import (
+    check_extras,
+    check_names,
+    check_packages,
+    check_python,
+)
 from study_app.doctor.storage import check_disk, check_memory
 from study_app.fonts import find_fonts, missing_characters, scripts_of
 
@@ -58,7 +63,7 @@ def test_a_good_machine_passes_every_question(tmp_path):
     answers = {"gl": GPU, "egl": {"devices": [{"renderer": "NVIDIA"}]}, "display": display()}
     findings = examine(tmp_path, needs=Needs(0, 0, 0, 0, 0, 9), probe=answers.__getitem__)
 
-    judged = [f for f in findings if f.check not in ("packages", "text shaping", "fonts")]
+    judged = [f for f in findings if f.check not in ("packages", "names", "text shaping", "fonts")]
     assert {f.check for f in judged if f.status is not Status.PASS} <= {"disk space"}
     assert all(finding.jobs for finding in findings)
 
@@ -183,6 +188,17 @@ def test_a_probe_that_crashes_hangs_or_babbles_is_an_answer(monkeypatch):
     assert "no answer within" in answer_of("import time; time.sleep(60)", timeout_s=0.5)
     assert answer_of("raise SystemExit('broken driver')") == "broken driver"
     assert answer_of("print('not JSON')") == "ended with status 0"
+
+
+def test_a_package_with_a_name_of_ours_is_named_and_a_bare_folder_is_not(tmp_path):
+    (tmp_path / "stimuli").mkdir()
+    (tmp_path / "pipeline.py").write_text("raise SystemExit('imported')")
+
+    finding = check_names(["stimuli", "pipeline"], [str(tmp_path)])
+    assert finding.status is Status.WARN
+    assert finding.details == {"pipeline": str(tmp_path / "pipeline.py")}
+    assert "import metamerlab" in finding.cure
+    assert check_names(["stimuli"], [str(tmp_path)]).status is Status.PASS
 
 
 def test_the_worst_finding_decides():

@@ -124,7 +124,7 @@ def run_in_window(
     """
     command = plan.command(own_screen=env is None)
     process = subprocess.Popen(
-        [sys.executable, "-c", "from study_app.cli import main; main()", *command],
+        [sys.executable, "-P", "-m", "metamerlab", *command],
         env=env or dict(os.environ),
         text=True,
         stdin=subprocess.DEVNULL,
