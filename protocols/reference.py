@@ -23,6 +23,8 @@ _TYPES = {
     f"text `{KEY_PATTERN}`": "key",
     "text `^[0-9a-f]{64}$`": "hash",
     "whole number >= 0, <= 9.22337e+18": "seed",
+    "whole number > 0": "count",
+    "share >= 0, <= 1": "share",
     f"{_SCALAR} or list of {_SCALAR}": "values",
     _SCALAR: "value",
 }
@@ -32,7 +34,9 @@ _MEANINGS = {
     f" {NAME_LENGTH} characters",
     "key": KEYS_IN_WORDS.removeprefix("a key: "),
     "hash": "SHA-256 in 64 hexadecimal digits",
-    "seed": "a whole number from 0 to 2^63 - 1",
+    "seed": "whole number from 0 to 2^63 - 1",
+    "count": "whole number above 0",
+    "share": "number from 0 to 1",
     "value": "true or false, a number, or text",
     "values": "a value, or a list of values",
 }

@@ -76,9 +76,9 @@ def check(
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
 ) -> None:
-    """Check a protocol: every mistake at once, and whether its display can do it.
+    """Check a protocol: every mistake at once, and whether its display can show it.
 
-    A display's file is checked by itself. Ends with status 2 if anything is wrong.
+    Checks display files too. Ends with status 2 if anything is wrong.
 
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
@@ -129,7 +129,7 @@ def show(
         int | None, typer.Option(min=0, help="List the trials of this counterbalancing slot.")
     ] = None,
 ) -> None:
-    """Show trials, duration, memory, and what each display can do of a protocol.
+    """Show a protocol's trials, duration and memory, and which displays can show it.
 
     Example: metamerlab protocol show inpainting-2afc --slot 0
     """
@@ -190,7 +190,7 @@ def preregister(
     ] = None,
     power: Annotated[
         Path | None,
-        typer.Option(help="Folder that 'metamerlab analysis power --out' wrote: power is told."),
+        typer.Option(help="Folder that 'metamerlab analysis power --out' wrote, to report power."),
     ] = None,
 ) -> None:
     """Write a preregistration: participants, design, texts, analysis, exclusions and hashes.
@@ -230,10 +230,10 @@ def upgrade(
     protocol: Annotated[Path, typer.Argument(help="A protocol file of format 1.", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="A new .toml file, in the folder of the old one.")],
 ) -> None:
-    """Rewrite a protocol of format 1 in format 2; order and comments stay.
+    """Rewrite a protocol of format 1 in format 2; order and comments are kept.
 
-    It says the same, but is another file with another hash: sittings that were begun with
-    the old file are resumed and analysed with that one, which works as it is.
+    The new file means the same but has another hash. Resume and analyse existing sessions with
+    the old file, which still works.
 
     Example: metamerlab protocol upgrade my-study.toml --out my-study-2.toml
     """
