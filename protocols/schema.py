@@ -105,7 +105,7 @@ class StudyProtocol(Model):
             raise StudyError(
                 "privacy.secret_sha256: the study's secret must lie beside the study file, as"
                 " NAME.secret (it does not): without it, the order of trials is not known. Copy it"
-                " from the lab's folder; it cannot be made anew"
+                " from the lab's folder; it cannot be made again"
             )
         return int(sha256_bytes(f"{self._secret}:{self.design.seed}".encode())[:15], 16)
 

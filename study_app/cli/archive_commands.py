@@ -145,7 +145,7 @@ def _tell(path: Path, found: Findings) -> None:
         say(f"  {problem}")
     for note in found.notes:
         say(f"  note: {note}")
-    say(f"list of files: SHA-256 {index.sha256}; noted elsewhere, it vouches for every byte")
+    say(f"list of files: SHA-256 {index.sha256}; note it elsewhere to detect any later change")
 
 
 def _passphrase(*, new: bool = False) -> str:

@@ -32,7 +32,7 @@ def export(
         bool,
         typer.Option(
             "--public",
-            help="Number participants anew, and leave out wall-clock times, typed answers, notes,"
+            help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
             " and the names of machines, devices and folders.",
         ),
     ] = False,

@@ -259,8 +259,8 @@ def upgrade(
         say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")
         say(
-            f"Keep {protocol} (protocol {before.sha256[:12]}): sittings that were begun with it are"
-            " resumed and\nreported with it. Take the new file for new participants, with a folder"
+            f"Keep {protocol} (protocol {before.sha256[:12]}): sessions that began with it are"
+            " resumed and\nreported with it. Use the new file for new participants, with a folder"
             " of sessions of its own."
         )
         if before.stimuli_sha256 == after.stimuli_sha256:

@@ -180,7 +180,7 @@ def simulate(
                 outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
             except KeyboardInterrupt:
                 progress.stop()
-                say("stopped; the same command goes on where it was", file=sys.stderr)
+                say("stopped; the same command continues from here", file=sys.stderr)
                 raise typer.Exit(130) from None
             finally:
                 gc.unfreeze()
