@@ -97,7 +97,7 @@ class Design(Model):
     break_s: SecondsOrNone = 30.0
     """Shortest break between two blocks."""
     practice: Practice | None = None
-    """Default: no practice."""
+    """Practice trials. Default: none."""
     seed: Seed
     """Determines the order of trials."""
     max_attempts: Positive = 3

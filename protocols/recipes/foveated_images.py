@@ -247,9 +247,9 @@ class FoveatedImages(Recipe):
     texture_seed: Seed = 0
     """Seed of noise, displacements, polar angles and cuts."""
     rings: Rings | None = None
-    """Default: no rings."""
+    """Landolt rings in the pictures. Default: none."""
     cuts: Cuts | None = None
-    """Default: whole pictures."""
+    """Cut pictures. Default: whole pictures."""
 
     @model_validator(mode="after")
     def _names_once(self) -> FoveatedImages:

@@ -156,7 +156,7 @@ class SceneBase(Model):
     camera: CameraPath
     """How the camera moves during a clip."""
     view: View | None = None
-    """Default: the scene's own camera."""
+    """Where the camera starts. Default: the scene's own camera."""
     seed: Seed = 0
     """Seed of a scene made from noise."""
     parameters: Annotated[Parameters, Field(default_factory=dict)]
@@ -418,7 +418,7 @@ class Clips(Grown):
     preview: bool = True
     """Write a small video per clip."""
     true_view: TrueView | None = None
-    """Default: the method's frame everywhere."""
+    """The true view around the fixation target. Default: the method's frame everywhere."""
 
     @property
     def frames(self) -> int:

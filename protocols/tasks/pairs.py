@@ -139,7 +139,7 @@ class PairTask(Task):
     pairings: Annotated[tuple[tuple[Name, Name], ...], Field(min_length=1)] | Literal["all"] = "all"
     """Pairs of its values. `all`: every pair."""
     catch: CatchPair | None = None
-    """Default: no catch trials."""
+    """Catch trials. Default: none."""
     sampling: ActivePairs | None = None
     """Choose pairs by the answers so far, for many methods. Default: every pairing in every
     scene."""
