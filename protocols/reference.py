@@ -142,14 +142,15 @@ def _named_in(value: object) -> Iterator[str]:
 def _rows(section: dict[str, Any]) -> Iterator[_Row]:
     required = set(section.get("required", []))
     for key, value in section["properties"].items():
-        default = "" if key in required else "; optional"
-        if key not in required and not isinstance(value.get("default"), dict | None):
-            default = f"; default `{_toml(value['default'])}`"
+        default, said = value.get("default"), ""
+        if key not in required:
+            plain = default in (None, "", []) or isinstance(default, dict)
+            said = "; optional" if plain else f"; default `{_toml(default)}`"
         meaning = " ".join(str(value.get("description", "")).split())
         kind = _type(value)
         if kind.endswith(" or none") and value.get("default", 0) is None:
             kind = kind.removesuffix(" or none")
-        yield _Row(key, f"- `{key}` ({kind}{default})" + (f": {meaning}" if meaning else ""))
+        yield _Row(key, f"- `{key}` ({kind}{said})" + (f": {meaning}" if meaning else ""))
 
 
 def _shared(rows: dict[str, list[_Row]]) -> dict[tuple[str, ...], list[_Row]]:
