@@ -186,7 +186,7 @@ def preregister(
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
     why: Annotated[
-        str | None, typer.Option(help="Why so many participants, in your words.")
+        str | None, typer.Option(help="Reason for the number of participants, in your words.")
     ] = None,
     power: Annotated[
         Path | None,
