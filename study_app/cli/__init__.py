@@ -22,12 +22,10 @@ SLOTS = (
     Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
     Slot("demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"),
     Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
-    Slot("foveate", "Prepare a picture for a gaze.", "study_app.cli.foveate:foveate"),
+    Slot("foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"),
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
-    Slot(
-        "decompress", "Make a picture from a compressed file.", "study_app.cli.compress:decompress"
-    ),
-    Slot("texture", "Store and draw textures as statistics.", "study_app.cli.texture_commands:app"),
+    Slot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
+    Slot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),
     Slot(
         "new-study",
         "Make a folder to start a study from.",
