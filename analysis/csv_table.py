@@ -6,6 +6,7 @@ whatever was left out.
 
 import csv
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from io import StringIO
 from pathlib import Path
 
@@ -91,9 +92,12 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 
 
 def _cell(value: object) -> object:
-    if not isinstance(value, str):
-        return value
-    return safe_cell(CONTROL.sub(lambda found: ascii(found.group())[1:-1], value))
+    return _text_cell(value) if isinstance(value, str) else value
+
+
+@lru_cache(maxsize=1024)  # names and dates come many times
+def _text_cell(text: str) -> object:
+    return safe_cell(CONTROL.sub(lambda found: ascii(found.group())[1:-1], text))
 
 
 def renamed(

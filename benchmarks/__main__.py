@@ -17,6 +17,7 @@ BENCHMARKS = {
     "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
     "ablation": "metameric without each of its corrections, in numpy, on pairs and scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
+    "worst": "nothing: draws the worst places of every fill method, to look at",
     "stationary": "band statistics of stationary textures in holes behind a disc",
     "variants": "every switch of metameric by itself: quality, and flicker of clips",
     "pictures": "the pictures of README and docs, from our own scenes",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
@@ -61,8 +61,8 @@ def _named(journal: Journal) -> Iterator[tuple[Path, SideFile | DisplayReport]]:
 
 
 def _reason(folder: Path, entry: SideFile | DisplayReport) -> str | None:
-    name = PurePosixPath(entry.file)
-    if name.is_absolute() or ".." in name.parts or "\0" in entry.file:
+    name = entry.file
+    if name.startswith("/") or ".." in name.split("/") or "\0" in name:
         return "lies outside the folder of sessions"
     try:
         found = sha256_file(folder / name)

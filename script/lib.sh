@@ -5,6 +5,7 @@
 # where something is missing. Says on stderr what it does; silent otherwise.
 # With CI=true, or once `script/setup --metrics` was run, also the extra `metrics`; once
 # `script/setup --metamers` was run, also the extra `metamers` (`metrics` brings what it needs).
+# With CI=true, or once `script/docs` was run, also the extra `docs`.
 
 set -euo pipefail
 
@@ -13,6 +14,7 @@ VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
 METRICS="$ROOT/requirements-metrics.txt"
 METAMERS="$ROOT/requirements-metamers.txt"
+DOCS="$ROOT/requirements-docs.txt"
 MINIMUM_PYTHON=3.11
 
 # What a Debian or Ubuntu machine needs beside Python, and how any other system
@@ -196,6 +198,10 @@ wants_metamers() {
     [[ -e $VENV/metamerlab-metamers ]]
 }
 
+wants_docs() {
+    [[ ${CI:-} == true || -e $VENV/metamerlab-docs ]]
+}
+
 wanted_extra_stamp() {
     cat -- "$1" "$LOCK" | sha256sum
 }
@@ -217,9 +223,18 @@ install_extra() {
     mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
 }
 
+# Pinned with hashes and agreeing with the lock: these packages are the same everywhere.
+install_docs() {
+    say "Installing the extra docs (Sphinx: 60 MB)"
+    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$DOCS"
+    wanted_extra_stamp "$DOCS" >"$VENV/metamerlab-docs.new"
+    mv -- "$VENV/metamerlab-docs.new" "$VENV/metamerlab-docs"
+}
+
 has_wanted_extras() {
     { ! wants_metrics || has_extra metrics "$METRICS"; } &&
-        { ! wants_metamers || has_extra metamers "$METAMERS"; }
+        { ! wants_metamers || has_extra metamers "$METAMERS"; } &&
+        { ! wants_docs || has_extra docs "$DOCS"; }
 }
 
 prepare() {
@@ -230,11 +245,13 @@ prepare() {
     (
         # Two commands started together: the second waits, then finds all done.
         if command -v flock >/dev/null; then flock 9; fi
-        metrics=false metamers=false
+        metrics=false metamers=false docs=false
         if wants_metrics; then metrics=true; fi # a new environment forgets the wish
         if wants_metamers; then metamers=true; fi
+        if wants_docs; then docs=true; fi
         is_ready || install_python_packages
         ! $metrics || has_extra metrics "$METRICS" || install_extra metrics "$METRICS"
         ! $metamers || has_extra metamers "$METAMERS" || install_extra metamers "$METAMERS"
+        ! $docs || has_extra docs "$DOCS" || install_docs
     ) 9<"$LOCK"
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import moderngl
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.gl.texture import check_size
+from stimuli.programs import columns, program, set_uniform
 from stimuli.world import Material, Mesh, Part
 
 ANISOTROPY = 4.0
@@ -40,12 +42,38 @@ class Batch:
             resource.release()
 
 
+class DepthShaders:
+    """What draws depth alone: one shader looks for gaps, and one that does not is faster."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._solid = program(ctx, "surface.vert.glsl", "solid_depth.frag.glsl")
+        self._cutout = program(ctx, "surface.vert.glsl", "cutout_depth.frag.glsl")
+        set_uniform(self._cutout, "albedo", 0)
+
+    def of(self, material: Material) -> moderngl.Program:
+        """Return the shader that `material` needs."""
+        return self._cutout if material.cutout else self._solid
+
+    def draw(self, batches: Iterable[Batch], clip_from_world: NDArray[np.float64]) -> None:
+        """Draw the depth of `batches` into the framebuffer in use."""
+        for shader in (self._solid, self._cutout):
+            set_uniform(shader, "clip_from_world", columns(clip_from_world))
+        for batch in batches:
+            batch.texture.use(0)
+            batch.depth.render(moderngl.TRIANGLES)
+
+    def release(self) -> None:
+        """Free both."""
+        self._solid.release()
+        self._cutout.release()
+
+
 def upload(
     ctx: moderngl.Context,
     parts: tuple[Part, ...],
     origin_m: NDArray[np.float64],
     surface: moderngl.Program,
-    depth: moderngl.Program,
+    depth: DepthShaders,
 ) -> list[tuple[Batch, Mesh]]:
     """Put the triangles of `parts` on the GPU, places counted from `origin_m`.
 
@@ -65,8 +93,8 @@ def upload(
         vertices = ctx.buffer(_vertex_bytes(mesh, origin_m, np.ones(len(mesh.position_m))))
         indices = ctx.buffer(mesh.triangles.tobytes())
         arrays = [
-            ctx.vertex_array(program, [(vertices, _VERTEX, *_NAMES)], indices, skip_errors=True)
-            for program in (surface, depth)
+            ctx.vertex_array(shader, [(vertices, _VERTEX, *_NAMES)], indices, skip_errors=True)
+            for shader in (surface, depth.of(material))
         ]
         batches.append((Batch(material, vertices, indices, texture, *arrays), mesh))
     return batches

@@ -192,6 +192,8 @@ def _frames(
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error
     finally:
+        if fills is not None:
+            fills.release()
         if method is not None:
             method.release()
         footage.release()

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from stimuli.clip import ENCODERS
 from stimuli.footage import Footage, Shot
 from stimuli.orders import Orders
 from stimuli.paths import make_path
 from stimuli.png import encode_frame
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -51,30 +55,27 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
         shot = Shot(path, orders.render_px, extent, clips.margin_share)
         footage = Footage(bench.ctx, scenery, shot, probe=[0])
+        frame = min(1, shot.frames - 1)
+        footage.warped(frame)  # compiles, as the first fill does
+        warped, warp_s = _timed(lambda: footage.warped(frame))
         times: dict[str, float] = {}
         frame_bytes = 0
-        frame = min(1, shot.frames - 1)
-        footage.warped(frame)
         for name in orders.clip_names:
             if (name.scene, name.size) != (first.scene, first.size):
                 continue
-            fill = None
-            if not orders.method(name).is_reference:
+            if orders.method(name).is_reference:
+                colour, frame_s = _timed(lambda: footage.truth(frame))  # compiled by the source
+            else:
                 given = orders.method(name).parameters
                 fill = create_method(orders.registry_name(name), bench.ctx, given)
-            for _ in range(2):  # the first run compiles and warms up
-                started = time.perf_counter()
-                if fill is None:
-                    colour = footage.truth(frame)
-                else:
-                    colour = fill.fill(footage.warped(frame), clips.seed)
-                pipeline_s = time.perf_counter() - started
+                fill.fill(warped, clips.seed)
+                colour, fill_s = _timed(lambda: fill.fill(warped, clips.seed))  # noqa: B023
+                frame_s = warp_s + fill_s
+                fill.release()
             started = time.perf_counter()
             frame_bytes = max(frame_bytes, len(encode_frame(colour, clips.bit_depth)))
             encode_s = (time.perf_counter() - started) / ENCODERS
-            times[name.method] = max(pipeline_s, encode_s)
-            if fill is not None:
-                fill.release()
+            times[name.method] = max(frame_s, encode_s)
         footage.release()
         renderer = str(bench.ctx.info["GL_RENDERER"])
     finally:
@@ -99,3 +100,10 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         renderer=renderer,
         measured=f"one frame of {first.scene} by every method, and opening it",
     )
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    """Return what `work` returns, and the seconds it takes."""
+    started = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - started

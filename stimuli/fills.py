@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.method import Method, Plate, PlateMethod, TextureMethod
+from pipeline.methods.method import Method, Plate, PlateMethod, TextureMethod, TexturePlate
 from pipeline.methods.on_gpu import filled_colour
 
 
@@ -38,29 +38,44 @@ class Fills:
         self._method = method
         self._views = views
         self._seed = seed
-        self._plate: Plate | None = None
+        self._plate: Plate | TexturePlate | None = None
         self._source: int | None = None
         self._next = 0  # the first frame that the plate has not seen
 
     def frame(self, frame: int) -> NDArray[np.float32]:
         """Return the filled frame, (H, W, 3)."""
         if not isinstance(self._method, PlateMethod):
-            if isinstance(self._method, TextureMethod):
-                textures = self._views.warped_textures(frame)
-                self._method.fill_textures(textures, self._seed)
-                return filled_colour(textures)
-            return self._filled(frame)[1]
+            return self._filled(frame, None)
         source = self._views.source_key(frame)
         if self._plate is None or source != self._source or frame < self._next:
+            self.release()
             self._plate, self._source, self._next = self._method.new_plate(), source, 0
         result: NDArray[np.float32] | None = None
         for k in range(self._next, frame + 1):
             if self._views.source_key(k) == source:
-                result = self._plate.settle(*self._filled(k))
+                result = self._filled(k, self._plate)
         self._next = frame + 1
         assert result is not None  # the last k is the frame itself
         return result
 
-    def _filled(self, frame: int) -> tuple[WarpedFrame, NDArray[np.float32]]:
+    def release(self) -> None:
+        """Free the plate, if it lies on the GPU."""
+        if isinstance(self._plate, TexturePlate):
+            self._plate.release()
+        self._plate = None
+
+    def _filled(self, frame: int, plate: Plate | TexturePlate | None) -> NDArray[np.float32]:
+        """Fill one frame, and settle it on a plate."""
+        method = self._method
+        if isinstance(method, TextureMethod) and not isinstance(plate, Plate):
+            textures = self._views.warped_textures(frame)
+            method.fill_textures(textures, self._seed)
+            if plate is not None:
+                plate.settle_textures(textures)
+            return filled_colour(textures)
         warped = self._views.warped(frame)
-        return warped, self._method.fill(warped, self._seed)
+        filled = method.fill(warped, self._seed)
+        if plate is None:
+            return filled
+        assert isinstance(plate, Plate)  # only a method on the GPU has another
+        return plate.settle(warped, filled)

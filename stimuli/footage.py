@@ -130,6 +130,7 @@ class Footage:
         self._first: _Source | None = None
         self._second: _Source | None = None
         self._complete: CompletePass | None = None
+        self._taken: tuple[int, SourceFrame, Camera] | None = None
         if margin_px is None:
             margin_px = scenery.own_margin_px(shot.size_px)
         self.margin_px = self._find_margin(probe) if margin_px is None else margin_px
@@ -180,7 +181,7 @@ class Footage:
     def _warp(self, source: _Source | None, key: int, frame: int) -> tuple[_Source, FrameTextures]:
         """Warp the picture taken at `key` to `frame`, with the passes of `source` if they fit."""
         if source is None or source.key != key:
-            picture, camera = self._picture(key, self.margin_px)
+            picture, camera = self._picture(key)
             if source is None or source.size != picture.size:
                 if source is not None:
                     source.release()
@@ -192,7 +193,14 @@ class Footage:
             return source, source.warp_along(*known)
         return source, source.warp_to(self._target(key, frame, source.camera))
 
-    def _picture(self, key: int, margin_px: int) -> tuple[SourceFrame, Camera]:
+    def _picture(self, key: int) -> tuple[SourceFrame, Camera]:
+        """Return the source at `key`: the last one that the margin was found with, or anew."""
+        taken, self._taken = self._taken, None
+        if taken is None or taken[0] != key:
+            return self._take(key, self.margin_px)
+        return taken[1:]
+
+    def _take(self, key: int, margin_px: int) -> tuple[SourceFrame, Camera]:
         shot = self.shot
         pose = shot.path.pose_of(key)
         return self._scenery.source(shot.size_px, margin_px, pose, shot.extent_m, key)
@@ -219,11 +227,12 @@ class Footage:
             for frame in frames:
                 key = self.source_key(frame)
                 if taken is None or taken[0] != key:
-                    taken = (key, *self._picture(key, margin))
+                    taken = (key, *self._take(key, margin))
                 _, source, camera = taken
                 target = self._target(key, frame, camera)
                 gap = max(gap, border_gap_px(camera, target, source.depth_m, margin))
             if gap <= -1.0:
+                self._taken = taken
                 return margin
             margin += int(np.ceil(1.15 * (gap + 1.0))) + 1
             if margin > 2 * max(shot.size_px):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.colour import decode_srgb
-from stimuli.batches import Batch
+from stimuli.batches import Batch, DepthShaders
 from stimuli.programs import columns, set_uniform
 from stimuli.world import Light, Mesh, World
 
@@ -22,7 +22,7 @@ Matrix = NDArray[np.float64]
 
 
 class Lamps:
-    """Shadow maps of one world, drawn with one depth shader.
+    """Shadow maps of one world.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Lamps:
     """
 
     def __init__(
-        self, ctx: moderngl.Context, depth: moderngl.Program, world: World, origin_m: Matrix
+        self, ctx: moderngl.Context, depth: DepthShaders, world: World, origin_m: Matrix
     ) -> None:
         self._ctx, self._depth, self._world, self._origin = ctx, depth, world, origin_m
         low, high = world.bounds_m
@@ -63,11 +63,9 @@ class Lamps:
             self._draw_depth(depth_map, matrix, batches)
             nearest = np.frombuffer(depth_map.read(), np.float32).reshape(SKY_PX, SKY_PX)
             for index, (_, mesh) in enumerate(held):
-                facing = np.abs(mesh.normal @ direction)
-                place = (
-                    positions[index]
-                    + bias_m * mesh.normal * np.sign(mesh.normal @ direction)[:, None]
-                )
+                towards = mesh.normal @ direction
+                facing = np.abs(towards)
+                place = positions[index] + bias_m * mesh.normal * np.sign(towards)[:, None]
                 at = place @ matrix[:3, :3].T + matrix[:3, 3]
                 texel = np.floor((0.5 + 0.5 * at[:, :2]) * SKY_PX).astype(np.int64)
                 inside = ((texel >= 0) & (texel < SKY_PX)).all(axis=1)
@@ -118,11 +116,7 @@ class Lamps:
         framebuffer.clear(depth=1.0)
         self._ctx.enable(moderngl.DEPTH_TEST)
         self._ctx.depth_func = "<"
-        set_uniform(self._depth, "clip_from_world", columns(matrix))
-        for batch in batches:
-            batch.texture.use(0)
-            set_uniform(self._depth, "cutout", batch.material.cutout)
-            batch.depth.render(moderngl.TRIANGLES)
+        self._depth.draw(batches, matrix)
         self._ctx.detect_framebuffer(0).use()
         framebuffer.release()
 

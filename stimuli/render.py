@@ -17,7 +17,7 @@ from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from pipeline.gl.texture import check_size
-from stimuli.batches import upload
+from stimuli.batches import DepthShaders, upload
 from stimuli.lights import Lamps
 from stimuli.programs import columns, program, set_uniform
 from stimuli.world import World
@@ -29,7 +29,7 @@ NEAR_M = 0.05  # and at most this
 class Renderer:
     """A world on the GPU.
 
-    Uploads, draws the shadow map and bakes the sky's light on construction (some seconds in
+    Uploads, draws the shadow map and bakes the sky's light on construction (about a second in
     software for a world of 10^5 triangles); a call draws one view.
 
     Parameters
@@ -49,7 +49,7 @@ class Renderer:
         low, high = world.bounds_m
         self._reach_m = float(np.linalg.norm(np.maximum(high, self._origin) - low))
         self._surface = program(ctx, "surface.vert.glsl", "surface.frag.glsl")
-        self._depth = program(ctx, "surface.vert.glsl", "depth.frag.glsl")
+        self._depth = DepthShaders(ctx)
         self._sky = program(ctx, "sky.vert.glsl", "sky.frag.glsl")
         self._sky_array = ctx.vertex_array(self._sky, [])
         self._targets: dict[tuple[int, int], tuple[Any, ...]] = {}
@@ -66,7 +66,6 @@ class Renderer:
         for shader, name, unit in (
             (self._surface, "albedo", 0),
             (self._surface, "shadow", 1),
-            (self._depth, "albedo", 0),
             (self._sky, "panorama", 0),
         ):
             set_uniform(shader, name, unit)
@@ -103,22 +102,18 @@ class Renderer:
         if fronts_only:
             ctx.front_face, ctx.cull_face = "cw", "back"  # rows go down: corners turn the other way
             ctx.enable(moderngl.CULL_FACE)
-        framebuffer.depth_mask = True
         ctx.depth_func = "<"
         rotation = np.linalg.inv(camera.world_from_camera[:3, :3])
         place = camera.world_from_camera[:3, 3] - self._origin
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = rotation, -rotation @ place
-        set_uniform(self._surface, "clip_from_world", columns(self._projection(camera) @ view))
+        clip_from_world = self._projection(camera) @ view
+        set_uniform(self._surface, "clip_from_world", columns(clip_from_world))
         set_uniform(self._surface, "eye", tuple(place))
         # Depth first: the costly light is worked out once per pixel.
         framebuffer.color_mask = (False,) * 4
-        set_uniform(self._depth, "clip_from_world", columns(self._projection(camera) @ view))
-        for batch in self._batches:
-            batch.texture.use(0)
-            set_uniform(self._depth, "cutout", batch.material.cutout)
-            batch.depth.render(moderngl.TRIANGLES)
-        framebuffer.color_mask = (True,) * 4
+        self._depth.draw(self._batches, clip_from_world)
+        framebuffer.color_mask, framebuffer.depth_mask = (True,) * 4, False
         ctx.depth_func = "<="
         self._shadow_map.use(1)
         for batch in self._batches:
@@ -127,6 +122,7 @@ class Renderer:
             set_uniform(self._surface, "lit", batch.material.lit and self.world.light is not None)
             set_uniform(self._surface, "translucency", batch.material.translucency)
             batch.surface.render(moderngl.TRIANGLES)
+        framebuffer.depth_mask = True  # or the next picture would not be cleared
         ctx.disable(moderngl.CULL_FACE)
         pixels = np.empty((size[1], size[0], 4), np.float32)
         target.read_into(pixels, alignment=1)

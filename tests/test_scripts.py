@@ -45,7 +45,7 @@ class Machine:
         for name in ("lib.sh", "setup"):
             shutil.copy(repository / "script" / name, self.home / "script" / name)
         (self.home / "requirements.lock").write_text("numpy==2 \\\n    --hash=sha256:0\n")
-        for extra in ("metrics", "metamers"):
+        for extra in ("metrics", "metamers", "docs"):
             (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
         (self.home / "pyproject.toml").write_text("[project]\n")
         for name in TOOLS:
@@ -132,14 +132,30 @@ def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, e
     machine.log()
 
     assert machine.setup(*arguments, **env).returncode == 0
-    (asked,) = machine.log()
+    asked, *more = machine.log()
     assert asked.endswith(f"-r {machine.home}/requirements-{extra}.txt")
+    assert [line.rpartition("/")[2] for line in more] == ["requirements-docs.txt"] * ("CI" in env)
     assert (machine.home / ".venv/metamerlab-locked.txt").read_text() == "numpy==2\n"
     assert (machine.setup().stderr, machine.log()) == ("", [])
 
     (machine.home / f"requirements-{extra}.txt").write_text("torch==3\n")
     assert machine.setup().returncode == 0
     assert len(machine.log()) == 1
+
+
+def test_the_extra_docs_stays_wanted_and_is_held_to_its_hashes(machine):
+    machine.setup()
+    machine.log()
+    (machine.home / ".venv/metamerlab-docs").touch()  # as script/docs leaves it
+
+    assert machine.setup().returncode == 0
+    (asked,) = machine.log()
+    assert "--require-hashes" in asked
+    assert asked.endswith("requirements-docs.txt")
+    assert (machine.setup().stderr, machine.log()) == ("", [])
+    (machine.home / ".venv/bin/python").unlink()
+    assert machine.setup().returncode == 0
+    assert machine.log()[-1].endswith("requirements-docs.txt")
 
 
 @pytest.mark.parametrize("extra", ["metrics", "metamers"])

@@ -133,12 +133,26 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     if kind not in metadata:
         raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
     buffer = io.BytesIO()
-    with mpl.rc_context(fname=str(_STYLE)):
+    with mpl.rc_context(fname=str(_STYLE)), _letters_alone():
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew
         figure.savefig(buffer, format=kind, metadata=dict(metadata[kind]), dpi=300)
     return buffer.getvalue()
+
+
+@contextmanager
+def _letters_alone() -> Iterator[None]:
+    """Leave out of fonts in a PDF how letters are set: that is done, and reading it is slow."""
+    from fontTools.subset import Options
+
+    name = "_drop_tables_default"
+    usual: list[str] = getattr(Options, name, [])
+    setattr(Options, name, [*usual, "GDEF", "GPOS", "GSUB"])
+    try:
+        yield
+    finally:
+        setattr(Options, name, usual)
 
 
 def save_figure(figure: Figure, folder: Path, name: str) -> tuple[Path, ...]:

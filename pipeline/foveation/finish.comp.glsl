@@ -24,6 +24,7 @@ uniform sampler2D coarse;  // chosen, linear
 
 #if NOISE
 #constant LEVELS
+#constant BENT             // 1: Cb and Cr have skewness
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
 // Signed bytes, four a word; bands level by level, high, along x, along y. On the screen a word is a
@@ -45,6 +46,15 @@ ivec2 wrapped(ivec2 texel) {
     return texel & ivec2((NOISE_COLUMNS & (NOISE_COLUMNS - 1)) == 0 ? NOISE_COLUMNS - 1 : -1,
                          (NOISE_ROWS & (NOISE_ROWS - 1)) == 0 ? NOISE_ROWS - 1 : -1);
 }
+
+#if BENT
+// Twin: bent() in reference.py.
+vec4 bent(vec4 chroma, float bend, float mean) {
+    vec4 turned = bend * chroma;
+    vec4 bowed = mix(vec4(-0.25 / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
+    return (bowed - mean) * inversesqrt(1.0 + 2.0 * bend * mean);
+}
+#endif
 
 #if CARRIED
 // Where a pixel's noise lies, and how much each of four texels there counts.
@@ -156,7 +166,15 @@ void main() {
 #if LEVELS > 5
     ADD_LEVEL(5, more_red.y)
 #endif
-    mat3 colour = noise_scale * NOISE_SCALE * RGB_FROM_YCBCR;
+    luma *= NOISE_SCALE;
+    blue_chroma *= NOISE_SCALE;
+    red_chroma *= NOISE_SCALE;
+#if BENT
+    vec4 bend = textureLod(weights, vec3(at, float(LEVELS + (LEVELS + 3) / 4)), 0.0);
+    blue_chroma = bent(blue_chroma, bend.x, bend.y);
+    red_chroma = bent(red_chroma, bend.z, bend.w);
+#endif
+    mat3 colour = noise_scale * RGB_FROM_YCBCR;
     store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));
     store(first + ivec2(1, 0), size, colour * vec3(luma.y, blue_chroma.y, red_chroma.y));
     store(first + ivec2(0, 1), size, colour * vec3(luma.z, blue_chroma.z, red_chroma.z));

@@ -1,12 +1,14 @@
 #version 430
 // Gains: what each block of 4x4 pixels multiplies every band's noise by. A call makes 2x2 blocks, with
 // one spectral gain: what bands measure of each other is most of the work.
-// Twin: wanted_by_blocks() in moments.py, shaped_noise() in reference.py. Change both or neither.
+// Twin: wanted_by_blocks() in moments.py, shaped_noise() and chroma_bends() in reference.py. Change
+// both or neither.
 
 #constant TILE               // work-group edge, 2x2 blocks
 #constant SMALLEST_VARIANCE  // added to what is divided by
 #constant PARTNER_SHARE      // of the small pool beside, along each axis
 #constant CHROMA             // 1: Cb and Cr go with luma; 0: none
+#constant MOST_BEND          // of noise of unit variance
 
 #include "pools.glsl"
 #include "spectral_gains.glsl"
@@ -14,11 +16,14 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then Cr of the
-// levels, four a layer.
+// levels, four a layer. Last, how noise is bent: Cb's bend and mean, Cr's.
 layout(rgba16f) uniform writeonly image2DArray weights;
 // Moments as pull.comp.glsl writes them, chosen, at resolutions 2 and coarser: level k's at k + 1.
 uniform sampler2DArray small_moments;  // of resolution 1, not chosen
 uniform sampler2DArray moments_2;
+#if CHROMA
+uniform sampler2DArray powers_2;  // of Cb and Cr, chosen
+#endif
 #if LEVELS > 2
 uniform sampler2DArray moments_3;
 #endif
@@ -36,7 +41,21 @@ vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * 
 
 // What a block's noise is to be multiplied by, but for the gains. Room for the most levels, for
 // indices written out: arrays that are indexed by a variable are slow.
-struct Block { vec4 weights[6], red[2]; };
+struct Block { vec4 weights[6], red[2], bend; };
+
+#if CHROMA
+// Bend of Cb and Cr's noise, and the mean that it would have.
+vec4 bend_of(ivec2 block, vec2 noise_variance) {
+    vec4 powers = texelFetch(powers_2, ivec3(block, 0), 0);
+    vec2 first = powers.xy, second = powers.zw, third = texelFetch(powers_2, ivec3(block, 1), 0).xy;
+    vec2 variance = max(second - first * first, 0.0) + SMALLEST_VARIANCE;
+    vec2 skewness = (third - 3.0 * first * second + 2.0 * first * first * first)
+                  / (variance * sqrt(variance));
+    vec2 bend = clamp(skewness / 6.0, -MOST_BEND, MOST_BEND);
+    vec2 deviation = sqrt(noise_variance + SMALLEST_VARIANCE);
+    return vec4(bend / deviation, bend * deviation).xzyw;
+}
+#endif
 
 vec2 slopes_of(vec4 first, vec4 second) {
     return float(CHROMA) * vec2(first.a, second.a) / (first.x + first.y + first.z + SMALLEST_VARIANCE);
@@ -83,11 +102,13 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
         vec2 slopes = slopes_of(first, second);                                                \
         own.weights[level] = vec4(sqrt(variance), slopes.x);                                   \
         own.red[level / 4][level % 4] = slopes.y;                                              \
+        chroma_variance += dot(variance, vec3(1.0)) * slopes * slopes;                         \
     }
 
 Block block_at(ivec2 block) {
     Block own;
-    own.red[0] = own.red[1] = vec4(0.0);
+    own.red[0] = own.red[1] = own.bend = vec4(0.0);
+    vec2 chroma_variance = vec2(0.0);
     float pool = pool_at(seen_at(4.0 * (vec2(block) + 0.5)));
     READ(0, moments_2, 2)
 #if LEVELS > 1
@@ -105,6 +126,9 @@ Block block_at(ivec2 block) {
 #if LEVELS > 5
     READ(5, moments_6, 6)
 #endif
+#if CHROMA
+    own.bend = bend_of(block, chroma_variance);
+#endif
     return own;
 }
 
@@ -114,6 +138,7 @@ void store(ivec2 place, ivec2 last, Block own) {
     EACH_LEVEL(STORE)
     imageStore(weights, ivec3(place, LEVELS), own.red[0]);
     if (LEVELS > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
+    if (CHROMA == 1) imageStore(weights, ivec3(place, LEVELS + (LEVELS + 3) / 4), own.bend);
 }
 
 void main() {

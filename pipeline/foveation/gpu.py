@@ -37,7 +37,7 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import AIM
+from pipeline.foveation.reference import AIM, MOST_BEND
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Resource, Shader
@@ -245,7 +245,7 @@ class ChainPass(PicturePass):
     deepest : int
         The last resolution of the base.
     chroma : bool
-        Whether moments of Cb and Cr with luma are made.
+        Whether moments of Cb and Cr are made.
     """
 
     def __init__(
@@ -269,16 +269,32 @@ class ChainPass(PicturePass):
             self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
             for r in range(1, self.count + 1)
         ]
-        pulls = {
-            own: {"OWN": own[0], "OLDER": own[1]}
-            for own in ((r < levels, min(r, levels)) for r in range(self.count))
+        # Powers of chroma, of resolutions from 2.
+        has_powers = levels > 0 and chroma
+        self.powers = [
+            self._array(self.sizes[r], 2) if has_powers and r > 1 else None
+            for r in range(1, self.count + 1)
+        ]
+        pulled = [
+            (r < levels, min(r, levels), min(r, 2) if has_powers else 0) for r in range(self.count)
+        ]
+        made = {
+            (own, older, powers): self._shader(
+                "foveation/pull.comp.glsl",
+                CHROMA=chroma,
+                OWN=own,
+                OLDER=older,
+                POWERS=powers,
+                **taps,
+            )
+            for own, older, powers in dict.fromkeys(pulled)
         }
-        pull = "foveation/pull.comp.glsl"
-        made = {own: self._shader(pull, CHROMA=chroma, **taps, **of) for own, of in pulls.items()}
-        self._pulls = [made[r < levels, min(r, levels)] for r in range(self.count)]
+        self._pulls = [made[key] for key in pulled]
         pushed = {r: (r < deepest, min(r, levels) if r > 1 else 0) for r in range(1, self.count)}
         pushes = {
-            (base, layers): self._compile("push", BASE=base, LAYERS=layers)
+            (base, layers): self._compile(
+                "push", BASE=base, LAYERS=layers, POWERS=has_powers and layers > 0
+            )
             for base, layers in dict.fromkeys(pushed.values())
             if base or layers
         }
@@ -293,12 +309,11 @@ class ChainPass(PicturePass):
         """Make all resolutions of `source`."""
         for r, shader in enumerate(self._pulls):
             fine = self.lows[r - 1] if r else source
-            older = self.moments[r - 1] if r else None
             shader.run_over(
                 self.sizes[r + 1],
                 fine=fine,
                 coarse=self.lows[r],
-                **_given(fine_moments=older, coarse_moments=self.moments[r]),
+                **self._statistics(r),
             )
 
     def push(self, last: int, first: int | None = None) -> None:
@@ -312,8 +327,17 @@ class ChainPass(PicturePass):
                 self.sizes[r],
                 fine=self.lows[r - 1],
                 coarse=self.lows[r],
-                **_given(fine_moments=self.moments[r - 1], coarse_moments=self.moments[r]),
+                **self._statistics(r),
             )
+
+    def _statistics(self, r: int) -> dict[str, Resource]:
+        """Those of resolutions `r` and r + 1."""
+        return _given(
+            fine_moments=self.moments[r - 1] if r else None,
+            coarse_moments=self.moments[r],
+            fine_powers=self.powers[r - 1] if r else None,
+            coarse_powers=self.powers[r],
+        )
 
 
 def _given(**resources: Resource | None) -> dict[str, Resource]:
@@ -336,6 +360,7 @@ def finish_constants(**changes: Constant) -> dict[str, Constant]:
         "NOISE": False,
         "BASE": True,
         "LEVELS": 1,
+        "BENT": False,
         "CARRIED": False,
         "TEXELS_PER_PX": TEXELS_PER_PX,
         "NOISE_ROWS": 1,
@@ -387,13 +412,12 @@ class MetamerPass(FoveationPass):
         self.settings = settings
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
-        self._chain = self._analysis(
-            levels,
-            levels if settings.residual == "kept" else count,
-            chroma=settings.chroma != "luma",
-        )
+        self._chroma = settings.chroma != "luma"
+        deepest = levels if settings.residual == "kept" else count
+        self._chain = self._analysis(levels, deepest, chroma=self._chroma)
         overlap = overlap_by_levels(fitted_mixing(levels).overlap)
-        self._weights = self._array(self._chain.sizes[2], levels + -(-levels // 4), "rgba16f")
+        layers = levels + -(-levels // 4) + self._chroma
+        self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         self._gains = self._compile(
             "gains",
             LEVELS=levels,
@@ -401,7 +425,8 @@ class MetamerPass(FoveationPass):
             **GAIN_CONSTANTS,
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
             PARTNER_SHARE=PARTNER_SHARE,
-            CHROMA=settings.chroma != "luma",
+            CHROMA=self._chroma,
+            MOST_BEND=MOST_BEND,
         )
         self._gains.hold(overlap=self._buffer(overlap.tobytes()), weights=self._weights)
         self._finish = self._compile_finish(carried=False)
@@ -457,7 +482,10 @@ class MetamerPass(FoveationPass):
         # Of resolution 1 as it was pulled, of the others as they were chosen.
         names = ["small_moments", *(f"moments_{r}" for r in range(2, max(2, self.levels) + 1))]
         moments = zip(names, self._chain.moments, strict=False)
-        self._gains.run_over(halved(self._chain.sizes[2]), **_given(**dict(moments)))
+        self._gains.run_over(
+            halved(self._chain.sizes[2]),
+            **_given(**dict(moments), powers_2=self._chain.powers[1]),
+        )
 
     def _compile_finish(self, *, carried: bool) -> Shader:
         width, height = self.size
@@ -468,6 +496,7 @@ class MetamerPass(FoveationPass):
         constants = finish_constants(
             NOISE=True,
             LEVELS=self.levels,
+            BENT=self._chroma,
             CARRIED=carried,
             NOISE_ROWS=rows,
             NOISE_COLUMNS=columns,

@@ -6,6 +6,9 @@ own pyramid level: level k pools ``sigma / 2^k`` coefficients. The variance is E
 at one level of detail (mixing variances would forget how far two pools' means lie apart).
 
 What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools are wide.
+
+Chroma's third moment is pooled too: where a few strong colours lie in a pool of dull ones, noise
+that swings both ways would show their complement, which the pool has not.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import fitted_kernels
-from pipeline.foveation.chain import band, enlarge, halve, halve_box, select
+from pipeline.foveation.chain import band, chain_of, enlarge, halve, halve_box, select
 from pipeline.foveation.lod import Pools, halving_variance
 
 Floats = NDArray[np.float64]
@@ -83,12 +86,13 @@ class Wanted:
     """What noise has to give each block of 4x4 pixels; arrays (h, w, ...).
 
     `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
-    `remainders` (levels * 3, 2): variance of Cb and Cr that does not.
+    `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `skewness` (2): of Cb and Cr.
     """
 
     variances: Floats
     slopes: Floats
     remainders: Floats
+    skewness: Floats
 
 
 def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wanted:
@@ -106,8 +110,27 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
     ]
     variances, slopes, remainders = (list(parts) for parts in zip(*found, strict=True))
     return Wanted(
-        np.concatenate(variances, axis=2), np.stack(slopes, axis=2), np.concatenate(remainders, 2)
+        np.concatenate(variances, axis=2),
+        np.stack(slopes, axis=2),
+        np.concatenate(remainders, axis=2),
+        chroma_skewness(lows, pools),
     )
+
+
+def chroma_skewness(lows: Sequence[Floats], pools: Pools) -> Floats:
+    """Pool the third standardised moment of Cb and Cr: (h, w, 2), of blocks.
+
+    It is that of pixels halved once, which hold nearly all of chroma.
+    """
+    chroma = ycbcr_from_rgb(lows[1])[..., 1:]
+    powers = np.concatenate([chroma, chroma**2, chroma**3], axis=2)
+    wraps = pools.geometry.wraps
+    chain = chain_of(powers, len(lows) - 2, wraps=wraps)[1:]
+    first, second, third = np.split(
+        select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps), 3, axis=2
+    )
+    variance = np.maximum(second - first**2, 0) + SMALLEST_VARIANCE
+    return np.asarray((third - 3 * first * second + 2 * first**3) / variance**1.5)
 
 
 def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:

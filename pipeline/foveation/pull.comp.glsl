@@ -1,14 +1,17 @@
 #version 430
 // Pull: low-pass and halve the picture, make its bands' moments, and halve all older moments.
-// Twin: chain_of() in chain.py, moment_chain() in moments.py. Change both or neither.
+// Twin: chain_of() in chain.py, moment_chain() and chroma_skewness() in moments.py. Change both or
+// neither.
 
 #constant TILE    // work-group edge, texels
 #constant WRAPS   // 1: the picture goes on at its other side
 #constant OWN     // 1: this resolution is a pyramid level: make its bands' moments
 #constant OLDER   // pyramid levels whose moments there are already
 #constant CHROMA  // 1: Cb and Cr's products with luma too; 0: none
+#constant POWERS  // 1: make the powers of Cb and Cr here; 2: halve them; 0: neither
 
 #include "lowpass.glsl"
+#include "ycbcr.glsl"
 #if OWN
 #include "bands.glsl"
 #endif
@@ -26,6 +29,14 @@ uniform sampler2DArray fine_moments;
 layout(rgba32f) uniform writeonly image2DArray coarse_moments;
 #endif
 
+// Two layers: Cb, Cr and their squares; their cubes.
+#if POWERS == 2
+uniform sampler2DArray fine_powers;
+#endif
+#if POWERS
+layout(rgba32f) uniform writeonly image2DArray coarse_powers;
+#endif
+
 struct Row { vec4 a, b, c, d; };
 
 Row row_at(ivec4 x, int y) {
@@ -36,14 +47,22 @@ Row row_at(ivec4 x, int y) {
 vec4 outer(Row r) { return low_outer(r.a, r.b, r.c, r.d); }
 vec4 inner(Row r) { return low_inner(r.a, r.b, r.c, r.d); }
 
-#if OLDER
-vec4 moments_row(ivec4 x, int y, int layer, bool is_outer) {
-    vec4 a = texelFetch(fine_moments, ivec3(x.x, y, layer), 0);
-    vec4 b = texelFetch(fine_moments, ivec3(x.y, y, layer), 0);
-    vec4 c = texelFetch(fine_moments, ivec3(x.z, y, layer), 0);
-    vec4 d = texelFetch(fine_moments, ivec3(x.w, y, layer), 0);
-    return is_outer ? low_outer(a, b, c, d) : low_inner(a, b, c, d);
+// Halve a layer of an array.
+#define LAYER_ROW(array, row, layer)                                                                \
+    Row(texelFetch(array, ivec3(x.x, row, layer), 0), texelFetch(array, ivec3(x.y, row, layer), 0), \
+        texelFetch(array, ivec3(x.z, row, layer), 0), texelFetch(array, ivec3(x.w, row, layer), 0))
+#define LAYER(array, layer)                                                        \
+    (outer(LAYER_ROW(array, y.x, layer)) + inner(LAYER_ROW(array, y.y, layer))     \
+     + inner(LAYER_ROW(array, y.z, layer)) + outer(LAYER_ROW(array, y.w, layer)))
+
+#if POWERS == 1
+vec4 squares(vec4 texel) {
+    vec2 chroma = (YCBCR_FROM_RGB * texel.rgb).yz;
+    return vec4(chroma, chroma * chroma);
 }
+vec4 cubes(vec4 squares) { return vec4(squares.xy * squares.zw, 0.0, 0.0); }
+Row squares(Row r) { return Row(squares(r.a), squares(r.b), squares(r.c), squares(r.d)); }
+Row cubes(Row r) { return Row(cubes(r.a), cubes(r.b), cubes(r.c), cubes(r.d)); }
 #endif
 
 #if OWN
@@ -100,9 +119,16 @@ void main() {
 #endif
 #if OLDER
     for (int layer = 0; layer < 2 * OLDER; ++layer) {
-        vec4 sum = moments_row(x, y.x, layer, true) + moments_row(x, y.y, layer, false)
-                 + moments_row(x, y.z, layer, false) + moments_row(x, y.w, layer, true);
-        imageStore(coarse_moments, ivec3(texel, layer), sum);
+        imageStore(coarse_moments, ivec3(texel, layer), LAYER(fine_moments, layer));
     }
+#endif
+#if POWERS == 1
+    Row s0 = squares(r0), s1 = squares(r1), s2 = squares(r2), s3 = squares(r3);
+    imageStore(coarse_powers, ivec3(texel, 0), outer(s0) + inner(s1) + inner(s2) + outer(s3));
+    vec4 cubed = outer(cubes(s0)) + inner(cubes(s1)) + inner(cubes(s2)) + outer(cubes(s3));
+    imageStore(coarse_powers, ivec3(texel, 1), cubed);
+#elif POWERS == 2
+    imageStore(coarse_powers, ivec3(texel, 0), LAYER(fine_powers, 0));
+    imageStore(coarse_powers, ivec3(texel, 1), LAYER(fine_powers, 1));
 #endif
 }

@@ -5,6 +5,7 @@
 #constant TILE    // work-group edge, texels
 #constant BASE    // 1: the picture takes part
 #constant LAYERS  // pyramid levels whose moments take part
+#constant POWERS  // 1: the powers of Cb and Cr take part
 
 #include "pools.glsl"
 
@@ -20,6 +21,10 @@ uniform sampler2D coarse;  // linear
 layout(rgba32f) uniform image2DArray fine_moments;  // see pull.comp.glsl
 uniform sampler2DArray coarse_moments;       // linear
 #endif
+#if POWERS
+layout(rgba32f) uniform image2DArray fine_powers;
+uniform sampler2DArray coarse_powers;        // linear
+#endif
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
@@ -29,11 +34,20 @@ void main() {
     // A texel's place in the coarser one, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * place / vec2((fine_size + 1) / 2);
     // All or nothing of the coarser one, as in most places, is half the work or none.
-#if BASE
     float share = beyond_lod(pool, halvings);
+#if BASE
     if (share > 0.0) {
         vec4 below = textureLod(coarse, within, 0.0);
         imageStore(fine, texel, share < 1.0 ? mix(imageLoad(fine, texel), below, share) : below);
+    }
+#endif
+#if POWERS
+    if (share > 0.0) {
+        for (int layer = 0; layer < 2; ++layer) {
+            vec4 below = textureLod(coarse_powers, vec3(within, float(layer)), 0.0);
+            if (share < 1.0) below = mix(imageLoad(fine_powers, ivec3(texel, layer)), below, share);
+            imageStore(fine_powers, ivec3(texel, layer), below);
+        }
     }
 #endif
 #if LAYERS

@@ -18,7 +18,7 @@ from pipeline.colour import RGB_FROM_YCBCR
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.moments import Wanted, wanted_by_blocks
+from pipeline.foveation.moments import SMALLEST_VARIANCE, Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.settings import MetamerSettings
@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
+MOST_BEND = 0.5
+"""See `bent`: of noise of unit variance, whose shorter side then ends at its deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,32 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
         for channel in (1, 2):
             own = at_pixels(deviations(wanted.remainders[..., channel - 1]))
             ycc[..., channel] += (plane[:, :, channel] * own).sum(axis=2)
+    ycc[..., 1:] = bent(ycc[..., 1:], *(at_pixels(part) for part in chroma_bends(wanted, chroma)))
     return ycc
+
+
+def chroma_bends(wanted: Wanted, chroma: str) -> tuple[Floats, Floats]:
+    """How `bent` gives Cb and Cr the skewness of their pools: two arrays (h, w, 2), of blocks."""
+    by_level = wanted.variances.reshape(*wanted.slopes.shape[:3], 3).sum(axis=3)
+    variance = (by_level[..., None] * wanted.slopes**2).sum(axis=2)
+    if chroma == "full":
+        variance += wanted.remainders.sum(axis=2)
+    deviation = np.sqrt(variance + SMALLEST_VARIANCE)
+    bend = np.clip(wanted.skewness / 6, -MOST_BEND, MOST_BEND)
+    return bend / deviation, bend * deviation
+
+
+def bent(noise: Floats, bend: Floats, mean: Floats) -> Floats:
+    """Give normal noise of zero mean a skewness, and leave it its variance.
+
+    ``n + bend n^2 - mean``, held where it would turn, over what that adds to its deviation. The
+    first terms of Cornish and Fisher (1938): of unit variance, noise of skewness s is
+    ``n + s (n^2 - 1) / 6``.
+    """
+    turned = bend * noise
+    held = np.divide(-0.25, bend, out=np.zeros_like(bend), where=bend != 0)
+    bowed = np.where(turned > -0.5, noise * (1 + turned), held) - mean
+    return np.asarray(bowed / np.sqrt(1 + 2 * bend * mean))
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:

@@ -53,11 +53,25 @@ class TextureMethod(Method, Protocol):
         ...
 
 
+@runtime_checkable
 class Plate(Protocol):
     """What a method keeps of one source frame from view to view of a path."""
 
     def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return `filled` with what earlier views got in its holes, and keep what is new."""
+        ...
+
+
+@runtime_checkable
+class TexturePlate(Protocol):
+    """A plate on the GPU, of a `TextureMethod`."""
+
+    def settle_textures(self, frame: FrameTextures) -> None:
+        """Complete a filled `frame` in place, as `Plate.settle` does arrays."""
+        ...
+
+    def release(self) -> None:
+        """Free the plate."""
         ...
 
 
@@ -69,7 +83,7 @@ class PlateMethod(Method, Protocol):
     seed. `fill` alone gives what the first view of a path gets.
     """
 
-    def new_plate(self) -> Plate:
+    def new_plate(self) -> Plate | TexturePlate:
         """Return an empty plate, for the views of one source frame."""
         ...
 

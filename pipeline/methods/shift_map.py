@@ -5,7 +5,7 @@ import moderngl
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.on_gpu import Guided
 from pipeline.shiftmap.gpu import ShiftMapPass
-from pipeline.shiftmap.plate import ShiftMapPlate
+from pipeline.shiftmap.plate_gpu import PlatePass, PlateTextures
 from pipeline.shiftmap.settings import ShiftMapSettings
 
 
@@ -25,10 +25,19 @@ class ShiftMap(Guided[ShiftMapPass]):
     ) -> None:
         super().__init__(ctx, z_near_m)
         self._settings = ShiftMapSettings(gain, depth_threshold)
+        self._plates: PlatePass | None = None
 
-    def new_plate(self) -> ShiftMapPlate:
+    def new_plate(self) -> PlateTextures:
         """Return what keeps the fills of one source frame from view to view."""
-        return ShiftMapPlate(self._settings.depth_threshold)
+        self._plates = self._plates or PlatePass(self._ctx, self._settings.depth_threshold)
+        return self._plates.new_plate()
+
+    def release(self) -> None:
+        """Free textures and shaders; plates are their users'."""
+        super().release()
+        if self._plates is not None:
+            self._plates.release()
+        self._plates = None
 
     def _build(self, size: tuple[int, int]) -> ShiftMapPass:
         return ShiftMapPass(self._ctx, size, self._settings)

@@ -65,6 +65,15 @@ ivec2 corner(int k) { return ivec2((k & 3) == 1 || (k & 3) == 2, (k & 3) >= 2); 
 
 ivec2 outwards(int k) { return ivec2(k == 1 ? 1 : k == 3 ? -1 : 0, k == 0 ? -1 : k == 2 ? 1 : 0); }
 
+// Column and row of a number, counted row by row; exact. llvmpipe divides whole numbers lane by lane.
+ivec2 place_of(int index, int columns) {
+    int row = int(float(index) / float(columns));  // off by one at most
+    int column = index - row * columns;
+    if (column < 0) return ivec2(column + columns, row - 1);
+    if (column >= columns) return ivec2(column - columns, row + 1);
+    return ivec2(column, row);
+}
+
 bool is_strip(int part) { return part > 0 && part < BAND; }
 
 // Which vertex of its quad (0 to 3: a b c d) gives a part's corner `k` colour, motion and depth.

@@ -3,36 +3,63 @@
 //
 // Eq. 1's partition as integers: the top bit says "stretched". Below it, a surface's key
 // falls with inverse depth (nearest wins) and a stretched quad's rises (farthest wins).
+//
+// Most pixels are covered by one quad. In round 0 every quad lowers the keys of its pixels; who comes
+// first to a pixel leaves a claim, who comes later and is not beaten contests it. Round 1 asks
+// again only those that contested. The first claim stands if it has the final key, and whatever else
+// has that key contested. So the order in which quads come changes nothing.
 
-layout(std430) buffer Keys { uint keys[]; };        // per target pixel
-layout(std430) buffer Winners { uint winners[]; };  // per target pixel, quad + part * quads
-layout(std430) buffer Large {
+struct Rank { uint key, claim; };
+
+layout(std430) buffer Ranks { Rank ranks[]; };  // per target pixel; side by side for the caches
+layout(std430) buffer Lists {
     uint large_count;
-    uint unreached;      // nonzero: some target pixel was reached by no quad
-    uint large[];        // quads left to large.comp.glsl; room for all there are
+    uint left_count;
+    uint unreached;           // nonzero: some target pixel was reached by no quad
+    uint contested_count;
+    uint contested_groups_x;  // of small.comp.glsl's second dispatch
+    uint contested_groups_y;
+    uint contested_groups_z;
+    // From the start on, quads left to large.comp.glsl; from the end on, small quads that
+    // contested; a quad is in one of the two at most. Afterwards, pixels that the first
+    // resolve.comp.glsl leaves to the second. Room for all there are.
+    uint entries[];
 };
-// What to draw of each listed quad: bit k for part k, and TORN. Written by classify.comp.glsl.
+// What to draw of each large quad: bit k for part k, TORN, CONTESTED. From classify.comp.glsl.
 layout(std430) buffer Parts { uint parts[]; };
 
 const uint TORN = 1u << 8;
+const uint CONTESTED = 1u << 9;
 
-// 0: find the least key. 1: find the first quad that has it. One program does both, and the
-// key's arithmetic is `precise`, so that both compute the very same keys.
+// Triangle abc or acd of a part of a quad: 2 * (quad + part * quads), + 1 for acd.
+const uint OVERTAKEN = 1u << 31;  // of a claim: it is void
+const uint NO_CLAIM = ~OVERTAKEN;
+
+// One program does both rounds, and the key's arithmetic is `precise`, so that both compute the
+// very same keys.
 uniform int round_index;
 
-void rank(Quad quad, Areas area, uint index, bool stretched, ivec2 pixel) {
+int cell_of(ivec2 pixel) { return pixel.y * target_size.x + pixel.x; }
+
+// Tells, in round 0, whether the quad contests the pixel. `number` is quad + part * quads.
+bool rank(Quad quad, Areas area, uint number, bool stretched, ivec2 pixel) {
     vec2 weight;
     bool upper;
-    if (!covers(quad, area, weight, upper)) return;
+    if (!covers(quad, area, weight, upper)) return false;
     vec4 w = 1.0 / quad.depth;
     vec2 rest = upper ? w.yz : w.zw;
     precise float inverse_m = w.x + weight.x * (rest.x - w.x) + weight.y * (rest.y - w.x);
     uint key = ~STRETCHED - (~STRETCHED & floatBitsToUint(max(inverse_m, 0.0)));
     if (stretched) key = STRETCHED | floatBitsToUint(min(min(w.x, w.y), min(w.z, w.w)));
-    uint cell = uint(pixel.y * target_size.x + pixel.x);
-    if (round_index == 0) {
-        atomicMin(keys[cell], key);
-    } else if (keys[cell] == key) {
-        atomicMin(winners[cell], index);
+    int cell = cell_of(pixel);
+    uint claim = 2u * number + (upper ? 0u : 1u);
+    if (round_index != 0) {
+        if (ranks[cell].key == key) atomicMin(ranks[cell].claim, claim);
+        return false;
     }
+    uint before = atomicMin(ranks[cell].key, key);
+    // The first sets all bits but one and whoever overtakes it that one: any order will do.
+    if (before == NOTHING) atomicAnd(ranks[cell].claim, OVERTAKEN | claim);
+    else if (key < before) atomicOr(ranks[cell].claim, OVERTAKEN);
+    return before != NOTHING && key <= before;
 }

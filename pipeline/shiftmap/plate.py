@@ -4,17 +4,30 @@ Fills of one source frame's views differ where the same place of the background 
 again, and flicker. The plate keeps the colour that a place got when a view first uncovered it;
 later views look it up, and only what is new keeps its own fill. So the fill of frame k follows from
 the path's frames up to k with the same source, and from nothing else.
+
+Places, shares and kept colours are whole numbers, so that both twins have the same bits.
+Twin: plate_gpu.py, look_up.comp.glsl, keep.comp.glsl. Change both or neither.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
+from pipeline.shiftmap.settings import SUBPIXELS
 
 MARGIN_SHARE = 0.25  # of the frame's longer edge, around it: places further outside are not kept
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
-READ_SHARE = 0.5  # a place counts as kept if texels of this bilinear share are
-WRITE_SHARE = 0.3  # a texel is written if hole pixels of this bilinear share are near
+WHOLE = SUBPIXELS**2  # bilinear shares sum to this
+READ_SHARE = WHOLE // 2  # a place counts as kept if texels of more of its share are
+WRITE_SHARE = 3 * WHOLE // 10  # a texel is written if hole pixels of more of its share are near
+COLOUR_STEPS = 1 << 15  # of a kept colour: a share of it fits 32 bits
+
+Ints = NDArray[np.int64]
+
+
+def margin_px(size: tuple[int, int]) -> int:
+    """How far the plate goes beyond a frame of `size`."""
+    return round(MARGIN_SHARE * max(size))
 
 
 class ShiftMapPlate:
@@ -23,14 +36,14 @@ class ShiftMapPlate:
     Parameters
     ----------
     depth_threshold : float
-        Places whose depth differs by a larger share are of another surface, and are not taken.
+        Places whose depth differs by a larger share of the greater one are of another surface, and
+        are not taken.
     """
 
     def __init__(self, depth_threshold: float) -> None:
-        self._threshold = depth_threshold
-        self._colour = np.zeros((0, 0, 3))
-        self._nearness = np.zeros((0, 0))
-        self._kept = np.zeros((0, 0), np.bool_)
+        self._same = np.float32(1 - depth_threshold)
+        self._colour: Ints = np.zeros((0, 0, 3), np.int64)
+        self._depth_m = np.zeros((0, 0), np.float32)  # 0: nothing is kept
         self._margin = 0
 
     def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -44,84 +57,87 @@ class ShiftMapPlate:
             Its own fill.
         """
         hole = warped.hole
+        result = np.where(hole[..., None], filled, warped.colour)
         if not hole.any():
-            return filled.copy()
-        if not self._kept.size:
+            return result
+        if not self._depth_m.size:
             self._begin(warped.size)
         pixel = np.argwhere(hole)
-        motion = warped.flow_px[hole][:, ::-1].astype(np.float64)
-        place = np.asarray(pixel - motion + self._margin, np.float64)
-        nearness = np.asarray(1 / warped.depth_m[hole].astype(np.float64), np.float64)
-        result = filled.astype(np.float64)
-        share, colour = self._read(place, nearness)
-        found = share > READ_SHARE
-        result[hole] = np.where(found[:, None], colour, result[hole])
-        self._keep(result, hole, pixel, place, nearness)
-        shown = result.clip(0.0, 1.0).astype(np.float32)
-        return np.where(hole[..., None], shown, warped.colour)
+        motion = np.rint(SUBPIXELS * warped.flow_px[hole][:, ::-1]).astype(np.int64)
+        place = SUBPIXELS * (pixel + self._margin) - motion
+        depth_m = warped.depth_m[hole]
+        share, steps = self._read(place, depth_m)
+        kept = (steps / COLOUR_STEPS).astype(np.float32)
+        result[hole] = np.where((share > READ_SHARE)[:, None], kept, result[hole])
+        self._keep(result, hole, pixel, place, depth_m)
+        return result
 
     def _begin(self, size: tuple[int, int]) -> None:
-        self._margin = round(MARGIN_SHARE * max(size))
+        self._margin = margin_px(size)
         shape = (size[0] + 2 * self._margin, size[1] + 2 * self._margin)
-        self._colour = np.zeros((*shape, 3))
-        self._nearness, self._kept = np.zeros(shape), np.zeros(shape, np.bool_)
+        self._colour, self._depth_m = np.zeros((*shape, 3), np.int64), np.zeros(shape, np.float32)
 
-    def _read(
-        self, place: NDArray[np.float64], nearness: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _read(self, place: Ints, depth_m: NDArray[np.float32]) -> tuple[Ints, Ints]:
         """Bilinear share of texels kept of the same surface, (N,), and their colour, (N, 3)."""
-        total, summed = np.zeros(len(place)), np.zeros((len(place), 3))
+        total, summed = np.zeros(len(place), np.int64), np.zeros((len(place), 3), np.int64)
         for texel, share in _around(place):
-            at, inside = _within(texel, self._kept.shape)
-            there = self._nearness[at]
-            same = np.abs(there - nearness) <= self._threshold * np.maximum(there, nearness)
-            share = np.where(inside & self._kept[at] & same, share, 0.0)
+            at, inside = _within(texel, self._depth_m.shape)
+            there = self._depth_m[at]
+            same = np.minimum(there, depth_m) >= self._same * np.maximum(there, depth_m)
+            share = np.where(inside & (there > 0) & same, share, 0)
             total += share
             summed += share[:, None] * self._colour[at]
-        return total, np.divide(
-            summed, total[:, None], out=np.zeros_like(summed), where=total[:, None] > 0
-        )
+        return total, _divided(summed, total)
 
     def _keep(
         self,
-        colour: NDArray[np.float64],
+        colour: NDArray[np.float32],
         hole: NDArray[np.bool_],
-        pixel: NDArray[np.intp],
-        place: NDArray[np.float64],
-        nearness: NDArray[np.float64],
+        pixel: Ints,
+        place: Ints,
+        depth_m: NDArray[np.float32],
     ) -> None:
         """Write texels that have nothing yet, each from the hole pixels around its centre.
 
         A pixel writes the texel nearest to its place; of several the first in row order does.
         """
-        texel = np.rint(place).astype(np.intp)
-        at, inside = _within(texel, self._kept.shape)
-        total, summed = np.zeros(len(texel)), np.zeros((len(texel), 3))
-        for near, share in _around(pixel + (texel - place)):
+        texel = (place + SUBPIXELS // 2) // SUBPIXELS
+        at, inside = _within(texel, self._depth_m.shape)
+        total, summed = np.zeros(len(texel), np.int64), np.zeros((len(texel), 3), np.int64)
+        steps = np.rint(COLOUR_STEPS * colour).astype(np.int64)
+        for near, share in _around(SUBPIXELS * (pixel + texel) - place):
             there, shown = _within(near, hole.shape)
-            share = np.where(shown & hole[there], share, 0.0)
+            share = np.where(shown & hole[there], share, 0)
             total += share
-            summed += share[:, None] * colour[there]
-        new = np.flatnonzero(inside & ~self._kept[at] & (total > WRITE_SHARE))
-        flat = np.ravel_multi_index((at[0][new], at[1][new]), self._kept.shape)
+            summed += share[:, None] * steps[there]
+        new = np.flatnonzero(inside & (self._depth_m[at] == 0) & (total > WRITE_SHARE))
+        flat = np.ravel_multi_index((at[0][new], at[1][new]), self._depth_m.shape)
         new = new[np.unique(flat, return_index=True)[1]]
         here = at[0][new], at[1][new]
-        self._colour[here] = summed[new] / total[new, None]
-        self._nearness[here] = nearness[new]
-        self._kept[here] = True
+        self._colour[here] = _divided(summed[new], total[new])
+        self._depth_m[here] = depth_m[new]
 
 
-def _around(place: NDArray[np.float64]) -> list[tuple[NDArray[np.intp], NDArray[np.float64]]]:
-    """The four whole places around each of (N, 2), and their bilinear shares."""
-    first = np.floor(place).astype(np.intp)
+def _divided(summed: Ints, total: Ints) -> Ints:
+    """Divide (N, 3) by (N,) to the nearest whole number."""
+    whole = np.maximum(total, 1)[:, None]
+    return np.asarray((summed + whole // 2) // whole)
+
+
+def _around(place: Ints) -> list[tuple[Ints, Ints]]:
+    """The four texels around each of (N, 2) places in parts of a pixel, and their shares."""
+    first = place // SUBPIXELS
     return [
-        (first + corner, (1 - np.abs(place - first - corner)).prod(axis=1))
+        (
+            first + corner,
+            (SUBPIXELS - abs(SUBPIXELS * (first + corner) - place)).prod(axis=1),
+        )
         for corner in np.array(CORNERS)
     ]
 
 
 def _within(
-    place: NDArray[np.intp], shape: tuple[int, ...]
+    place: Ints, shape: tuple[int, ...]
 ) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.bool_]]:
     """Clamp whole places into an array; and tell which lay inside."""
     inside = np.asarray(((place >= 0) & (place < np.array(shape))).all(axis=1))

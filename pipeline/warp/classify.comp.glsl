@@ -106,8 +106,8 @@ void main() {
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;
     for (uint slot = gl_GlobalInvocationID.x; slot < large_count; slot += stride) {
-        uint index = large[slot];
-        ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
+        uint index = entries[slot];
+        ivec2 first = place_of(int(index), mesh.x);
         uint found = 1u;
         if (in_ring_0(first)) found = 1u | TORN;
         else if (torn(first)) found = 1u | TORN | parts_of_torn(first);

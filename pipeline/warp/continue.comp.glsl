@@ -8,8 +8,9 @@
 
 layout(local_size_x = LANES) in;
 
-layout(std430) buffer Large {
+layout(std430) buffer Lists {
     uint large_count;
+    uint left_count;
     uint unreached;
 };
 

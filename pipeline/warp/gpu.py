@@ -1,5 +1,7 @@
 """The warp on the GPU. Twin: reference.py."""
 
+import math
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +14,18 @@ from pipeline.gl.passes import Pass
 from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp.settings import WarpSettings, Window, check_inputs
 
-TILE = 8  # work-group edge, quads or pixels
+ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
+TILE = 8  # work-group edge, pixels, where neighbours in all directions are read
 LANES = 32  # work-group size where one group takes one quad; a GPU's warp
 SOFTWARE_LANES = 8  # llvmpipe's vector
 SMALL = 16  # target pixels in the bounding box of a quad that one invocation draws
-GROUPS = 512  # work groups that share the listed quads
-PARTS = 8  # of a quad, each of which may win a pixel
-MOST_QUADS = 2**32 // PARTS - 1
-_UNTOUCHED = b"\xff\xff\xff\xff"
+GROUPS = 512  # work groups that share what is listed
+MOST_GROUPS = 32768  # in a row of work groups: every driver takes that many
+PARTS = 8  # of a quad, each of two triangles that may win a pixel
+MOST_QUADS = 2**31 // (2 * PARTS) - 1
+UNTOUCHED = (0xFFFFFFFF, 0x7FFFFFFF)  # a pixel's key and claim
+COUNTERS = np.array([0, 0, 0, 0, 0, 1, 1], np.uint32).tobytes()  # see warp_rank.glsl
+CONTESTED_GROUPS = 16  # bytes into them
 RINGS = 2  # of vertices around the source
 
 
@@ -27,7 +33,8 @@ class WarpPass(Pass):
     """Warp source textures of one size into one window.
 
     Compiles and allocates once, on construction: 8 bytes per window pixel and 8 per source
-    pixel. A call makes 8 dispatches (6 where holes get no depth, 10 where they get their rim),
+    pixel. A call makes 9 dispatches (7 where holes get no depth, two more
+    where they get their rim),
     allocates nothing and reads nothing back. It ends with a memory barrier.
 
     Parameters
@@ -60,7 +67,9 @@ class WarpPass(Pass):
         self._mesh = _mesh_size(source_size)
         extend = settings.variant == "full"
         lanes = SOFTWARE_LANES if describe(ctx).software else LANES
-        self._small = self._shader("warp/small.comp.glsl", TILE=TILE, SMALL=SMALL, EXTEND=extend)
+        self._small = self._shader(
+            "warp/small.comp.glsl", ROW=ROW, MOST_GROUPS=MOST_GROUPS, SMALL=SMALL, EXTEND=extend
+        )
         self._classify = self._shader(
             "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
         )
@@ -70,7 +79,10 @@ class WarpPass(Pass):
             SMEAR=settings.variant == "smear",
             HIDE=settings.variant == "remove",
         )
-        self._resolve = self._shader("warp/resolve.comp.glsl", TILE=TILE, EXTEND=extend)
+        self._resolve, self._left = (
+            self._shader("warp/resolve.comp.glsl", ROW=ROW, EXTEND=extend, LEFT=left)
+            for left in (False, True)
+        )
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
             self._shader(
@@ -88,19 +100,18 @@ class WarpPass(Pass):
             target_origin=(self.window.x_px, self.window.y_px),
             stretch=settings.stretch_subpixels(self.window),
         )
-        # Room for every key and every quad: overflow cannot happen.
-        self._large_quads = self._buffer(_list_bytes(source_size))
+        self._lists = self._buffer(_list_bytes(source_size, self.window))
+        untouched = np.full((height * width, 2), UNTOUCHED, np.uint32)
         self._hold(
-            keys=self._buffer(_UNTOUCHED * (width * height)),
-            winners=self._buffer(_UNTOUCHED * (width * height)),
-            large=self._large_quads,
-            parts=self._buffer(_list_bytes(source_size)),
+            ranks=self._buffer(untouched.tobytes()),
+            lists=self._lists,
+            parts=self._buffer(4 * math.prod(self._mesh)),
         )
 
     @property
     def dispatches(self) -> int:
         """How many dispatches one call makes."""
-        return (8 if self.settings.variant == "full" else 6) + len(self._rim)
+        return (9 if self.settings.variant == "full" else 7) + len(self._rim)
 
     def __call__(
         self,
@@ -124,17 +135,19 @@ class WarpPass(Pass):
         """
         self._check(colour, depth_m, flow_px, warped)
         motion = {"depth_m": depth_m, "flow_px": flow_px}
-        self._large_quads.write(bytes(8))
-        for index in (0, 1):
-            self._set(round_index=index)
-            self._small.run_over(self._mesh, **motion)
-            if index == 0:
-                self._classify.run(GROUPS, **motion)
-            self._large.run(GROUPS, **motion)
+        self._lists.write(COUNTERS)
+        self._set(round_index=0)
+        self._small.run_over(self._mesh, **motion)
+        self._classify.run(GROUPS, **motion)
+        self._large.run(GROUPS, **motion)
+        self._set(round_index=1)
+        self._small.run_indirect(self._lists, CONTESTED_GROUPS, **motion)
+        self._large.run(GROUPS, **motion)
         size = self.window.width_px, self.window.height_px
         result = {"warped_colour": warped.colour, "warped_flow_px": warped.flow_px}
         depth = {"warped_depth_m": warped.depth_m}
         self._resolve.run_over(size, colour=colour, **motion, **result, **depth)
+        self._left.run(GROUPS, colour=colour, **motion, **result, **depth)
         if self.settings.variant == "full":
             for along, lines, fallback in (((1, 0), size[1], 0.0), ((0, 1), size[0], np.inf)):
                 self._continue["along"] = along
@@ -219,17 +232,20 @@ def _mesh_size(source_size: tuple[int, int]) -> tuple[int, int]:
     return source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1
 
 
-def _list_bytes(source_size: tuple[int, int]) -> int:
-    columns, rows = _mesh_size(source_size)
-    return 8 + 4 * columns * rows  # two counters, then quads
+def _list_bytes(source_size: tuple[int, int], window: Window) -> int:
+    """Room for every quad, or for every pixel: overflow cannot happen."""
+    return len(COUNTERS) + 4 * max(
+        math.prod(_mesh_size(source_size)), window.width_px * window.height_px
+    )
 
 
 def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Window) -> None:
     limit = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
     limit = min(limit, 4 * MOST_QUADS)  # a part's number stands above its quad's
-    if max(_list_bytes(source_size), 4 * window.width_px * window.height_px) > limit:
+    ranks_bytes = 8 * window.width_px * window.height_px
+    if max(_list_bytes(source_size, window), ranks_bytes) > limit:
         raise InputError(
-            f"source and window must fit the warp's shader buffers of {limit} bytes at 4 bytes"
-            f" per pixel (got {source_size[0]}x{source_size[1]}"
+            f"source and window must fit the warp's shader buffers of {limit} bytes: 4 for"
+            f" each pixel of the source, 8 of the window (got {source_size[0]}x{source_size[1]}"
             f" and {window.width_px}x{window.height_px}); use smaller images"
         )

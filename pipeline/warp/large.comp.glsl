@@ -22,13 +22,18 @@ void cross_edge(ivec2 from, ivec2 to, int y, inout vec2 span) {
     if (from.y == to.y) span = vec2(min(span.x, float(to.x)), max(span.y, float(to.x)));
 }
 
-void draw(Quad quad, uint index, bool stretched) {
+// Tells whether it contested a pixel.
+bool draw(Quad quad, uint quad_part, bool stretched) {
     int lane = int(gl_LocalInvocationIndex);
-    int low = max((lowest(quad).y + SUB / 2 - 1) >> 8, 0);
-    int high = min((highest(quad).y - SUB / 2) >> 8, target_size.y - 1);
+    ivec2 lowest_at = lowest(quad), highest_at = highest(quad);
+    // Pixels outside the quad may be tried: one more on each side.
+    bool narrow = longest(highest_at - lowest_at) <= NARROW - 4 * SUB;
+    int low = max((lowest_at.y + SUB / 2 - 1) >> 8, 0);
+    int high = min((highest_at.y - SUB / 2) >> 8, target_size.y - 1);
     int rows = 1;  // at once
     while (rows < LANES && rows < high - low + 1) rows *= 2;
     int across = LANES / rows;
+    bool contested = false;
     for (int y = low + lane / across; y <= high; y += rows) {
         int centre = y * SUB + SUB / 2;
         vec2 span = vec2(2.0 * GUARD, -2.0 * GUARD);
@@ -41,25 +46,36 @@ void draw(Quad quad, uint index, bool stretched) {
         int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
         for (int x = left + lane % across; x <= right; x += across) {
             ivec2 at = ivec2(x, y) * SUB + SUB / 2;
-            Areas area = wide_areas(quad.a - at, quad.b - at, quad.c - at, quad.d - at);
-            rank(quad, area, index, stretched, ivec2(x, y));
+            ivec2 a = quad.a - at, b = quad.b - at, c = quad.c - at, d = quad.d - at;
+            Areas area;
+            if (narrow) area = narrow_areas(a, b, c, d);
+            else area = wide_areas(a, b, c, d);
+            if (rank(quad, area, quad_part, stretched, ivec2(x, y))) contested = true;
         }
     }
+    return contested;
 }
 
 void main() {
     ivec2 mesh = mesh_size();
     for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
-        uint index = large[slot];
-        bool stretched = (parts[slot] & TORN) != 0u && !bool(SMEAR);
-        uint shown = parts[slot] & (TORN - 1u);
+        uint found = parts[slot];
+        if (round_index != 0 && (found & CONTESTED) == 0u) continue;
+        uint index = entries[slot];
+        bool stretched = (found & TORN) != 0u && !bool(SMEAR);
+        uint shown = found & (TORN - 1u);
         if (bool(SMEAR)) shown = 1u;
         else if (bool(HIDE) && stretched) shown &= ~1u;
-        ivec2 first = ivec2(int(index) % mesh.x, int(index) / mesh.x);
-        for (; shown != 0u; shown &= shown - 1u) {
-            int part = findLSB(shown);
-            draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
-                 stretched && part == 0);
+        ivec2 first = place_of(int(index), mesh.x);
+        bool contested = false;
+        // Strips before the quad that they lie on, which then does not contest their pixels.
+        while (shown != 0u) {
+            int part = findMSB(shown);
+            shown ^= 1u << part;
+            if (draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
+                     stretched && part == 0))
+                contested = true;
         }
+        if (contested) atomicOr(parts[slot], CONTESTED);
     }
 }

@@ -1,12 +1,14 @@
 #version 430
-// Show at every target pixel what its winning quad carries, and clear the ranks for the
-// next call.
+// Show at every target pixel what its winning triangle carries, and clear the ranks for the
+// next call. Two programs: the second does what the first leaves to it, wide triangles and those of
+// parts, which few pixels show; so the first is short and needs no double.
 // Twin: resolve() in reference.py. Change both or neither.
 
-#constant TILE    // work-group edge, pixels
+#constant ROW     // work-group size, pixels in a row
 #constant EXTEND  // whether unreached pixels are continued afterwards
+#constant LEFT    // whether to do what the first program left
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+layout(local_size_x = ROW) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
@@ -18,6 +20,17 @@ layout(rgba32f) uniform writeonly image2D warped_colour;
 // Metres; in holes the background's. 0 where no quad reached: continue.comp.glsl fills it.
 layout(r32f) uniform writeonly image2D warped_depth_m;
 layout(rg32f) uniform writeonly image2D warped_flow_px;
+
+// What a pixel shows: a hole that nothing reached, until told otherwise.
+vec4 shown = vec4(0.0);
+float depth = bool(EXTEND) ? 0.0 : INFINITE;
+vec2 motion = vec2(0.0);
+
+void store(ivec2 pixel) {
+    imageStore(warped_colour, pixel, shown);
+    imageStore(warped_depth_m, pixel, vec4(depth));
+    imageStore(warped_flow_px, pixel, vec4(motion, 0.0, 0.0));
+}
 
 // 1 / depth is linear in the image plane. This form gives back one depth of three exactly
 // where it alone counts, and where all three are the same.
@@ -31,75 +44,101 @@ float blend_depth(float a, float b, float c, vec2 weight) {
     return ratio > 0.0 ? a / ratio : INFINITE;
 }
 
-// Column and row of a number, counted row by row; exact. llvmpipe divides whole numbers lane by lane.
-ivec2 place_of(int index, int columns) {
-    int row = int(float(index) / float(columns));  // off by one at most
-    int column = index - row * columns;
-    if (column < 0) return ivec2(column + columns, row - 1);
-    if (column >= columns) return ivec2(column - columns, row + 1);
-    return ivec2(column, row);
+// Three source pixels, their motion, and how the second and third of them weigh.
+void show(ivec2 p, ivec2 q, ivec2 r, vec2 fp, vec2 fq, vec2 fr, vec2 weight) {
+    vec3 base = imageLoad(colour, p).rgb;
+    vec3 mixed = base + weight.x * (imageLoad(colour, q).rgb - base)
+                      + weight.y * (imageLoad(colour, r).rgb - base);
+    shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
+    motion = fp + weight.x * (fq - fp) + weight.y * (fr - fp);
+    depth = blend_depth(imageLoad(depth_m, p).x, imageLoad(depth_m, q).x,
+                        imageLoad(depth_m, r).x, weight);
 }
 
-vec3 colour_at(ivec2 first, int part, int k) {
-    return imageLoad(colour, pixel_of(first + corner(source_of(part, k)))).rgb;
+// How the second and third corner of a triangle weigh at the origin; see Areas.
+vec2 narrow_weight(ivec2 p, ivec2 q, ivec2 r) {
+    int pq = turn(p, q), qr = turn(q, r), pr = turn(p, r);
+    return vec2(-float(pr), float(pq)) / float(pq + qr - pr);
 }
+
+vec2 wide_weight(dvec2 p, dvec2 q, dvec2 r) {
+    double pq = turn(p, q), qr = turn(q, r), pr = turn(p, r);
+    return vec2(-float(pr), float(pq)) / float(pq + qr - pr);
+}
+
+#if LEFT
+
+void show_left(ivec2 pixel) {
+    int cell = cell_of(pixel);
+    uint claim = ranks[cell].claim;
+    ranks[cell].claim = NO_CLAIM;
+    bool upper = (claim & 1u) == 0u;
+    ivec2 mesh = mesh_size();
+    uint quads = uint(mesh.x * mesh.y);
+    int part = int((claim >> 1) / quads);
+    ivec2 first = place_of(int((claim >> 1) - uint(part) * quads), mesh.x);
+    Quad quad = load_quad(first, part);
+    int second = upper ? 1 : 2;
+    ivec2 centre = pixel * SUB + SUB / 2;
+    vec2 weight = wide_weight(quad.a - centre, (upper ? quad.b : quad.c) - centre,
+                              (upper ? quad.c : quad.d) - centre);
+    show(pixel_of(first + corner(source_of(part, 0))),
+         pixel_of(first + corner(source_of(part, second))),
+         pixel_of(first + corner(source_of(part, second + 1))),
+         quad.fa, upper ? quad.fb : quad.fc, upper ? quad.fc : quad.fd, weight);
+    store(pixel);
+}
+
+void main() {
+    uint stride = gl_NumWorkGroups.x * ROW;
+    for (uint slot = gl_GlobalInvocationID.x; slot < left_count; slot += stride)
+        show_left(place_of(int(entries[slot]), target_size.x));
+}
+
+#else
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, target_size))) return;
-    uint cell = uint(pixel.y * target_size.x + pixel.x);
-    uint key = keys[cell];
-    uint index = winners[cell];
-    keys[cell] = NOTHING;
-    winners[cell] = NOTHING;
+    int cell = cell_of(pixel);
+    uint key = ranks[cell].key;
+    uint claim = ranks[cell].claim;
+    ranks[cell].key = NOTHING;
 
+    ivec2 mesh = mesh_size();
+    bool own = (claim >> 1) < uint(mesh.x * mesh.y);  // not of a strip or another part
+    bool upper = (claim & 1u) == 0u;
+    ivec2 vp = place_of(int(claim >> 1), mesh.x);
+    ivec2 vq = vp + (upper ? ivec2(1, 0) : ivec2(1)), vr = vp + (upper ? ivec2(1) : ivec2(0, 1));
+    ivec2 p = pixel_of(vp), q = pixel_of(vq), r = pixel_of(vr);
     if (key == NOTHING) {
         if (bool(EXTEND)) unreached = 1u;
-        imageStore(warped_colour, pixel, vec4(0.0));
-        imageStore(warped_depth_m, pixel, vec4(bool(EXTEND) ? 0.0 : INFINITE));
-        imageStore(warped_flow_px, pixel, vec4(0.0));
-        return;
-    }
-    ivec2 mesh = mesh_size();
-    uint quads = uint(mesh.x * mesh.y);
-    int part = 0;
-    if (index >= quads) {  // few are: whole pieces of a frame have none
-        part = int(index / quads);
-        index -= uint(part) * quads;
-    }
-    ivec2 first = place_of(int(index), mesh.x);
-    Quad quad = load_quad(first, part);
-
-    vec4 shown = vec4(0.0);
-    // In holes the farthest corner; the first of equals, in reading order.
-    float depth = quad.depth.x;
-    vec2 motion = quad.fa;
-    if (quad.depth.y > depth) { depth = quad.depth.y; motion = quad.fb; }
-    if (quad.depth.w > depth) { depth = quad.depth.w; motion = quad.fd; }
-    if (quad.depth.z > depth) { depth = quad.depth.z; motion = quad.fc; }
-    if ((key & STRETCHED) == 0u) {
+    } else if (key >= STRETCHED) {
+        // In holes the farthest corner's; the first of equals, in reading order.
+        depth = imageLoad(depth_m, p).x;
+        motion = imageLoad(flow_px, p).xy;
+        for (int k = 1; k < 4; ++k) {
+            ivec2 at = pixel_of(vp + ivec2(k & 1, k >> 1));
+            float there = imageLoad(depth_m, at).x;
+            if (there > depth) {
+                depth = there;
+                motion = imageLoad(flow_px, at).xy;
+            }
+        }
+    } else {
         ivec2 centre = pixel * SUB + SUB / 2;
-        ivec2 a = quad.a - centre, b = quad.b - centre, c = quad.c - centre, d = quad.d - centre;
-        Areas area;
-        if (max(max(longest(a), longest(b)), max(longest(c), longest(d))) <= NARROW)
-            area = narrow_areas(a, b, c, d);
-        else
-            area = wide_areas(a, b, c, d);
-        vec2 weight;
-        bool upper;
-        covers(quad, area, weight, upper);
-
-        vec3 base = colour_at(first, part, 0);
-        vec3 second = colour_at(first, part, upper ? 1 : 2);
-        vec3 third = colour_at(first, part, upper ? 2 : 3);
-        vec3 mixed = base + weight.x * (second - base) + weight.y * (third - base);
-        shown = vec4(clamp(mixed, 0.0, 1.0), 1.0);
-        motion = quad.fa + weight.x * ((upper ? quad.fb : quad.fc) - quad.fa)
-               + weight.y * ((upper ? quad.fc : quad.fd) - quad.fa);
-        vec2 rest = upper ? quad.depth.yz : quad.depth.zw;
-        depth = blend_depth(quad.depth.x, rest.x, rest.y, weight);
+        vec2 fp = imageLoad(flow_px, p).xy;
+        vec2 fq = imageLoad(flow_px, q).xy, fr = imageLoad(flow_px, r).xy;
+        ivec2 to_p = position(vp, fp) - centre;
+        ivec2 to_q = position(vq, fq) - centre, to_r = position(vr, fr) - centre;
+        if (!own || max(longest(to_p), max(longest(to_q), longest(to_r))) > NARROW) {
+            entries[atomicAdd(left_count, 1u)] = uint(cell);
+            return;
+        }
+        show(p, q, r, fp, fq, fr, narrow_weight(to_p, to_q, to_r));
     }
-    imageStore(warped_colour, pixel, shown);
-    imageStore(warped_depth_m, pixel, vec4(depth));
-    imageStore(warped_flow_px, pixel, vec4(motion, 0.0, 0.0));
+    ranks[cell].claim = NO_CLAIM;
+    store(pixel);
 }
+
+#endif

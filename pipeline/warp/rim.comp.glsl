@@ -12,7 +12,7 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // NOTHING, as the last stage left them; RIM between the two dispatches.
-layout(std430) buffer Keys { uint keys[]; };
+layout(std430) buffer Ranks { uvec2 ranks[]; };  // x: the key
 
 layout(rgba32f) uniform image2D warped_colour;  // a: 1 known, 0 hole
 layout(rg32f) uniform readonly image2D warped_flow_px;
@@ -48,10 +48,10 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     ivec2 size = imageSize(warped_colour);
     if (any(greaterThanEqual(pixel, size))) return;
-    uint cell = uint(pixel.y * size.x + pixel.x);
+    int cell = pixel.y * size.x + pixel.x;
 #if CLEAR
-    if (keys[cell] == NOTHING) return;
-    keys[cell] = NOTHING;
+    if (ranks[cell].x == NOTHING) return;
+    ranks[cell].x = NOTHING;
     imageStore(warped_colour, pixel, vec4(0.0));
 #else
     if (hole_at(pixel)) return;
@@ -60,6 +60,6 @@ void main() {
         || rim_along(pixel, ivec2(0, -1), motion) || rim_along(pixel, ivec2(0, 1), motion)
         || rim_along(pixel, ivec2(-1, -1), motion) || rim_along(pixel, ivec2(1, -1), motion)
         || rim_along(pixel, ivec2(-1, 1), motion) || rim_along(pixel, ivec2(1, 1), motion))
-        keys[cell] = RIM;
+        ranks[cell].x = RIM;
 #endif
 }

@@ -1,22 +1,38 @@
 #version 430
 // Rank the quads that cover a few pixels, one per invocation; list those that cover many, or
-// may be torn, for large.comp.glsl.
+// may be torn, for large.comp.glsl. A second dispatch takes those that contested a pixel.
 // Twin: coverage() and nearest() in reference.py. Change both or neither.
 
-#constant TILE    // work-group edge, quads
-#constant SMALL   // target pixels in the bounding box of a quad drawn here, at most
-#constant EXTEND  // whether ring 0 is drawn
+#constant ROW          // work-group size, quads in a row
+#constant MOST_GROUPS  // in a row of groups of the second dispatch
+#constant SMALL        // target pixels in the bounding box of a quad drawn here, at most
+#constant EXTEND       // whether ring 0 is drawn
 
-layout(local_size_x = TILE, local_size_y = TILE) in;
+layout(local_size_x = ROW) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
 
 uniform int stretch;  // sub-pixels; a longer side may be torn
 
+void contest(uint index, uint quads) {
+    uint slot = atomicAdd(contested_count, 1u);
+    entries[quads - 1u - slot] = index;
+    if (slot % ROW != 0u) return;
+    uint group = slot / ROW;
+    if (group < MOST_GROUPS) atomicAdd(contested_groups_x, 1u);
+    else if (group % MOST_GROUPS == 0u) atomicAdd(contested_groups_y, 1u);
+}
+
 void main() {
-    ivec2 first = ivec2(gl_GlobalInvocationID.xy);
     ivec2 mesh = mesh_size();
+    uint quads = uint(mesh.x * mesh.y);
+    ivec2 first = ivec2(gl_GlobalInvocationID.xy);
+    if (round_index != 0) {
+        uint slot = gl_WorkGroupID.y * MOST_GROUPS * ROW + gl_GlobalInvocationID.x;
+        if (slot >= contested_count) return;
+        first = place_of(int(entries[quads - 1u - slot]), mesh.x);
+    }
     if (any(greaterThanEqual(first, mesh))) return;
     bool ring = in_ring_0(first);
     if (ring && !bool(EXTEND)) return;
@@ -38,14 +54,18 @@ void main() {
             && longest(high - low) <= NARROW;
     uint index = uint(first.y * mesh.x + first.x);
     if (ring || doubtful || !few) {
-        if (round_index == 0) large[atomicAdd(large_count, 1u)] = index;
+        entries[atomicAdd(large_count, 1u)] = index;
         return;
     }
-    for (int y = start.y; y <= last.y; ++y)
-        for (int x = start.x; x <= last.x; ++x) {
-            ivec2 centre = ivec2(x, y) * SUB + SUB / 2;
-            Areas area = narrow_areas(quad.a - centre, quad.b - centre,
-                                      quad.c - centre, quad.d - centre);
-            rank(quad, area, index, false, ivec2(x, y));
-        }
+    bool contested = false;
+    ivec2 pixel = start;
+    for (int left = box.x * box.y; left > 0; --left) {
+        ivec2 centre = pixel * SUB + SUB / 2;
+        Areas area = narrow_areas(quad.a - centre, quad.b - centre,
+                                  quad.c - centre, quad.d - centre);
+        if (rank(quad, area, index, false, pixel)) contested = true;
+        ++pixel.x;
+        if (pixel.x > last.x) pixel = ivec2(start.x, pixel.y + 1);
+    }
+    if (contested) contest(index, quads);
 }

@@ -55,6 +55,8 @@ def look_at_fills(orders: Orders) -> Findings:
     """Open the networks and count the frames that methods name, as far as they are here."""
     found = Findings()
     seen: set[str] = set()
+    if not any(":" in method.registry_name for method in orders.protocol.warped.methods):
+        return found
     for clip in orders.clip_names:
         method = orders.method(clip)
         kind, colon, _ = method.registry_name.partition(":")

@@ -6,43 +6,78 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stimuli.world import Mesh
 
+WHOLE_TEXTURE = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
+"""Where the corners of a sheet of two rows and two columns lie in its texture."""
+
 Height = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 
 def surface(
-    position: NDArray[np.float64], uv: NDArray[np.float64], *, closed: bool = False
+    position: NDArray[np.float64],
+    uv: NDArray[np.float64],
+    *,
+    closed: bool = False,
+    normal: ArrayLike | None = None,
 ) -> Mesh:
     """A grid of points (rows, columns, 3) as triangles with smooth normals.
 
-    `closed` says that the last column lies on the first (a tube).
+    `closed` says that the last column lies on the first (a tube). A flat sheet may give the
+    one `normal` (3,) that all of it has.
     """
     rows, columns, _ = position.shape
-    along_rows = np.gradient(position, axis=0) if rows > 1 else np.zeros_like(position)
+    count = rows * columns
+    if normal is None:
+        normals = _smooth_normals(position, closed).reshape(count, 3)
+    else:
+        normals = np.broadcast_to(np.asarray(normal, np.float64), (count, 3))
+    return Mesh(
+        position.reshape(count, 3).astype(np.float32),
+        normals.astype(np.float32),
+        uv.reshape(count, 2).astype(np.float32),
+        np.ones((count, 3), np.float32),
+        _grid_triangles(rows, columns),
+    )
+
+
+def _smooth_normals(position: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:
+    along_rows = _steps(position) if len(position) > 1 else np.zeros_like(position)
     if closed:
         ring = np.concatenate([position[:, -2:-1], position, position[:, 1:2]], axis=1)
         along_columns = (ring[:, 2:] - ring[:, :-2]) / 2
     else:
-        along_columns = np.gradient(position, axis=1)
-    normal = np.cross(along_rows, along_columns)
+        along_columns = _steps(position.swapaxes(0, 1)).swapaxes(0, 1)
+    normal = _crossed(along_rows, along_columns)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    normal = np.where(length > 1e-12, normal / np.maximum(length, 1e-12), (0.0, 1.0, 0.0))
-    index = np.arange(rows * columns).reshape(rows, columns)
+    return np.where(length > 1e-12, normal / np.maximum(length, 1e-12), (0.0, 1.0, 0.0))
+
+
+def _steps(position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`np.gradient` along the first axis; for grids this small, much of its time is overhead."""
+    result = np.empty_like(position)
+    result[1:-1] = (position[2:] - position[:-2]) / 2
+    result[0], result[-1] = position[1] - position[0], position[-1] - position[-2]
+    return result
+
+
+def _crossed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`np.cross` of the last axis, without its overhead."""
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+
+
+@lru_cache(maxsize=1024)
+def _grid_triangles(rows: int, columns: int) -> NDArray[np.uint32]:
+    index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     triangles = np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3)
-    count = rows * columns
-    return Mesh(
-        position.reshape(count, 3).astype(np.float32),
-        normal.reshape(count, 3).astype(np.float32),
-        uv.reshape(count, 2).astype(np.float32),
-        np.ones((count, 3), np.float32),
-        triangles.astype(np.uint32),
-    )
+    triangles.setflags(write=False)  # meshes share it
+    return triangles
 
 
 def ground(
@@ -86,20 +121,16 @@ def box(
     faces = []
     for axis in range(3):
         u_axis, v_axis = ((2, 1), (0, 2), (0, 1))[axis]
+        counts = [max(2, round(2 * half[a] / step_m) + 1) for a in (u_axis, v_axis)]
+        uv = np.empty((counts[1], counts[0], 2))
+        uv[..., 0] = np.linspace(-half[u_axis], half[u_axis], counts[0])
+        uv[..., 1] = np.linspace(-half[v_axis], half[v_axis], counts[1])[:, None]
+        place = uv / texture_m + (np.asarray(offset) + 0.37 * axis)
         for sign in (-1.0, 1.0):
-            counts = [max(2, round(2 * half[a] / step_m) + 1) for a in (u_axis, v_axis)]
-            u, v = np.meshgrid(
-                np.linspace(-half[u_axis], half[u_axis], counts[0]),
-                np.linspace(-half[v_axis], half[v_axis], counts[1]),
-            )
-            position = np.zeros((*u.shape, 3))
+            position = np.empty((*uv.shape[:2], 3))
             position[..., axis] = sign * half[axis]
-            position[..., u_axis], position[..., v_axis] = u, v
-            shift = np.asarray(offset) + 0.37 * axis
-            face = surface(position, np.stack([u, v], -1) / texture_m + shift)
-            normal = np.zeros_like(face.normal)
-            normal[:, axis] = sign
-            faces.append(Mesh(face.position_m, normal, face.uv, face.colour, face.triangles))
+            position[..., u_axis], position[..., v_axis] = uv[..., 0], uv[..., 1]
+            faces.append(surface(position, place, normal=sign * np.eye(3)[axis]))
     x, y, z = np.asarray(centre, np.float64)
     return Mesh.joined(faces).moved(float(x), float(y), float(z), turn_deg=turn_deg)
 
@@ -207,9 +238,7 @@ def card(
     up = np.array([lean * sine, 1.0, lean * cosine]) * height_m
     base = np.asarray(foot, np.float64)
     position = np.array([[base - across, base + across], [base - across + up, base + across + up]])
-    mesh = surface(position, np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]]))
-    upward = np.tile(np.array([[0.0, 1.0, 0.0]], np.float32), (4, 1))
-    return Mesh(mesh.position_m, upward, mesh.uv, mesh.colour, mesh.triangles)
+    return surface(position, WHOLE_TEXTURE, normal=(0.0, 1.0, 0.0))
 
 
 def crown(
@@ -222,29 +251,33 @@ def crown(
     shell: float = 0.55,
 ) -> Mesh:
     """Leaf cards that fill an ellipsoid, denser outside; normals point away from its middle."""
-    meshes = []
-    middle = np.asarray(centre, np.float64)
-    for _ in range(cards):
-        way = rng.normal(size=3)
-        way /= np.linalg.norm(way)
-        place = middle + way * np.asarray(radius_m) * rng.uniform(shell, 1.0) ** 0.7
-        a = rng.normal(size=3)
-        a -= 0.35 * way * (a @ way)
-        a /= np.linalg.norm(a)
-        b = np.cross(a, rng.normal(size=3))
-        b /= np.linalg.norm(b)
-        half = card_m * rng.uniform(0.75, 1.25) / 2
-        position = np.array(
-            [[place - half * a - half * b, place + half * a - half * b],
-             [place - half * a + half * b, place + half * a + half * b]]
-        )  # fmt: skip
-        uv = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
-        flat = surface(position, uv)
-        bent = np.tile((way * 0.75 + np.array([0, 0.45, 0])).astype(np.float32), (4, 1))
-        bent /= np.linalg.norm(bent, axis=1, keepdims=True)
-        tone = np.full((4, 3), rng.uniform(0.75, 1.15), np.float32)
-        meshes.append(Mesh(flat.position_m, bent, flat.uv, tone, flat.triangles))
-    return Mesh.joined(meshes)
+    drawn = [
+        (rng.normal(size=3), rng.uniform(shell, 1.0), rng.normal(size=3), rng.normal(size=3),
+         rng.uniform(0.75, 1.25), rng.uniform(0.75, 1.15))
+        for _ in range(cards)
+    ]  # fmt: skip
+    way, out, a, b, wide, tone = (np.array(column) for column in zip(*drawn, strict=True))
+    way = _unit(way)
+    place = np.asarray(centre, np.float64) + way * np.asarray(radius_m) * out[:, None] ** 0.7
+    a = _unit(a - 0.35 * way * np.sum(a * way, axis=1, keepdims=True))
+    b = _unit(_crossed(a, b))
+    half = (card_m * wide / 2)[:, None]
+    a, b = half * a, half * b
+    corners = np.stack([place - a - b, place + a - b, place - a + b, place + a + b], axis=1)
+    bent = (way * 0.75 + np.array([0, 0.45, 0])).astype(np.float32)
+    bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+    starts = np.arange(0, 4 * cards, 4, dtype=np.uint32)
+    return Mesh(
+        corners.reshape(-1, 3).astype(np.float32),
+        np.repeat(bent, 4, axis=0),
+        np.tile(WHOLE_TEXTURE.reshape(4, 2), (cards, 1)).astype(np.float32),
+        np.repeat(tone, 12).reshape(-1, 3).astype(np.float32),
+        (starts[:, None, None] + _grid_triangles(2, 2)).reshape(-1, 3),
+    )
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def branch_path(

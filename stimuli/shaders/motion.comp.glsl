@@ -2,7 +2,7 @@
 // Where each source pixel goes, and its depth as the target sees it.
 // Twin: flow_between() in pipeline/camera.py.
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 64) in;  // rows, as the warp reads what it writes
 
 layout(r32f) uniform readonly image2D depth_m;
 layout(rg32f) uniform writeonly image2D flow_px;

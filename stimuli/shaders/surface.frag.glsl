@@ -2,7 +2,11 @@
 // One surface point: encoded colour, and its depth along the optical axis.
 // Light does not depend on the camera: a surface keeps its colour while one moves.
 
+// Depths are drawn already and written no more, so that only what is seen is lit.
+
 #include "light.glsl"
+
+layout(early_fragment_tests) in;
 
 in vec3 world;
 in vec3 normal;

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from skimage import data
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
+from pipeline.foveation import reference
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, select
 from pipeline.foveation.displacement import (
     DisplacementSettings,
@@ -17,10 +19,10 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
 from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
-from pipeline.foveation.moments import PARTNER_SHARE, wanted_by_blocks
+from pipeline.foveation.moments import PARTNER_SHARE, chroma_skewness, wanted_by_blocks
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
-from pipeline.foveation.reference import blur, blurred, metamer, metamer_parts
+from pipeline.foveation.reference import bent, blur, blurred, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
@@ -181,14 +183,55 @@ def test_the_finest_pools_are_as_wide_as_the_low_pass():
     assert spread == pytest.approx(halving_variance(), rel=1e-12)
 
 
-def test_chroma_goes_with_luma_as_it_did(rng):
+def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
     grey = noise_picture(rng, (128, 128))[..., 0] - 0.5
     picture = 0.5 + grey[..., None] * (1.0, 0.5, 0.1)
     pools = pools_of(128, 128, (-200, 64))
+    monkeypatch.setattr(reference, "MOST_BEND", 0.0)  # this noise has skewness by chance
     parts = metamer_parts(picture, pools, SETTINGS, 1)
     noise = parts.noise[parts.noise[..., 0] != 0]
     np.testing.assert_allclose(noise[:, 1], 0.5 * noise[:, 0], atol=1.2e-3)
     np.testing.assert_allclose(noise[:, 2], 0.1 * noise[:, 0], atol=1.2e-3)
+
+
+GREY, YELLOW = (0.4, 0.4, 0.4), (0.9, 0.8, 0.1)
+
+
+def test_chromas_skewness_is_that_of_the_pool():
+    """By hand: of a share p and two values, (1 - 2 p) / sqrt(p (1 - p)); Cb of yellow is low."""
+    yellow = np.zeros((256, 256, 1), bool)
+    yellow[::8, ::8] = True
+    lows = chain_of(np.where(yellow, YELLOW, GREY), chain_length(256, 256), wraps=False)
+    lows[1] = lows[0][::2, ::2]  # no mixed colours, and a share of 1 in 16
+    pools = pools_of(256, 256, (-4000, 128))
+    by_hand = (1 - 2 / 16) / np.sqrt(15 / 256)
+    np.testing.assert_allclose(chroma_skewness(lows, pools)[32, 32], (-by_hand, by_hand), rtol=5e-3)
+
+
+def test_bent_noise_has_the_skewness_asked_for_no_mean_and_a_bound(rng):
+    """By hand: n + b (n^2 - 1) has variance 1 + 2 b^2 and third moment 6 b + 8 b^3."""
+    normal = rng.standard_normal(1_000_000)
+    for bend in (-0.2, -0.05, 0.0, 0.1):
+        found = bent(normal, np.full_like(normal, bend), np.full_like(normal, bend))
+        wanted = (6 * bend + 8 * bend**3) / (1 + 2 * bend**2) ** 1.5
+        assert found.mean() == pytest.approx(0, abs=0.005)
+        assert found.std() == pytest.approx(1, abs=0.005)
+        assert stats.skew(found) == pytest.approx(wanted, abs=0.03)
+    strongest = bent(normal, np.full_like(normal, 0.5), np.full_like(normal, 0.5))
+    assert strongest.min() == pytest.approx(-1 / np.sqrt(1.5), abs=1e-12)
+
+
+def test_noise_hardly_shows_the_complement_of_a_pools_rare_colour(rng, monkeypatch):
+    """Grey and yellow have no blue: a tenth of the pixels had without skewness, none has now."""
+    yellow = (rng.random((64, 64, 1)) < 0.1).repeat(4, axis=0).repeat(4, axis=1)
+    picture, pools = np.where(yellow, YELLOW, GREY), pools_of(256, 256, (-1500, 128))
+
+    def blue_share():
+        return (ycbcr_from_rgb(metamer(picture, pools, SETTINGS, 1))[..., 1] > 0.1).mean()
+
+    assert blue_share() < 0.001
+    monkeypatch.setattr(reference, "MOST_BEND", 0.0)
+    assert blue_share() > 0.05
 
 
 def test_full_chroma_gives_back_what_luma_cannot_explain(rng):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.frame import WarpedFrame
+from pipeline.frame_textures import FrameTextures
 from pipeline.methods.registry import create_method
 from pipeline.shiftmap.plate import ShiftMapPlate
 from stimuli.fills import Fills
@@ -96,8 +97,16 @@ def test_known_pixels_keep_their_bits(rng):
 class Gliding:
     """Views of noise that glides behind a foreground, from two sources."""
 
-    def __init__(self) -> None:
+    def __init__(self, ctx=None) -> None:
         self.plane = np.random.default_rng(2).random((32, 96, 3), np.float32)
+        self._ctx, self._textures = ctx, None
+
+    def warped_textures(self, frame: int) -> FrameTextures:
+        """The textures of the last frame are overwritten, as a footage's are."""
+        if self._textures is None:
+            self._textures = FrameTextures.of(self._ctx, self.warped(frame))
+        self._textures.upload(self.warped(frame))
+        return self._textures
 
     def source_key(self, frame: int) -> int:
         return frame // 3
@@ -122,29 +131,72 @@ def method(module_gl_context):
 
 
 @pytest.fixture(scope="module")
-def in_sequence(method):
-    fills = Fills(method, Gliding(), 1)
+def views(module_gl_context):
+    return Gliding(module_gl_context)
+
+
+@pytest.fixture(scope="module")
+def in_sequence(method, views):
+    fills = Fills(method, views, 1)
     return [fills.frame(k) for k in range(6)]
 
 
 @pytest.mark.parametrize("order", [[5], [2, 5, 4], [4, 1]])
-def test_frame_k_alone_is_frame_k_of_a_sequence(method, in_sequence, order):
-    fills = Fills(method, Gliding(), 1)
+def test_frame_k_alone_is_frame_k_of_a_sequence(method, views, in_sequence, order):
+    fills = Fills(method, views, 1)
 
     for k in order:
         assert fills.frame(k).tobytes() == in_sequence[k].tobytes()
 
 
 def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have_not(
-    method, in_sequence
+    method, views, in_sequence
 ):
-    views = Gliding()
     own = [method.fill(views.warped(k), 1) for k in range(5)]
 
     assert (own[0] == in_sequence[0]).all()
     assert (own[3] == in_sequence[3]).all()
     assert (own[1] != in_sequence[1]).any()
     assert (own[4] != in_sequence[4]).any()
+
+
+def test_a_clip_is_the_same_as_by_arrays(method, views, in_sequence):
+    """Every frame filled by itself, and settled on the plate that the numpy twin is."""
+    plate = ShiftMapPlate(THRESHOLD)
+    for k in range(3):
+        warped = views.warped(k)
+        settled = plate.settle(warped, method.fill(warped, 1))
+        assert settled.tobytes() == in_sequence[k].tobytes()
+    assert (in_sequence[2] != method.fill(views.warped(2), 1)).any()
+
+
+def test_a_new_source_frees_the_plate_of_the_last(method, views):
+    fills = Fills(method, views, 1)
+    fills.frame(0)
+    plate = fills._plate
+    assert plate.held
+    fills.frame(3)
+    assert not plate.held
+    fills.release()
+    assert fills._plate is None
+
+
+class Arrays:
+    """A method of another package, whose plate takes arrays."""
+
+    def fill(self, warped: WarpedFrame, seed: int) -> np.ndarray:
+        return np.where(warped.hole[..., None], np.float32(0.25 + seed), warped.colour)
+
+    def release(self) -> None: ...
+
+    def new_plate(self) -> ShiftMapPlate:
+        return ShiftMapPlate(THRESHOLD)
+
+
+def test_a_method_of_arrays_has_a_plate_of_arrays():
+    found = Fills(Arrays(), Gliding(), 0).frame(1)
+
+    assert (found[:, 16:26] == 0.25).all()
 
 
 def test_a_method_without_a_plate_fills_every_frame_by_itself():

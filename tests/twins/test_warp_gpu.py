@@ -325,20 +325,21 @@ def test_dispatches_are_counted_right_and_a_rim_holds_no_memory(gl_context, monk
     warped = FrameTextures.create(gl_context, (48, 40))
     held = set()
     for settings_, dispatches in (
-        (WarpSettings("remove"), 6),
-        (WarpSettings(), 8),
-        (WarpSettings(rim_px=2), 10),
+        (WarpSettings("remove"), 7),
+        (WarpSettings(), 9),
+        (WarpSettings(rim_px=2), 11),
     ):
         made = []
         warp_pass = WarpPass(gl_context, (48, 40), settings=settings_)
         with monkeypatch.context() as patch:
-            before = moderngl.ComputeShader.run
+            for name in ("run", "run_indirect"):
+                before = getattr(moderngl.ComputeShader, name)
 
-            def counted(shader, *groups, before=before, made=made):
-                made.append(groups)
-                before(shader, *groups)
+                def counted(shader, *groups, before=before, made=made):
+                    made.append(groups)
+                    before(shader, *groups)
 
-            patch.setattr(moderngl.ComputeShader, "run", counted)
+                patch.setattr(moderngl.ComputeShader, name, counted)
             warp_pass(*sources, warped)
         assert len(made) == warp_pass.dispatches == dispatches
         held.add(warp_pass.held_bytes)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage
 
 Plane = NDArray[np.float64]
+Picture = NDArray[np.float64]
+"""Shape (N, N, 3); it lies in memory channel by channel, which makes what is done to it fast."""
 Colour = tuple[float, float, float]
 Texture = NDArray[np.uint8]
 
@@ -34,7 +36,7 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
     from skimage import data
 
     grey = np.asarray(getattr(data, name)(), np.float64)[:512, :512]
-    grey = grey - ndimage.gaussian_filter(grey, 48, mode="reflect")
+    grey = grey - blurred(grey, 48.0)
     shifted = np.roll(grey, (256, 256), (0, 1))
     ramp = np.minimum(np.arange(512), 511 - np.arange(512)) / 48.0
     weight = np.clip(np.minimum(ramp[:, None], ramp[None, :]), 0, 1)
@@ -47,28 +49,56 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
     return np.asarray((mixed - mixed.mean()) / mixed.std())
 
 
-def ramp(plane: Plane, colours: Sequence[Colour]) -> NDArray[np.float64]:
+def ramp(plane: Plane, colours: Sequence[Colour]) -> Picture:
     """Colour by value: `plane` in [0, 1] along `colours` (encoded, 0 to 255)."""
-    stops = np.linspace(0, 1, len(colours))
     table = np.asarray(colours, np.float64)
-    return np.stack([np.interp(plane, stops, table[:, c]) for c in range(3)], axis=-1)
-
-
-def finish(colour: NDArray[np.float64], coverage: Plane | None = None) -> Texture:
-    """Round to bytes; where there is no coverage, colour goes on, so that edges do not fringe."""
-    if coverage is None:
-        alpha = np.full(colour.shape[:2], 255.0)
-    else:
-        alpha = 255 * coverage
-        solid = coverage > 0.5
-        if solid.any():
-            nearest = ndimage.distance_transform_edt(
-                ~solid, return_distances=False, return_indices=True
-            )
-            colour = np.where(solid[..., None], colour, colour[tuple(nearest)])
-    rgba = np.concatenate([colour, alpha[..., None]], axis=-1)
-    result: Texture = np.rint(rgba.clip(0, 255)).astype(np.uint8)
+    step = 1 / (len(table) - 1)
+    result = shaded(np.diff(table, axis=0)[0] / step, np.clip(plane, 0, step))
+    for index, rise in enumerate(np.diff(table, axis=0)[1:] / step, 1):
+        result += shaded(rise, np.clip(plane - index * step, 0, step))
+    result += table[0]
     return result
+
+
+def shaded(tone: ArrayLike, value: Plane) -> Picture:
+    """Return the colour `tone` times each of `value`."""
+    channel = np.asarray(tone, np.float64).reshape(3, *(1,) * value.ndim)
+    return np.moveaxis(channel * value, 0, -1)
+
+
+def finish(colour: Picture, coverage: Plane | None = None) -> Texture:
+    """Round to bytes; where there is no coverage, colour goes on, so that edges do not fringe."""
+    rgba = np.empty((*colour.shape[:2], 4), np.uint8)
+    for channel in range(3):
+        rgba[..., channel] = _rounded(colour[..., channel])
+    rgba[..., 3] = 255
+    if coverage is None:
+        return rgba
+    solid = coverage > 0.5
+    if solid.any():
+        nearest = ndimage.distance_transform_edt(
+            ~solid, return_distances=False, return_indices=True
+        )
+        rgba = rgba[tuple(nearest)]
+    rgba[..., 3] = _rounded(255 * coverage)
+    return rgba
+
+
+def _rounded(plane: Plane) -> Plane:
+    within = np.clip(plane, 0, 255)
+    return np.rint(within, out=within)
+
+
+def blurred(plane: Plane, sigma: float) -> Plane:
+    """Gaussian blur of a square, reflected at its edges: a product for a cosine transform.
+
+    The kernel ends at four times `sigma`, as scipy's does.
+    """
+    reach = np.arange(1, round(4 * sigma) + 1)
+    weights = np.exp(-0.5 * (reach / sigma) ** 2)
+    waves = np.cos(np.outer(np.pi * np.arange(len(plane)) / len(plane), reach))
+    gain = (1 + 2 * waves @ weights) / (1 + 2 * weights.sum())
+    return np.asarray(fft.idctn(fft.dctn(plane) * np.outer(gain, gain)))
 
 
 def stretched(rng: np.random.Generator, size: int, ratio: float) -> Plane:
@@ -85,6 +115,9 @@ def noise(
     squared = fx**2 + fy**2
     gain = np.maximum(squared, 1.0) ** np.float32(-slope / 2)
     gain[squared < coarsest**2] = 0.0
-    waves = fft.rfft2(rng.standard_normal((size, size), np.float32)) * gain
-    noise = fft.irfft2(waves, (size, size))
-    return np.asarray((noise - noise.mean()) / noise.std(), np.float64)
+    waves = fft.rfft2(rng.standard_normal((size, size), np.float32), overwrite_x=True)
+    waves *= gain
+    noise = fft.irfft2(waves, (size, size), overwrite_x=True)
+    noise -= noise.mean()
+    noise /= noise.std()
+    return np.asarray(noise, np.float64)

@@ -118,8 +118,12 @@ def scatter(
         near = spine + np.outer(profile * half * length, side)
         far = spine - np.outer(profile * half * length, side)
         shifts = [(0.0, 0.0)]
-        if wrap:
-            shifts = [(dx, dy) for dx in (-size, 0, size) for dy in (-size, 0, size)]
+        if wrap:  # those that reach into the picture
+            shifts = [
+                (dx, dy) for dx in (-size, 0, size) for dy in (-size, 0, size)
+                if -2 * length < min(x0 + dx, y0 + dy)
+                and max(x0 + dx, y0 + dy) < size + 2 * length
+            ]  # fmt: skip
         for dx, dy in shifts:
             base = np.array([x0 + dx, y0 + dy])
             for outline, factor in ((near, 1.06), (far, 0.86)):
@@ -128,6 +132,6 @@ def scatter(
                 draw.polygon([tuple(point) for point in points.tolist()], fill=fill)
             rib = (*np.clip(tone * 1.25 + 8, 0, 255).astype(int).tolist(), 255)
             draw.line([tuple(p) for p in (base + spine).tolist()], fill=rib, width=2)
-    pixels = np.asarray(image, np.float64)
+    pixels = np.moveaxis(np.moveaxis(np.asarray(image), -1, 0).astype(np.float64, "C"), 0, -1)
     grain = 1 + 0.07 * fractal(rng, size, 0.6, 16)
     return pixels[..., :3] * grain[..., None], pixels[..., 3] / 255

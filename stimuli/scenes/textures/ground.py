@@ -14,6 +14,7 @@ from stimuli.scenes.textures.base import (
     fractal,
     photograph,
     ramp,
+    shaded,
 )
 from stimuli.scenes.textures.foliage import scatter
 
@@ -34,8 +35,7 @@ def pebbles(rng: np.random.Generator, colours: Sequence[Colour] | None = None) -
     stones = photograph("gravel")
     value = np.clip(0.45 + 0.19 * stones + 0.04 * fractal(rng), 0, 1)
     base = ramp(value, colours or [(28, 24, 20), (98, 90, 80), (150, 141, 128), (226, 220, 210)])
-    warmth = 9 * fractal(rng, slope=0.9)[..., None] * np.array([1.0, 0.3, -0.8])
-    return finish(base + warmth)
+    return finish(base + shaded((1.0, 0.3, -0.8), 9 * fractal(rng, slope=0.9)))
 
 
 def earth(rng: np.random.Generator) -> Texture:
@@ -47,5 +47,5 @@ def earth(rng: np.random.Generator) -> Texture:
         rng, SIZE_PX, 900, (14, 26), [(128, 82, 40), (150, 104, 54), (96, 62, 32), (168, 130, 72)]
     )
     colour = np.where(mask[..., None] > 0.5, litter, colour)
-    moss = np.clip(fractal(rng, slope=1.5) - 0.7, 0, 1)[..., None]
-    return finish(colour * (1 - 0.6 * moss) + 0.6 * moss * np.array([64.0, 84.0, 30.0]))
+    moss = 0.6 * np.clip(fractal(rng, slope=1.5) - 0.7, 0, 1)
+    return finish(colour * (1 - moss)[..., None] + shaded((64.0, 84.0, 30.0), moss))

@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from stimuli.scenes.textures.base import (
     Colour,
-    Texture,
     fractal,
 )
 
@@ -23,19 +22,20 @@ def panorama(
     """A sky with clouds, longitude x latitude, shape (1024, 2048, 3)."""
     height, width = 1024, 2048
     y = (np.arange(height) + 0.5) / height
-    up = np.clip(np.cos(np.pi * y), 0, 1)[:, None, None]
-    colour = np.asarray(horizon) + (np.asarray(zenith) - horizon) * up**0.55
-    # Clouds lie on a level sheet: they crowd towards the horizon.
-    lift = np.maximum(np.cos(np.pi * y), 0.06)[:, None]
+    up = np.clip(np.cos(np.pi * y), 0, 1)
+    clear = np.asarray(horizon) + np.subtract(zenith, horizon) * up[:, None] ** 0.55
+    sky = np.repeat(np.rint(clear.clip(0, 255)).astype(np.uint8)[:, None], width, axis=1)
+    # Clouds lie on a level sheet: they crowd towards the horizon, and end above it.
+    up = up[up > 0.07, None]
     turn = 2 * np.pi * (np.arange(width) + 0.5)[None, :] / width
-    reach = np.sqrt(1 - np.minimum(lift, 1) ** 2) / lift
+    reach = np.sqrt(1 - up**2) / up
     sheet = fractal(rng, 1024, 1.55)
     place = [(reach * np.sin(turn)) * 110 % 1024, (reach * np.cos(turn)) * 110 % 1024]
     dense = ndimage.map_coordinates(sheet, place, order=1, mode="grid-wrap")
-    thick = np.clip((dense + 2.2 * cover - 1.0) / 1.1, 0, 1)[..., None] ** 0.8
+    thick = np.clip((dense + 2.2 * cover - 1.0) / 1.1, 0, 1) ** 0.8
     thick *= np.clip((up - 0.07) * 7, 0, 1)
-    shade = np.clip(1.02 - 0.16 * thick + 0.05 * dense[..., None], 0, 1.05)
-    colour = colour * (1 - thick) + np.asarray(cloud) * shade * thick
-    whole = np.broadcast_to(colour, (height, width, 3)).clip(0, 255)
-    result: Texture = np.rint(whole).astype(np.uint8)
-    return result
+    shade = thick * np.clip(1.02 - 0.16 * thick + 0.05 * dense, 0, 1.05)
+    for channel, tone in enumerate(cloud):
+        colour = clear[: len(up), None, channel] * (1 - thick) + tone * shade
+        sky[: len(up), :, channel] = np.rint(colour.clip(0, 255))
+    return sky

@@ -1,0 +1,55 @@
+// A plate in the source frame: what was filled there, and at which depth. Whole numbers decide.
+// Twin: shiftmap/plate.py. Change both or neither.
+
+#constant SUBPIXELS  // in which motion is taken
+#constant STEPS      // of a colour, from 0 to 1
+
+layout(rgba32f) uniform image2D image;  // a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;
+layout(rg32f) uniform readonly image2D flow_px;
+layout(rg32ui) uniform uimage2D plate;   // r + (g << 16), b
+layout(r32f) uniform image2D plate_m;    // 0: nothing is kept
+layout(std430) buffer Claims { uint claims[]; };  // per texel: the first pixel that wants to write it
+
+uniform ivec2 margin;
+
+const int WHOLE = SUBPIXELS * SUBPIXELS;  // of bilinear shares
+const uint NOBODY = 0xFFFFFFFFu;
+
+bool is_within(ivec2 place, ivec2 size) {
+    return all(greaterThanEqual(place, ivec2(0))) && all(lessThan(place, size));
+}
+
+bool is_hole(ivec2 pixel) {
+    return is_within(pixel, imageSize(image)) && imageLoad(image, pixel).a < 0.5;
+}
+
+// Where a pixel lies in the plate.
+ivec2 place_of(ivec2 pixel) {
+    vec2 motion = roundEven(float(SUBPIXELS) * imageLoad(flow_px, pixel).xy);
+    return SUBPIXELS * (pixel + margin) - ivec2(motion);
+}
+
+ivec2 floored(ivec2 place) { return place >> findMSB(SUBPIXELS); }
+
+ivec2 nearest(ivec2 place) { return floored(place + SUBPIXELS / 2); }
+
+// Bilinear share of `corner` (0 or 1, twice) of the four around a place.
+int share_of(ivec2 place, ivec2 corner) {
+    ivec2 off = abs(SUBPIXELS * (floored(place) + corner) - place);
+    return (SUBPIXELS - off.x) * (SUBPIXELS - off.y);
+}
+
+ivec2 corner_of(int k) { return ivec2(k & 1, k >> 1); }
+
+// Share of hole pixels around the centre of the texel nearest to this pixel's place.
+int holes_around(ivec2 centre) {
+    int total = 0;
+    for (int k = 0; k < 4; ++k)
+        if (is_hole(floored(centre) + corner_of(k))) total += share_of(centre, corner_of(k));
+    return total;
+}
+
+uint number_of(ivec2 pixel) { return uint(pixel.y * imageSize(image).x + pixel.x); }
+
+uint texel_number(ivec2 texel) { return uint(texel.y * imageSize(plate_m).x + texel.x); }

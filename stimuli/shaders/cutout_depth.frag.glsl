@@ -1,0 +1,12 @@
+#version 430
+// Depth alone, of cut-outs: for shadow maps, and ahead of the costly light.
+
+in vec2 uv;
+
+uniform sampler2D albedo;
+
+#include "coverage.glsl"
+
+void main() {
+    if (uncovered(uv, texture(albedo, uv).a)) discard;
+}
