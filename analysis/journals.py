@@ -62,8 +62,8 @@ def read_study(
     paths = find_journals(folder)
     if not paths:
         raise StudyError(
-            f"{folder}: must hold at least one sitting (no journal.jsonl was found);"
-            " name the folder that sessions were recorded into"
+            f"{folder}: must hold at least one session (no journal.jsonl was found);"
+            " name the folder that holds the recorded sessions"
         )
     readings: list[Reading] = []
     notes: list[str] = []
@@ -85,8 +85,8 @@ def read_study(
         progress("reading journals", len(paths), len(paths))
     if not readings:
         raise StudyError(
-            f"{folder}: must hold at least one readable sitting"
-            f" (of {len(paths)} journals none can be used): " + "; ".join(notes)
+            f"{folder}: must hold at least one readable session"
+            f" (none of {len(paths)} journals can be used): " + "; ".join(notes)
         )
     _check_one_study(folder, readings, protocol)
     notes += _note_manifests(readings)
@@ -177,7 +177,7 @@ def _not_vouched_for(readings: Sequence[Reading]) -> list[str]:
 def _named(names: Sequence[str]) -> str:
     if len(names) <= 3:
         return ", ".join(names)
-    return f"{', '.join(names[:3])} and {len(names) - 3} more sittings"
+    return f"{', '.join(names[:3])} and {len(names) - 3} more sessions"
 
 
 def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyProtocol) -> None:
@@ -190,13 +190,13 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
             for digest, names in sorted(hashes.items())
         )
         raise StudyError(
-            f"{folder}: all sittings must follow one protocol (found {len(hashes)}: {listed});"
-            " analyse each study on its own"
+            f"{folder}: all sessions must follow one protocol (found {len(hashes)}: {listed});"
+            " analyse each study separately"
         )
     (digest,) = hashes
     if digest != protocol.sha256:
         raise StudyError(
-            f"{folder}: sittings must follow the protocol given ({protocol.study.name},"
+            f"{folder}: sessions must follow the protocol given ({protocol.study.name},"
             f" {protocol.sha256[:12]}…) (got {digest[:12]}…); give the protocol file as it was"
             " when the sessions were recorded"
         )
@@ -204,7 +204,7 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
     if len(kinds) > 1:
         simulated = [reading.name for reading in readings if reading.start.simulated]
         raise StudyError(
-            f"{folder}: simulated and recorded sittings must not be mixed"
+            f"{folder}: simulated and recorded sessions must not be mixed"
             f" (simulated: {', '.join(simulated[:5])}); keep them in separate folders"
         )
     people: dict[str, str] = {}
@@ -213,7 +213,7 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
         code = reading.start.participant
         if code in people:
             raise StudyError(
-                f"{folder}: every participant must have one sitting (got {code!r} in"
+                f"{folder}: every participant must have one session (got {code!r} in"
                 f" {people[code]} and {reading.name}); move the copy out of this folder"
             )
         people[code] = reading.name
@@ -230,9 +230,9 @@ def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
         )
         if len(told) >= COPIED_ATTEMPTS and told in seen:
             raise StudyError(
-                f"{folder}: every sitting must be of its own (all {len(told)} attempts of"
-                f" {reading.name} are those of {seen[told]}, under another code); move the copy out"
-                " of this folder"
+                f"{folder}: every session must be recorded once (all {len(told)} attempts of"
+                f" {reading.name} equal those of {seen[told]}, under another code); move the copy"
+                " out of this folder"
             )
         seen[told] = reading.name
 
@@ -249,6 +249,6 @@ def _note_manifests(readings: Sequence[Reading]) -> list[str]:
         for digest, names in sorted(made.items())
     )
     return [
-        f"sittings were shown stimuli of {len(made)} different manifests ({listed}): make sure that"
+        f"sessions used stimuli of {len(made)} different manifests ({listed}): make sure that"
         " they may be taken together"
     ]

@@ -19,32 +19,31 @@ class Display(Model):
     name: Name
     """Its name in manifests and journals."""
     description: str = ""
-    """For people."""
+    """For readers."""
     width_px: Pixels
-    """Of the mode it runs in."""
+    """In the mode it runs in."""
     height_px: Pixels
-    """Of the mode it runs in."""
+    """In the mode it runs in."""
     width_mm: Millimetres
     """Visible area, measured with a ruler."""
     height_mm: Millimetres
     """Visible area, measured with a ruler."""
     distance_mm: Millimetres
-    """From the eye to the screen's centre, along its normal."""
+    """From the eye to the screen's centre, perpendicular to the screen."""
     refresh_hz: Hertz
-    """Nominal rate, against which times are counted in frames; a display whose measured rate is
-    within `refresh_tolerance_share` of it fits."""
+    """Nominal refresh rate. Times are counted in its refreshes."""
     refresh_tolerance_share: Annotated[float, Field(gt=0, le=0.02)] = 0.005
-    """How far the measured rate may be from the nominal one."""
+    """Largest difference between measured and nominal rate."""
     clip_memory_mib: Positive = 2048
-    """Graphics memory that clips may use: the pair shown and the next one."""
+    """Graphics memory for stimuli: the trial shown and the next one."""
     monitor: str = ""
-    """The system's name of the monitor; empty: the primary one."""
+    """The system's name of the monitor. Default: the primary one."""
     peak_cd_m2: Luminance | None = None
-    """Luminance of white; left out: not measured."""
+    """Luminance of white. Default: not measured."""
     black_cd_m2: Luminance | None = None
-    """Luminance of black; left out: not measured."""
+    """Luminance of black. Default: not measured."""
     gamma: Annotated[float, Field(gt=0)] | None = None
-    """Measured with a photometer; left out: not measured."""
+    """Measured with a photometer. Default: not measured."""
 
     @model_validator(mode="after")
     def _square_pixels(self) -> Display:

@@ -50,8 +50,8 @@ def only_build(clips: Path) -> Iterator[None]:
             with held(clips, shared=True) as beside_sittings:
                 pass  # builds share with nobody
             raise StudyError(
-                f"{clips}: must stay as it is while a sitting shows its clips (one is running);"
-                " build when it is over, or choose another --out"
+                f"{clips}: must not change while a session shows its clips (one is running);"
+                " build after it ends, or choose another --out"
                 if beside_sittings
                 else f"{clips}: another build is at work in this folder; wait for it to end, or"
                 " choose another --out"
@@ -74,7 +74,7 @@ def kept_for_sitting(clips: Path) -> Iterator[None]:
     with held(clips, shared=True) as kept:
         if kept is False:
             raise StudyError(
-                f"{clips}: must be finished before a sitting shows its clips (a build is at work in"
+                f"{clips}: must be finished before a session shows its clips (a build is at work in"
                 " this folder); wait for it to end"
             )
         yield

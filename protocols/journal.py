@@ -56,50 +56,51 @@ class Event(Model):
     """What every line says."""
 
     n: Count
-    """Number of the line, from 0, without gaps."""
+    """Line number, from 0, without gaps."""
     t_s: Stamp
-    """Session clock: monotonic, 0 when this run of the program opened the journal."""
+    """Session clock: monotonic, 0 when this run opened the journal."""
     at: UtcTime
-    """Wall clock, UTC."""
+    """Wall-clock time, UTC."""
     chain: Sha256 | None = None
-    """Checksum over this line and all before it: SHA-256 of the checksum of the line before,
-    then this line with null here, without its line feed. Null: written before there were any."""
+    """Checksum over this and all earlier lines: SHA-256 of the previous checksum followed by this
+    line with null here, without its line feed. Null in journals of older versions."""
 
 
 class DisplayReport(Model):
-    """The measurement of the display that a session relies on."""
+    """The measurement of the display."""
 
     file: str
+    """Path of the report."""
     sha256: Sha256
 
 
 class GazeInfo(Model):
-    """The gaze source of a session."""
+    """The gaze source."""
 
     source: Text
-    """`lsl`, `mouse`, `replay`, `simulated`, or an adapter's name."""
+    """`lsl`, `mouse`, `replay`, `simulated`, or the name of an adapter."""
     description: str = ""
     rate_hz: Hertz
     clock_offset_s: Stamp | None = None
-    """Added to the tracker's own stamps to give the session's clock, as measured when it was
-    opened; null where both are one clock."""
+    """Added to the tracker's stamps to give the session clock, measured on opening. Null if both
+    use one clock."""
 
 
 class SessionStart(Event):
-    """First line: everything the sitting depends on."""
+    """The first line: everything the session depends on."""
 
     kind: Literal["session-start"] = "session-start"
     format: Literal[1, 2] = 2
     study: Name
     task: Name = "two-interval"
-    """Kind of the task; format 1 knew one."""
+    """Kind of the task."""
     participant: ParticipantCode
     slot: Count
     """Counterbalancing slot."""
     language: LanguageCode
     seed: Seed
     simulated: bool
-    """True: no person sat there. Everything derived from this journal must say so."""
+    """True: no person took part. Everything made from this journal must say so."""
     protocol_sha256: Sha256
     stimuli_sha256: Sha256
     manifest_sha256: Sha256
@@ -109,21 +110,23 @@ class SessionStart(Event):
     display: Name
     display_sha256: Sha256
     display_report: DisplayReport | None
-    """Null where the display was not measured."""
+    """Null if the display was not measured."""
     refresh_hz: Hertz
+    """Refresh rate of the display."""
     gaze_mode: Literal["enforce", "warn", "monitor", "none"]
     gaze: GazeInfo | None
     revision: str
     """Version and git revision of metamerlab."""
     versions: dict[str, str]
+    """Versions of Python and packages."""
     platform: str
     timing_evidence: str = ""
-    """What vouches for the flip stamps: `glXGetSyncValuesOML`, `fence`, `unverified`,
-    `software timer`, `virtual`."""
+    """How flip times were verified: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`,
+    `virtual`."""
 
 
 class SessionResume(Event):
-    """The program was started again for the same sitting."""
+    """The program was started again for the same session."""
 
     kind: Literal["session-resume"] = "session-resume"
     revision: str
@@ -131,7 +134,7 @@ class SessionResume(Event):
     display_report: DisplayReport | None
     gaze: GazeInfo | None
     torn_file: str | None
-    """Where an unfinished last line was put aside; null where there was none."""
+    """Where an unfinished last line was moved. Null if there was none."""
 
 
 class Consent(Event):
@@ -150,12 +153,12 @@ class Calibration(Event):
     accuracy_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
     """Mean angle between target and gaze."""
     precision_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
-    """Root mean square of sample-to-sample angles."""
+    """Root mean square of angles between consecutive samples."""
     points: Count
 
 
 class BlockStart(Event):
-    """A block begins; block 0 is practice."""
+    """A block begins. Block 0 is practice."""
 
     kind: Literal["block-start"] = "block-start"
     block: Count
@@ -163,14 +166,14 @@ class BlockStart(Event):
 
 
 class BlockEnd(Event):
-    """All trials of a block were decided or given up."""
+    """Every trial of the block was completed or given up."""
 
     kind: Literal["block-end"] = "block-end"
     block: Count
 
 
 class Break(Event):
-    """A break between blocks, written when it ends."""
+    """A break between blocks, written at its end."""
 
     kind: Literal["break"] = "break"
     after_block: Count
@@ -178,25 +181,25 @@ class Break(Event):
 
 
 class Pause(Event):
-    """The session rested because the participant asked, written when it goes on."""
+    """A pause at the participant's request, written at its end."""
 
     kind: Literal["pause"] = "pause"
     duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
 
 
 class Phase(Model):
-    """One phase of an attempt as it was shown."""
+    """One phase of an attempt, as shown."""
 
     phase: Name
     """Its name in the task."""
     onset_s: Stamp
-    """Stamp of the flip that first showed it."""
+    """Time of the flip that first showed it."""
     offset_s: Stamp
-    """Stamp of the flip that replaced it."""
+    """Time of the flip that replaced it."""
     refreshes: Count
-    """Refreshes of the display between the two."""
+    """Refreshes between the two."""
     planned: Count | None
-    """Planned refreshes; null where the participant decides."""
+    """Planned refreshes. Null if the participant decides."""
     dropped: Count
     """Refreshes at which nothing new could be shown."""
     stimuli: tuple[Count, ...] = ()
@@ -207,9 +210,9 @@ class ShownStimulus(Model):
     """One stimulus of an attempt."""
 
     name: str
-    """Its name in the manifest, which is its folder."""
+    """Its name and folder in the manifest."""
     sha256: Sha256
-    """`Clip.sha256` of the manifest: the hash of its frames' hashes."""
+    """Hash of its frames' hashes (`Clip.sha256` of the manifest)."""
     frames_shown: Count
     """Different frames that reached the display."""
     frames_planned: Count
@@ -220,13 +223,13 @@ class GazeQuality(Model):
 
     samples: Count
     lost_share: Share
-    """Share of the watched time without gaze data, blinks included."""
+    """Share of the watched time without data, blinks included."""
     blinks: Count
-    """Losses short enough to be pardoned."""
+    """Losses short enough to be tolerated."""
     violations: Count
-    """Times that gaze was outside for long enough; at most 1 in mode `enforce`."""
+    """Times that gaze was outside long enough. At most 1 in mode `enforce`."""
     mean_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
-    """Mean angle between gaze and dot; null without data."""
+    """Mean angle between gaze and target. Null without data."""
     max_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
 
 
@@ -234,57 +237,61 @@ class SideFile(Model):
     """A file beside the journal, finished before the line that names it."""
 
     file: str
-    """Relative to the journal's folder."""
+    """Path relative to the journal's folder."""
     sha256: Sha256
 
 
 class Attempt(Event):
-    """One attempt at a trial is over; written once per attempt, completed or void."""
+    """One attempt at a trial, completed or void, written when it is over."""
 
     kind: Literal["attempt"] = "attempt"
     trial: TrialId
-    """Which trial of the plan."""
+    """The trial of the plan."""
     role: Role
+    """Practice is never analysed. Catch trials test attention."""
     attempt: Positive
     """1 for the first attempt at this trial."""
     position: Count
-    """Number of this attempt in the sitting, from 0."""
+    """Number of this attempt in the session, from 0."""
     block: Count
     """0 is practice."""
     repeat: Count
     """Which repeat of its condition, from 0."""
     condition: dict[str, Scalar]
-    """What was shown, column by column, as the task defines it."""
+    """What was shown, column by column."""
     track: str | None
-    """The adaptive track that chose the condition; null: it was planned."""
+    """The adaptive track that chose the condition. Null if it was planned."""
     stimuli: tuple[ShownStimulus, ...]
-    """In the order in which the task counts them."""
+    """In the order that the task defines."""
     answers: tuple[Name, ...]
-    """The answer that each response key stands for, from left to right."""
+    """The answer that each response key gives, from left to right."""
     expected: Name | None
-    """The right answer; null where there is none."""
+    """The right answer. Null if there is none."""
     outcome: Outcome
     void_reason: VoidReason | None
+    """Why a void attempt must be repeated: gaze left the window; the tracker lost the eye for
+    longer than a blink, or too much in all; gaze never rested on the target; no answer in time; too
+    many missed refreshes; the pause key; the quit key; another window took the keyboard."""
     answer: Name | None
     """The answer given."""
     correct: bool | None
-    """Whether it was right; null without an answer, or where none is right."""
+    """Whether it was right. Null without an answer or a right answer."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
-    """From the onset of the answer phase to the stamp of the key press."""
+    """From the onset of the answer phase to the key press."""
     phases: tuple[Phase, ...]
     """The phases that were shown, in order."""
     dropped: Count
     """Missed refreshes from the first watched phase to the answer phase."""
     warned: bool
-    """Mode `warn`: the participant was told that gaze had left the dot."""
+    """In mode `warn`: the participant was told that gaze had left the target."""
     gaze: GazeQuality | None
     gaze_file: SideFile | None
-    """Samples: CSV with t_s, raw_t, x_px, y_px (empty = lost)."""
+    """Samples: CSV with t_s, raw_t, x_px, y_px (empty: lost)."""
     flips_file: SideFile | None
-    """Every flip: CSV with flip (its number, as in the frame strip), t_s, interval_s, refreshes,
-    kind, late_s, evidence, phase, clip_frame, frame_sha256; of several stimuli at once, the last
-    two hold one entry each, with a space between."""
+    """Every flip: CSV with flip (number, as in the frame strip), t_s, interval_s, refreshes, kind,
+    late_s, evidence, phase, clip_frame, frame_sha256. For several stimuli at once the last two hold
+    one entry each, separated by a space."""
 
     @property
     def stimulus_names(self) -> tuple[str, ...]:
@@ -313,23 +320,23 @@ class Attempt(Event):
 
 
 class Answer(Event):
-    """One answer of the closing questions."""
+    """An answer to a closing question."""
 
     kind: Literal["answer"] = "answer"
     question: Name
     text: str
-    """As typed or chosen: hostile until escaped."""
+    """As typed or chosen. Escape it before use."""
 
 
 class Note(Event):
-    """Something the operator or the program wants remembered."""
+    """A remark by the operator or the program."""
 
     kind: Literal["note"] = "note"
     text: Text
 
 
 class Withdrawal(Event):
-    """The participant withdrew: the only event that is left of a sitting."""
+    """The participant withdrew. The only event left of a session."""
 
     kind: Literal["withdrawal"] = "withdrawal"
     study: Name
@@ -338,12 +345,12 @@ class Withdrawal(Event):
 
 
 class SessionEnd(Event):
-    """Last line of a run of the program; a session that was quit can be resumed after it."""
+    """The last line of a run. A session that was quit can be resumed."""
 
     kind: Literal["session-end"] = "session-end"
     reason: Literal["completed", "quit", "consent-refused", "disk-full", "tracker-lost", "error"]
     completed_trials: Count
-    """Main trials decided so far."""
+    """Main trials completed so far."""
     message: str = ""
 
 

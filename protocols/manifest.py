@@ -38,7 +38,7 @@ MANIFEST_NAME = "manifest.json"
 
 
 class Renderer(Model):
-    """What drew the clips; bytes are promised to repeat on one renderer only."""
+    """What drew the clips. Bytes repeat on the same renderer only."""
 
     vendor: str
     renderer: str
@@ -46,11 +46,10 @@ class Renderer(Model):
 
 
 class Clip(Model):
-    """One stimulus: a folder of PNG frames of its name; a still has one frame."""
+    """One stimulus: a folder of PNG frames. A still has one frame."""
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9]+([-_]{1,2}[a-z0-9]+)*$")]
-    """Its name in plans and journals, and its folder: of warped clips
-    ``scene__size__method``."""
+    """Its name in plans and journals, and its folder. Warped clips: `scene__size__method`."""
     condition: dict[Name, Scalar]
     """What it shows, column by column."""
     width_px: Pixels
@@ -59,11 +58,11 @@ class Clip(Model):
     bit_depth: Literal[8, 16]
     seed: Seed
     parameters: Parameters
-    """Everything the clip was made with, resolved: camera path, extent, method parameters."""
+    """Everything the clip was made with: camera path, extent, method parameters."""
     hole_share: Share | None = None
-    """Mean share of hole pixels over the frames, as measured; null where nothing was warped."""
+    """Measured mean share of hole pixels. Null if nothing was warped."""
     cache_key: Sha256
-    """Hash of inputs, parameters and the method's sources; equal keys mean equal frames."""
+    """Hash of inputs, parameters and the method's source code. Equal keys mean equal frames."""
     frames_sha256: Annotated[tuple[Sha256, ...], Field(min_length=1)]
     """Hash of every PNG file, in order."""
 
@@ -82,19 +81,19 @@ class Clip(Model):
 
 
 class Manifest(Model):
-    """Every clip of one study, built for one display."""
+    """Every clip of a study, built for one display."""
 
     format: Literal[1, 2]
-    """Version of this file format; folders of format 1 stay what they were."""
+    """Version of the file format."""
     study: Name
     stimuli_sha256: Sha256
-    """`StudyProtocol.stimuli_sha256` of the protocol the clips were built for."""
+    """Hash of the part of the study that determines the pixels."""
     display: Name
     revision: str
     """Version and git revision of metamerlab."""
     renderer: Renderer
     versions: dict[str, str]
-    """Python and the packages that take part in making pixels."""
+    """Versions of Python and of packages that make pixels."""
     simulated: bool = False
     """True for a manifest without pixels, as simulated sessions use it."""
     clips: tuple[Clip, ...]

@@ -149,6 +149,6 @@ def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
     if length_s > LONGEST_SITTING_S:
         yield Problem(
             "design",
-            f"a sitting takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"
-            " 1.5 s; people tire: fewer repeats, scenes or sizes, or several sittings?",
+            f"a session takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"
+            " 1.5 s; people tire. Use fewer repeats, scenes or sizes, or several sessions",
         )

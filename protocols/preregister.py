@@ -155,10 +155,12 @@ def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] |
         "Participants",
         (
             [
-                f"Planned participants: {protocol.study.participants}. Collection ends when so many"
-                " have completed their sitting.",
+                f"Planned participants: {protocol.study.participants}. Collection ends when this"
+                " many have completed their session.",
                 looks,
-                f"Why so many: {why}" if why else "Why so many is not stated.",
+                f"Reason for this number: {why}"
+                if why
+                else "The reason for this number is not stated.",
                 "Power is not stated." if power is None else _power(power),
             ],
         ),

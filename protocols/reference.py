@@ -1,10 +1,15 @@
-"""The reference of a format for people: a table per class, made from the published schema."""
+"""The reference of a format for people: a section per class, made from the published schema."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from protocols.publish import json_schema
+from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS
+from protocols.units import NAME_LENGTH, NAME_PATTERN
 
 _BOUNDS = (
     ("exclusiveMinimum", ">"),
@@ -12,10 +17,56 @@ _BOUNDS = (
     ("exclusiveMaximum", "<"),
     ("maximum", "<="),
 )
+_SCALAR = "true or false or whole number or number or text"
+_TYPES = {
+    f"text `{NAME_PATTERN}`": "name",
+    f"text `{KEY_PATTERN}`": "key",
+    "text `^[0-9a-f]{64}$`": "hash",
+    "whole number >= 0, <= 9.22337e+18": "seed",
+    "whole number > 0": "count",
+    "share >= 0, <= 1": "share",
+    f"{_SCALAR} or list of {_SCALAR}": "values",
+    _SCALAR: "value",
+}
+"""Types that come often, by how they would be written out."""
+_MEANINGS = {
+    "name": "lower-case letters and digits, in words joined by single `-` or `_`, at most"
+    f" {NAME_LENGTH} characters",
+    "key": KEYS_IN_WORDS.removeprefix("a key: "),
+    "hash": "SHA-256 in 64 hexadecimal digits",
+    "seed": "whole number from 0 to 2^63 - 1",
+    "count": "whole number above 0",
+    "share": "number from 0 to 1",
+    "value": "true or false, a number, or text",
+    "values": "a value, or a list of values",
+}
+_UNITS = {
+    "s": "seconds",
+    "Hz": "hertz",
+    "deg": "degrees",
+    "px": "pixels",
+    "mm": "millimetres",
+    "m": "metres",
+    "cd/m2": "cd/m2",
+    "share of 1": "share",
+}
+_NAMED_OWNERS = 6
+_LEAST_SAVING = 40
+"""Words that a section of shared keys must save."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One key of a class, as it is printed."""
+
+    key: str
+    text: str
 
 
 def reference_text(name: str) -> str:
     """Return the Markdown reference of a format.
+
+    Keys that several classes share are explained once, in a section before the first of these.
 
     Parameters
     ----------
@@ -23,40 +74,116 @@ def reference_text(name: str) -> str:
         One of `protocols.publish.schema_names`.
     """
     schema: dict[str, Any] = dict(json_schema(name))
-    definitions: dict[str, Any] = schema.get("$defs", {})
-    lines = [
+    sections = _in_reading_order(schema)
+    rows = {title: [*_rows(section)] for title, section in sections.items()}
+    shared = _shared(rows)
+    body: list[str] = []
+    for title, section in sections.items():
+        groups = [owners for owners in shared if title in owners]
+        for owners in groups:
+            if owners[0] == title:
+                body += [
+                    "",
+                    f"## {_shared_title(owners)}",
+                    "",
+                    *(row.text for row in shared[owners]),
+                ]
+        body += ["", f"## {title}", ""]
+        if section.get("description"):
+            body += [*str(section["description"]).splitlines(), ""]
+        taken = {row for owners in groups for row in shared[owners]}
+        body += [row.text for row in rows[title] if row not in taken]
+        for owners in groups:
+            keys = ", ".join(f"`{row.key}`" for row in shared[owners])
+            body.append(f"- {keys}: [shared](#{_anchor(_shared_title(owners))})")
+    used = [word for word in _MEANINGS if any(_says(line, word) for line in body)]
+    return "\n".join([
         f"# Reference: {schema['title']}",
         "",
         f"Made by `metamerlab protocol schema {name} --markdown` from the classes that the program"
-        " itself reads.",
-    ]
-    if "properties" in schema:
-        lines += _table(str(schema["title"]), schema)
-    for title, definition in definitions.items():
-        if "properties" in definition:
-            lines += _table(title, definition)
-    return "\n".join(lines).rstrip() + "\n"
+        " itself reads. A key without a default is required. A key without an entry here is"
+        " refused.",
+        *(["", *(f"- *{word}*: {_MEANINGS[word]}" for word in used)] if used else []),
+        *body,
+    ]).rstrip() + "\n"  # fmt: skip
 
 
-def _table(title: str, schema: dict[str, Any]) -> list[str]:
-    required = set(schema.get("required", []))
-    lines = ["", f"## {title}", ""]
-    if schema.get("description"):
-        lines += [*str(schema["description"]).splitlines(), ""]
-    lines += ["| field | type | left out | meaning |", "| --- | --- | --- | --- |"]
-    for field, value in schema["properties"].items():
-        default = "needed" if field in required else f"`{_toml(value.get('default'))}`"
-        if field not in required and "default" not in value:
-            default = "empty"
+def _says(line: str, word: str) -> bool:
+    """Return whether a line's type has a word of ours."""
+    return f" {word}" in line.partition("):")[0].replace("(", " ")
+
+
+def _in_reading_order(schema: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the classes with keys, each after the one that first mentions it."""
+    definitions: dict[str, Any] = schema.get("$defs", {})
+    found: dict[str, dict[str, Any]] = {}
+    waiting = [(str(schema["title"]), {k: v for k, v in schema.items() if k != "$defs"})]
+    while waiting:
+        title, section = waiting.pop(0)
+        if title not in found:
+            found[title] = section
+            waiting = [(name, definitions[name]) for name in _named_in(section)] + waiting
+    return {title: section for title, section in found.items() if "properties" in section}
+
+
+def _named_in(value: object) -> Iterator[str]:
+    """Yield the names of the classes that a schema refers to."""
+    if isinstance(value, dict):
+        if "$ref" in value:
+            yield str(value["$ref"]).rpartition("/")[2]
+        for key, entry in value.items():
+            if key != "discriminator":
+                yield from _named_in(entry)
+    elif isinstance(value, list):
+        for entry in value:
+            yield from _named_in(entry)
+
+
+def _rows(section: dict[str, Any]) -> Iterator[_Row]:
+    required = set(section.get("required", []))
+    for key, value in section["properties"].items():
+        default, said = value.get("default"), ""
+        if key not in required:
+            plain = default in (None, "", []) or isinstance(default, dict)
+            said = "; optional" if plain else f"; default `{_toml(default)}`"
         meaning = " ".join(str(value.get("description", "")).split())
-        row = (f"`{field}`", _type(value), default, meaning)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
-    return lines
+        kind = _type(value)
+        if kind.endswith(" or none") and value.get("default", 0) is None:
+            kind = kind.removesuffix(" or none")
+        yield _Row(key, f"- `{key}` ({kind}{said})" + (f": {meaning}" if meaning else ""))
+
+
+def _shared(rows: dict[str, list[_Row]]) -> dict[tuple[str, ...], list[_Row]]:
+    """Return the rows that several classes share, by these classes, where that saves words."""
+    owners: dict[_Row, list[str]] = {}
+    for title, own in rows.items():
+        for row in own:
+            owners.setdefault(row, []).append(title)
+    found: dict[tuple[str, ...], list[_Row]] = {}
+    for row, titles in owners.items():
+        if len(titles) > 1:
+            found.setdefault(tuple(titles), []).append(row)
+    return {
+        titles: same
+        for titles, same in found.items()
+        if sum(len(row.text.split()) for row in same) * (len(titles) - 1)
+        - len(titles) * (len(same) + 3)
+        >= _LEAST_SAVING
+    }
+
+
+def _shared_title(owners: tuple[str, ...]) -> str:
+    if len(owners) > _NAMED_OWNERS:
+        return f"Shared by {owners[0]} and {len(owners) - 1} others"
+    return f"Shared by {', '.join(owners[:-1])} and {owners[-1]}"
+
+
+def _anchor(heading: str) -> str:
+    """Return the anchor that GitHub gives a heading."""
+    return heading.lower().replace(",", "").replace(" ", "-")
 
 
 def _toml(value: object) -> str:
-    if value is None:
-        return "none"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
@@ -68,12 +195,19 @@ def _toml(value: object) -> str:
 
 def _type(schema: dict[str, Any]) -> str:
     """Return a type in words, with unit and range."""
+    written = _written_out(schema)
+    for text, word in _TYPES.items():
+        written = written.replace(text, word)
+    return written
+
+
+def _written_out(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         name = str(schema["$ref"]).rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
     for key in ("anyOf", "oneOf"):
         if key in schema:
-            return " or ".join(dict.fromkeys(_type(part) for part in schema[key]))
+            return " or ".join(dict.fromkeys(_written_out(part) for part in schema[key]))
     if "const" in schema:
         return f"`{_toml(schema['const'])}`"
     if "enum" in schema:
@@ -81,14 +215,16 @@ def _type(schema: dict[str, Any]) -> str:
     kind = schema.get("type")
     if kind == "array":
         if "prefixItems" in schema:
-            return "list of " + " and ".join(map(_type, schema["prefixItems"]))
+            parts = [_written_out(part) for part in schema["prefixItems"]]
+            same = len([*takewhile(lambda part: part == parts[0], parts)]) == len(parts)
+            return f"{len(parts)} x {parts[0]}" if same else "list of " + " and ".join(parts)
         least = f", at least {schema['minItems']}" if schema.get("minItems") else ""
-        return f"list of {_type(schema.get('items', {}))}{least}"
+        return f"list of {_written_out(schema.get('items', {}))}{least}"
     if kind == "object":
         entries: object = schema.get("additionalProperties") or next(
             iter(schema.get("patternProperties", {}).values()), {}
         )
-        return f"table of {_type(entries)}" if isinstance(entries, dict) else "table"
+        return f"table of {_written_out(entries)}" if isinstance(entries, dict) else "table"
     words = {
         "string": "text",
         "integer": "whole number",
@@ -97,8 +233,6 @@ def _type(schema: dict[str, Any]) -> str:
         "null": "none",
     }
     bounds = [f"{sign} {schema[key]:g}" for key, sign in _BOUNDS if key in schema]
-    unit = f" {schema['unit']}" if "unit" in schema else ""
+    said = _UNITS[schema["unit"]] if "unit" in schema else words.get(str(kind), "any value")
     pattern = f" `{schema['pattern']}`" if "pattern" in schema else ""
-    return f"{words.get(str(kind), 'any value')}{pattern}{unit}" + (
-        f" {', '.join(bounds)}" if bounds else ""
-    )
+    return f"{said}{pattern}" + (f" {', '.join(bounds)}" if bounds else "")

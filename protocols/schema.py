@@ -49,18 +49,29 @@ class StudyProtocol(Model):
     """A whole study. Two studies with equal hashes are the same study."""
 
     format: Literal[1, 2]
-    """Version of this file format; files of format 1 are read as what they say in format 2."""
+    """Version of the file format. Files of format 1 are converted when read."""
     study: StudyInfo
+    """Name, title, planned number of participants."""
     display: StudyDisplay
+    """The display, and the grey around the stimuli."""
     stimuli: AnyRecipe
+    """The recipe: where the stimuli come from."""
     task: AnyTask
+    """What a participant does in a trial."""
     design: Design
+    """Repeats, order, blocks, practice."""
     trial: TrialTiming
+    """Times around the stimuli, fixation target, tolerated dropped frames."""
     gaze: Gaze
+    """What gaze must do, and what happens when it does not."""
     response: Response
+    """Keys and time-out."""
     text: TextSection
+    """Everything a participant reads."""
     analysis: AnyAnalysis
+    """Tests and exclusions, fixed before data collection."""
     privacy: Privacy
+    """Participant codes, consent, what is stored."""
     _secret: str | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -94,7 +105,7 @@ class StudyProtocol(Model):
             raise StudyError(
                 "privacy.secret_sha256: the study's secret must lie beside the study file, as"
                 " NAME.secret (it does not): without it, the order of trials is not known. Copy it"
-                " from the lab's folder; it cannot be made anew"
+                " from the lab's folder; it cannot be made again"
             )
         return int(sha256_bytes(f"{self._secret}:{self.design.seed}".encode())[:15], 16)
 

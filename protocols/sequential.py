@@ -12,16 +12,16 @@ SequentialRule: TypeAlias = Literal["obrien-fleming", "pocock", "bayes-factor"]
 
 
 class Sequential(Model):
-    """Looks at the planned test while participants still come, and when to stop."""
+    """Planned looks at the data, and when to stop."""
 
     rule: SequentialRule
-    """`obrien-fleming` hardly stops early and costs almost nothing at the end; `pocock` is as
-    willing at every look; both keep alpha over all looks (Lan-DeMets spending). `bayes-factor`
-    stops at evidence for or against a difference, and promises no error."""
+    """`obrien-fleming` rarely stops early and costs almost no power. `pocock` treats all looks
+    alike. Both keep alpha over all looks (Lan-DeMets spending). `bayes-factor` stops at evidence
+    for or against a difference and does not control error rates."""
     looks: Annotated[tuple[Positive, ...], Field(min_length=2)]
-    """Participants at each look, rising; the last is `study.participants`."""
+    """Number of participants at each look, rising. The last is `study.participants`."""
     bayes_factor: Annotated[float, Field(gt=1)] = 10.0
-    """`bayes-factor`: stop where the factor is at least this, or at most 1 over this."""
+    """For `bayes-factor`: stop at this factor or more, or at its inverse or less."""
 
     @model_validator(mode="after")
     def _looks_rise(self) -> Sequential:

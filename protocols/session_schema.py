@@ -32,45 +32,45 @@ if TYPE_CHECKING:
 
 
 class StudyInfo(Model):
-    """What the study is."""
+    """The study itself."""
 
     name: Name
-    """Its name in files and folders."""
+    """Used in file and folder names."""
     title: Text
-    """What people read."""
+    """Shown to readers of reports."""
     description: str = ""
-    """What it asks, in a sentence or two."""
+    """The question, in a sentence or two."""
     version: Text = "1"
     """Raise it when the study changes after the first participant."""
     source: str = ""
     """The publication whose design this follows."""
     participants: Positive
-    """How many people the study plans for."""
+    """Planned number of participants."""
 
 
 class StudyDisplay(Model):
-    """On which display the study runs, and what surrounds a clip."""
+    """The display, and what surrounds the stimuli."""
 
     display: Text
-    """A display that comes with metamerlab (its name), or a display file (.toml)."""
+    """Name of a display that comes with metamerlab, or a display file (.toml)."""
     background: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Encoded grey around the clip and during every wait."""
+    """Grey around the stimuli and during waits, gamma-encoded."""
 
 
 class Practice(Model):
-    """Trials before the first block; their answers are kept and never analysed."""
+    """Trials before the first block. Their answers are kept but never analysed."""
 
     trials: Positive
-    """How many in a round."""
+    """Trials per round."""
     scenes: tuple[Name, ...] = ()
-    """Left out: the scenes of the design."""
+    """Default: the scenes of the design."""
     feedback: bool = False
-    """Say after each answer whether it was right; the task must know the right answer."""
+    """Tell participants after each answer whether it was right. Needs a task with right answers, or
+    catch trials."""
     criterion_share: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Least share of right answers in a round; below it another round follows. Left out: one
-    round."""
+    """Share of right answers below which another round follows. Default: one round only."""
     rounds_max: Positive = 3
-    """How many rounds at most, where there is a criterion."""
+    """Largest number of rounds, if there is a criterion."""
 
     @property
     def rounds(self) -> int:
@@ -79,83 +79,84 @@ class Practice(Model):
 
 
 class Design(Model):
-    """How often everything is shown, and in which order."""
+    """How often each condition is shown, and in which order."""
 
     scenes: tuple[Name, ...] = ()
-    """Scenes of the main trials; left out: all."""
+    """Scenes of the main trials. Default: all."""
     repeats: Positive
-    """How often a participant meets each condition. Arrangements within a trial (which interval
-    comes first, say) take turns: with a multiple of their number (2, for `abx` 4) all come equally
-    often for everyone, else across slots."""
+    """Trials per condition and participant. Arrangements within a trial, such as which interval
+    comes first, alternate. They balance within each participant if repeats is a multiple of their
+    number (2; 4 for `abx`), otherwise across slots."""
     scene_order: Literal["random", "balanced"] = "balanced"
-    """`balanced`: each round shows every scene once, in a Latin-square order of the slot."""
+    """`balanced`: each round shows every scene once, in a Latin-square order given by the slot."""
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"
-    """Which answer the first response key stands for: swapped between slots, within a session,
-    or never. Tasks with more than two answers, or with answers that name a side, need `fixed`."""
+    """Which answer the first response key gives: swapped between participants, between trials, or
+    never. Tasks with more than two answers, or whose answers name a side, need `fixed`."""
     blocks: Positive = 1
-    """The trials are dealt into this many blocks, with breaks between."""
+    """Number of blocks, with a break between blocks."""
     break_s: SecondsOrNone = 30.0
     """Shortest break between two blocks."""
     practice: Practice | None = None
-    """Left out: no practice."""
+    """Practice trials. Default: none."""
     seed: Seed
-    """Of the order of trials."""
+    """Determines the order of trials."""
     max_attempts: Positive = 3
-    """A trial that fails this often is given up and counted as missing. What a pause, the quit key
-    or another window cut short does not count: it comes again as often as need be."""
+    """A trial void this often is given up and counted as missing. Attempts that a pause, the quit
+    key or another window interrupts do not count."""
 
 
 class TrialTiming(Model):
-    """What is common to the trials of every task: fixation before, blank after.
+    """Timing and fixation, common to all tasks.
 
-    Every time must be whole frames of the display.
+    Every time must be a whole number of display refreshes.
     """
 
     fixation_s: Seconds = 0.5
-    """How long gaze is held on the dot before the first stimulus."""
+    """How long gaze must rest on the fixation target before the first stimulus."""
     fixation_timeout_s: Seconds = 10.0
-    """How long the dot waits for that; then the attempt is void."""
+    """How long the target waits for gaze. Then the attempt is void."""
     iti_s: Seconds = 0.5
     """Blank after the answer."""
     feedback_s: Seconds = 0.8
-    """How long practice says whether an answer was right."""
+    """Duration of feedback in practice."""
     fixation_x_deg: SignedDegrees = 0.0
-    """Place of the dot, right of the screen's centre (a single stimulus is centred)."""
+    """Position of the target, right of the screen's centre. A single stimulus is centred on the
+    screen."""
     fixation_y_deg: SignedDegrees = 0.0
-    """Place of the dot, below the screen's centre."""
+    """Position of the target, below the screen's centre."""
     dot_deg: Degrees = 0.6
-    """Outer diameter of the fixation target."""
+    """Outer diameter of the target."""
     dot_over_clips: bool = False
-    """Keep the target on the screen over the stimuli. Left out: stimuli are shown untouched, and
-    the target only where it lies beside them."""
+    """Draw the target over the stimuli. Otherwise stimuli are shown unchanged, and the target only
+    where it lies beside them."""
     dropped_frames_max: Count = 2
-    """Refreshes that may be missed during an attempt; one more makes it void."""
+    """Missed refreshes tolerated per attempt. One more makes the attempt void."""
 
 
 class Gaze(Model):
-    """When gaze counts as held, and what follows when it is not."""
+    """When gaze counts as held, and what happens when it is not."""
 
     mode: Literal["enforce", "warn", "monitor", "none"]
-    """`enforce` voids and repeats; `warn` tells the participant afterwards; `monitor` only
-    records; `none` needs no tracker."""
+    """`enforce`: the attempt is void and the trial repeated. `warn`: the participant is told
+    afterwards. `monitor`: gaze is only recorded. `none`: no tracker is needed."""
     window_deg: Degrees = 1.5
-    """Largest angle between gaze and dot."""
+    """Largest angle between gaze and target."""
     violation_s: SecondsOrNone = 0.02
-    """How long gaze must be outside, over at least `violation_samples`."""
+    """Shortest time outside the window that counts as a violation."""
     violation_samples: Positive = 2
-    """How many samples in a row must be outside."""
+    """Fewest consecutive samples outside that count as a violation."""
     blink_s: SecondsOrNone = 0.15
-    """Lost data up to this long is a blink and pardoned."""
+    """Missing data up to this long counts as a blink and is tolerated."""
     blink_margin_s: SecondsOrNone = 0.05
-    """Gaze outside this shortly after a blink is the lid's doing, and pardoned."""
+    """Gaze outside the window this soon after a blink is tolerated: the lid causes it."""
     silence_s: Seconds = 0.1
-    """A tracker that sends nothing for longer has lost the eye."""
+    """A tracker that sends nothing for longer than this has lost the eye."""
     loss_max_share: Share = 0.2
-    """Share of the watched time that may be lost, blinks included."""
+    """Largest share of the watched time without data, blinks included."""
     accuracy_max_deg: Degrees = 1.0
-    """Worst mean error of a validation that still lets a block start."""
+    """Largest mean error at which validation still lets a block start."""
     rate_min_hz: Annotated[float, Field(ge=0)] = 50.0
-    """A slower gaze source is refused."""
+    """Slower gaze sources are refused."""
 
 
 KEY_PATTERN = (
@@ -173,18 +174,18 @@ Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]
 
 
 class Response(Model):
-    """Keys, and how long the answer may take."""
+    """Keys and time-out."""
 
     keys: Annotated[tuple[Keys, ...], Field(min_length=2)] = (("left",), ("right",))
-    """One entry for each answer of the task, from left to right: any of its keys gives it."""
+    """A list of keys per answer, from left to right. Any key of a list gives its answer."""
     continue_keys: Keys = ("space",)
     """Turn a page, end a break."""
     pause_keys: Keys = ("p",)
-    """End the attempt, which comes again, and rest."""
+    """End the attempt and rest. The trial is repeated."""
     quit_keys: Keys = ("escape",)
-    """Ask whether to stop; the sitting can be resumed."""
+    """Ask whether to stop. The session can be resumed."""
     timeout_s: Seconds | None = None
-    """Left out: no time-out. A later answer makes the attempt void."""
+    """A later answer makes the attempt void. Default: no limit."""
 
     def actions(self) -> dict[str, tuple[str, ...]]:
         """Return the keys of every action, by its place in the section."""
@@ -196,14 +197,14 @@ class Response(Model):
 
 
 class Question(Model):
-    """One question after the last block, answered in free text or by choice."""
+    """A question after the last block."""
 
     name: Name
-    """Its name in tables."""
+    """Its column in tables."""
     text: Text
     """What is asked."""
     choices: tuple[Text, ...] = ()
-    """Left out: free text."""
+    """Default: free text."""
 
 
 PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
@@ -213,14 +214,14 @@ PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
 class Texts(Grown):
     """Everything a participant reads, in one language.
 
-    `{left}` and `{right}` are replaced by the leftmost and rightmost answer key, `{continue}` and
-    `{quit}` by the first key of that action, `{done}` and `{total}` by numbers of blocks.
+    `{left}` and `{right}` stand for the leftmost and rightmost answer key, `{continue}` and
+    `{quit}` for the first key of that action, `{done}` and `{total}` for numbers of blocks.
     """
 
     consent: Text
-    """The first page; the continue key agrees."""
+    """The first page. The continue key agrees."""
     instructions: Annotated[tuple[Text, ...], Field(min_length=1)]
-    """One page each."""
+    """One page per entry."""
     practice: Text
     """Before the practice trials."""
     start: Text
@@ -228,31 +229,29 @@ class Texts(Grown):
     question: Text
     """While the answer is awaited."""
     answers: Annotated[dict[Name, Text], Field(min_length=2)]
-    """Label of each answer on the answer screen, by the answer's name; which answers there are is
-    the task's business."""
+    """Label of each answer of the task, by the answer's name."""
     break_page: Text
     """Between two blocks."""
     paused: Text
     """After the pause key."""
     gaze_lost: Text
-    """After an attempt that ended because gaze left the dot."""
+    """After gaze left the target."""
     too_late: Text
-    """After an attempt without an answer in time."""
+    """After no answer in time."""
     preparing: Text
-    """While clips are loaded."""
+    """While stimuli are loaded."""
     quit_question: Text
     """After the quit key."""
     thanks: Text
     """The last page."""
     right: Text | None = None
-    """After a right answer in practice; needed where practice gives feedback."""
+    """After a right answer in practice. Required for feedback."""
     wrong: Text | None = None
     """After a wrong answer in practice."""
     questions: tuple[Question, ...] = ()
     """Asked after the last block."""
     key_names: Annotated[dict[KeyName, Text], Field(default_factory=dict)]
-    """How pages call keys that bear a word, such as { space = "Leertaste" }; left out: the English
-    word."""
+    """Names of keys on pages, such as { space = "Leertaste" }. Default: the English word."""
 
     added_later: ClassVar[tuple[str, ...]] = ("key_names",)
 
@@ -261,23 +260,24 @@ class TextSection(Model):
     """Texts by language."""
 
     default_language: LanguageCode
-    """The language of a sitting that names none."""
+    """Language of sessions that do not name one."""
     languages: Annotated[dict[LanguageCode, Texts], Field(min_length=1)]
+    """The texts, by language code."""
 
 
 class Exclusions(Model):
-    """Rules fixed before the data: which sessions and trials the analysis leaves out."""
+    """What the analysis leaves out, fixed before data collection."""
 
     completed_min_share: Share = 0.8
-    """Least share of the planned main trials that were decided."""
+    """Sessions with a smaller share of completed main trials are left out."""
     catch_min_share: Share = 0.75
-    """Least share of right answers in catch trials."""
+    """Sessions with a smaller share of right answers in catch trials are left out."""
     same_side_max_share: Share = 1.0
-    """Largest share of answers with one key."""
+    """Sessions with a larger share of answers by one key are left out."""
     rt_min_s: SecondsOrNone = 0.1
-    """Faster answers are left out, one by one."""
+    """Faster answers are left out."""
     rt_max_s: Seconds | None = None
-    """Slower answers are left out, one by one; left out: none."""
+    """Slower answers are left out. Default: no limit."""
 
 
 class Analysis(Grown):
@@ -286,15 +286,16 @@ class Analysis(Grown):
     added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
 
     kind: str
-    """Which analysis: the one that goes with the task."""
+    """The analysis that belongs to the task."""
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
-    """Level of the tests."""
+    """Significance level."""
     exclusions: Exclusions = Exclusions()
+    """Default: the defaults of Exclusions."""
     sequential: Sequential | None = None
-    """Planned looks before all participants have come; left out: one test, at the end."""
+    """Planned looks before data collection ends. Default: one test, at the end."""
     reaction: Literal["summary", "models"] = "summary"
-    """Of reaction times: medians and means; `models` adds a log-normal mixed model and, where
-    answers are two and right or wrong, EZ diffusion."""
+    """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model and,
+    for two answers that are right or wrong, EZ diffusion."""
 
     def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
@@ -309,19 +310,19 @@ class Privacy(Model):
     """What is kept about a participant."""
 
     code_pattern: Text = r"[A-Za-z0-9_-]{2,32}"
-    """Regular expression that participant codes match whole: pseudonyms, never names. Without
-    look-around and references back: it is matched in time linear in the code."""
+    """Regular expression that a whole participant code must match. Codes are pseudonyms, never
+    names. Look-around and back-references are not available."""
     consent_required: bool = True
-    """Ask for consent before anything is recorded."""
+    """Ask for consent before recording anything."""
     store_gaze: bool = True
     """Keep the gaze samples of every attempt."""
     retention_months: Positive | None = None
-    """After how long the data is to be deleted; left out: not stated."""
+    """When the data must be deleted. Default: not stated."""
     contact: str = ""
-    """Whom a participant asks, printed on the consent page."""
+    """Whom participants may ask. Printed on the consent page."""
     secret_sha256: Sha256 | None = None
-    """SHA-256 of the study's secret, which lies beside the study file as NAME.secret and also seeds
-    the order of trials; left out: the order follows from the code, which can be guessed from it."""
+    """Hash of the study's secret, which lies beside the study file as NAME.secret and helps to seed
+    the order of trials. Without a secret, the order can give a participant's code away."""
 
     @model_validator(mode="after")
     def _pattern_compiles(self) -> Privacy:

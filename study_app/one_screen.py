@@ -29,7 +29,7 @@ def claim_screen() -> socket.socket:
         held.close()
         if error.errno == errno.EADDRINUSE:
             raise StudyError(
-                "one window of metamerlab may be on a desktop at a time (a sitting or a check of"
+                "only one window of metamerlab may be open on a desktop (a session or a check of"
                 " the display is open there): its participant would lose the keyboard; end it first"
             ) from None
         raise

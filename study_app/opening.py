@@ -73,7 +73,7 @@ def begin(
     if folder.exists() and not is_stillborn(folder):
         raise StudyError(
             f"participant: a code is used once (got {participant!r}, which has"
-            f" {folder}); take another code, or 'metamerlab session resume' to go on"
+            f" {folder}); choose another code, or continue with 'metamerlab session resume'"
         )
     with claimed(setting.root):
         slot = next_slot(setting.root, protocol.study.name)
@@ -209,14 +209,16 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
     """Return the plan the sitting was begun with, or say what has changed since."""
     events = recorder.events
     if not events or not isinstance(events[0], SessionStart):
-        raise StudyError(f"{recorder.path}: must begin with a session-start event; start anew")
+        raise StudyError(
+            f"{recorder.path}: must begin with a session-start event; start a new session"
+        )
     start = events[0]
     last = events[-1]
     if isinstance(last, SessionEnd) and last.reason in {"completed", "consent-refused"}:
         raise StudyError(f"{recorder.path}: the session is over ({last.reason})")
     if start.format != 2:
         raise StudyError(
-            f"{recorder.path}: a sitting is resumed in the format it was begun in (got format"
+            f"{recorder.path}: a session must be resumed in its own format (got format"
             f" {start.format}, this version records format 2); resume with revision"
             f" {start.revision}, or analyse it as it is"
         )
@@ -228,14 +230,14 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
         if now != then:
             raise StudyError(
                 f"{recorder.path}: the {what} must be the one the session began with (hash"
-                f" {then[:12]}, got {now[:12]}); restore it to go on"
+                f" {then[:12]}, got {now[:12]}); restore it to continue"
             )
     if start.simulated != setting.simulated:
         raise StudyError(f"{recorder.path}: simulated and real sessions must not be mixed")
     before = start.versions.get(_SIMULATION, setting.simulation)
     if before != setting.simulation:
         raise StudyError(
-            f"{recorder.path}: a simulated session must go on with the observer it began with"
+            f"{recorder.path}: a simulated session must continue with the same observer"
             f" ({before or 'none stated'}, got {setting.simulation or 'none stated'}); give the"
             " same --seed and options, or another folder"
         )

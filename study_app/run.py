@@ -177,7 +177,7 @@ def _language(options: SittingOptions, *, resuming: bool) -> str:
         if folder.exists() and not is_stillborn(folder):
             raise StudyError(
                 f"participant: a code is used once (got {options.participant!r}, which has"
-                f" {folder}); take another code, or 'metamerlab session resume' to go on"
+                f" {folder}); choose another code, or continue with 'metamerlab session resume'"
             )
         return options.language or protocol.text.default_language
     return read_journal(folder / JOURNAL_NAME, lenient=True).start.language

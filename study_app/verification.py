@@ -76,7 +76,7 @@ def _compare(journal: Journal, protocol: StudyProtocol) -> tuple[list[str], list
         return [], ["trials are not compared with the plan: the first line is damaged"]
     if start.protocol_sha256 != protocol.sha256:
         return [
-            f"protocol: must be the one that the session was begun with"
+            f"protocol: must be the one that the session began with"
             f" ({start.protocol_sha256[:12]}, got {protocol.sha256[:12]})"
         ], []
     plan = plan_of(protocol, start)

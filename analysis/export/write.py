@@ -85,7 +85,7 @@ def export_study(
     notes = (*study.notes, *left_out)
     if not people:
         raise StudyError(
-            f"{sessions}: must hold a sitting that may be exported: " + "; ".join(notes)
+            f"{sessions}: must hold a session that may be exported: " + "; ".join(notes)
         )
     kept = StudyReadings(tuple(recorded[person.reading.name] for person in people), notes)
     tables = tidy_tables(kept, protocol)

@@ -39,9 +39,9 @@ class Adaptive(Model):
     """What every rule has."""
 
     rule: str
-    """How the next level or pair follows from the answers: quest-plus or up-down; active-pairs."""
+    """How the next level or pair follows from the answers."""
     trials: Positive
-    """How many trials each track has."""
+    """Trials per track."""
 
     def slots(self, study: StudyProtocol, chance: Chance) -> list[Slot]:
         """Return the trials of a participant in order."""
@@ -92,7 +92,7 @@ class AdaptiveLevels(Adaptive):
     column: Name
     """The column of numbers that adapts."""
     by: tuple[Name, ...] = ()
-    """Columns whose every combination of values has a track of its own, such as `method`."""
+    """Every combination of values of these columns has its own track, such as `method`."""
 
     def levels(self, study: StudyProtocol) -> tuple[float, ...]:
         """Return the levels that the task's conditions have, rising."""
@@ -214,19 +214,19 @@ Values = Annotated[tuple[float, ...], Field(min_length=1)]
 
 
 class QuestPlusLevels(AdaptiveLevels):
-    """The level from which the answer is expected to tell most (QUEST+, Watson 2017)."""
+    """The level whose answer is expected to tell most (QUEST+, Watson 2017)."""
 
     rule: Literal["quest-plus"]
     threshold: Values
-    """Thresholds that are thought possible, rising."""
+    """Possible thresholds, rising."""
     width: Values
-    """Widths of the psychometric function that are thought possible, rising."""
+    """Possible widths of the psychometric function, rising."""
     guess: tuple[Share, ...] = (0.5,)
-    """Rates of right answers by guessing."""
+    """Possible guess rates."""
     lapse: tuple[Share, ...] = (0.02,)
-    """Rates of slips."""
+    """Possible lapse rates."""
     shape: Literal["gauss", "logistic", "gumbel", "weibull"] = "gauss"
-    """Of the psychometric function, in the report too; `weibull` where levels are above 0."""
+    """Shape of the psychometric function, also in the report. `weibull` needs levels above 0."""
     falling: bool = False
     """Answers get worse as the level rises."""
 
@@ -263,15 +263,16 @@ class UpDownLevels(AdaptiveLevels):
 
     rule: Literal["up-down"]
     start: float
-    """The first level: an easy one."""
+    """The first level. Choose an easy one."""
     harder: Values
-    """Steps after right answers: the first before the first reversal, the next after it, ..."""
+    """Steps after right answers: the first entry until the first reversal, the second until the
+    next, and so on."""
     easier: Values
-    """Steps after a wrong answer, as many."""
+    """Steps after a wrong answer, as many entries."""
     in_a_row: Positive = 1
-    """How many right answers in a row make it harder."""
+    """Right answers in a row that make the next trial harder."""
     one_at_first: bool = True
-    """Until the first reversal, one right answer makes it harder."""
+    """Until the first reversal, one right answer is enough."""
     falling: bool = False
     """Answers get worse as the level rises: harder is higher."""
 
@@ -292,7 +293,7 @@ class UpDownLevels(AdaptiveLevels):
 
 
 class ActivePairs(Adaptive):
-    """The pairs whose answers are expected to tell most, batch by batch (ASAP)."""
+    """The pairs whose answers are expected to tell most, chosen in batches (ASAP)."""
 
     rule: Literal["active-pairs"]
 

@@ -33,30 +33,30 @@ class FileEntry(Model):
     """One picture, video, or folder of frames."""
 
     name: Name
-    """Its name in this study: in plans, journals and tables."""
+    """Its name in plans, journals and tables."""
     file: Text
-    """Relative to the protocol file."""
+    """Path relative to the study file."""
     condition: dict[Name, Scalar]
     """What it shows, column by column."""
 
 
 class Files(Recipe):
-    """Pictures or videos that were made elsewhere. They are shown pixel by pixel."""
+    """Pictures or videos made elsewhere, shown pixel by pixel."""
 
     kind: Literal["files"]
     table: Text | None = None
-    """A CSV file beside the protocol: columns `stimulus` (a name), `file`, and one per column of
-    the condition, such as `scene` and `method`. Left out: `entries` says it."""
+    """CSV file beside the study file, with columns `stimulus` (a name), `file`, and one per
+    condition, such as `scene` and `method`. Default: use `entries`."""
     entries: tuple[FileEntry, ...] = ()
-    """The rows of the table; read from `table` where that is given."""
+    """The rows of the table, if there is no file."""
     width_px: Pixels
-    """Width of every picture: all have one size, and none is rescaled."""
+    """Width of every picture. Pictures are never rescaled."""
     height_px: Pixels
     """Height of every picture."""
     fps: Hertz | None = None
-    """Frames per second of every video; left out: stills."""
+    """Frame rate of every video. Leave it out for stills."""
     duration_s: Seconds | None = None
-    """Length of every video; left out: stills."""
+    """Length of every video. Leave it out for stills."""
 
     @model_validator(mode="after")
     def _one_way_to_say_it(self) -> Files:

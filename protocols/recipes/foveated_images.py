@@ -43,43 +43,42 @@ _TURN = 360
 _FINER = 1000  # of a degree: angles are whole thousandths, the same on every platform
 
 
-class View(Model):
-    """Where a panorama is looked at: the flat view that the display shows of it."""
+class PanoramaView(Model):
+    """A flat view out of a panorama."""
 
     right_deg: SignedDegrees = 0.0
-    """Longitude of the view's middle, right of the panorama's."""
+    """Longitude of the view's centre, right of the panorama's centre."""
     down_deg: SignedDegrees = 0.0
-    """Latitude of the view's middle, below the panorama's; from -90 to 90."""
+    """Latitude of the view's centre, below the panorama's centre, from -90 to 90."""
 
 
 class Picture(Model):
-    """One picture: the scene."""
+    """A picture, which is the scene."""
 
     name: Name
     """Its name in this study."""
     file: Text
-    """Relative to the protocol file; or `builtin:NAME`, a picture that metamerlab makes itself in
-    the study's size and at the display's angles."""
-    view: View | None = None
-    """The file is a whole equirectangular panorama, 2:1: show this view of it, at the angles that
-    the display has; left out: a flat picture."""
+    """Path relative to the study file, or `builtin:NAME`, drawn in the study's size and at the
+    display's angles."""
+    view: PanoramaView | None = None
+    """For a whole 2:1 equirectangular panorama: the view to show, at the display's angles. Default:
+    the picture is flat."""
 
 
 class Shown(Model):
-    """One way to show pictures."""
+    """A way to show pictures."""
 
     name: Name
-    """Its name in this study; the condition of that name, unless `method` says another."""
+    """Its name in this study."""
     method: Text | None = None
-    """A condition of `metamerlab foveate --list`; left out: the name. `files:FOLDER`, beside the
-    protocol file: made elsewhere, `000000.png` for the first picture and gaze, the next gaze of it,
-    and so on."""
+    """A condition of `metamerlab foveate --list`. Default: the name. `files:FOLDER`: pictures made
+    elsewhere, `000000.png` for the first picture and gaze, then its next gaze, and so on."""
     parameters: Parameters = Field(default_factory=dict)
-    """Of the condition; the rest keep their defaults."""
+    """Parameters of the condition. Others keep their defaults."""
     columns: dict[Name, Scalar] = Field(default_factory=dict)
-    """More columns of the table of stimuli: `{ scaling = 0.25 }`."""
+    """Further columns of the table of stimuli, such as `{ scaling = 0.25 }`."""
     label: Text | None = None
-    """What reports print for it; left out: the name."""
+    """Its name in reports. Default: the name."""
 
     @property
     def condition(self) -> str:
@@ -88,44 +87,44 @@ class Shown(Model):
 
 
 class GazePoint(Model):
-    """Where the eye looks; the study's fixation dot must be there."""
+    """Where the eye looks. The fixation target must be there."""
 
     name: Name
     """Its name in this study."""
     x_deg: SignedDegrees = 0.0
-    """Right of the picture's middle."""
+    """Right of the picture's centre."""
     y_deg: SignedDegrees = 0.0
-    """Below the picture's middle."""
+    """Below the picture's centre."""
 
 
 class Rings(Model):
-    """Landolt rings in the picture, before it is shown to the gaze: one in each stimulus."""
+    """Landolt rings drawn into the picture before foveation, one per stimulus."""
 
     eccentricities_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
-    """From the gaze to the middle of the ring."""
+    """From the gaze to the ring's centre."""
     height_deg: Degrees = 1.25
-    """Outer diameter; stroke and gap are a fifth of it (ISO 8596)."""
+    """Outer diameter. Stroke and gap are a fifth of it (ISO 8596)."""
     places: Positive = 5
-    """Rings of each kind per eccentricity, each at a polar angle of its own: one in every
-    sector of equal size, where in it follows from the seed; equal for all methods and scenes."""
+    """Rings of each kind per eccentricity. The circle is divided into as many equal sectors, and
+    the seed places one ring in each. Methods and scenes share the places."""
     scenes: Literal["each", "in-turn"] = "each"
-    """`each`: every ring in every picture; `in-turn`: every ring in one picture, the same for all
-    methods, and pictures take turns in an order that follows from the seed."""
+    """`each`: every ring in every picture. `in-turn`: every ring in one picture, the same for all
+    methods. Pictures take turns in an order given by the seed."""
     field_deg: tuple[Degrees, Degrees] | None = None
-    """Width and height of the field that rings lie in, around the gaze in the picture's middle.
-    Where a circle leaves it, sectors divide what is left of the circle. Left out: whole circles."""
+    """Width and height of the field around the gaze that rings may occupy, with the gaze at the
+    picture's centre. Sectors divide the arcs inside it. Default: whole circles."""
     gaps_deg: Annotated[tuple[SignedDegrees, ...], Field(min_length=1)] = (0.0,)
     """Directions of the gap, counter-clockwise from the right."""
     closed: bool = True
-    """Whether there are closed rings too."""
+    """Whether to show closed rings too."""
     grey: Share = 0.0
-    """Encoded grey of the ring."""
+    """Gamma-encoded grey of the ring."""
     background: Literal["foveated", "undistorted"] = "foveated"
-    """The scene around the ring: as the method shows it, or the picture itself. The method works on
-    the whole picture with the ring in it in either case."""
+    """What surrounds the ring: the method's picture, or the original. The method always works on
+    the whole picture with the ring in it."""
     rim_deg: Degrees = 0.625
-    """Before an undistorted background: so far around the ring the method is shown, and over as
-    much again it fades into the picture."""
+    """For an undistorted background: how far around the ring the method's picture is shown. Over as
+    much again it blends into the original."""
 
     def arcs(self, eccentricity_deg: float) -> tuple[float, float]:
         """Return where a ring fits in the first quarter of its circle: polar angles from, to.
@@ -182,18 +181,18 @@ class Rings(Model):
 
 
 class Cuts(Model):
-    """A line through the gaze at a random angle: the method on one side, else the reference.
+    """A line through the gaze at a random angle, with the method on one side.
 
-    Consistent stimuli are the method on both sides.
+    The other side is the reference. In consistent stimuli both sides are the method.
     """
 
     draws: Positive = 6
-    """Stimuli of each kind, each with an angle and a seed of its own."""
+    """Stimuli of each kind, each with its own angle and seed."""
     ramp_deg: Degrees = 1.0
-    """Width over which the sides are blended."""
+    """Width over which the sides blend."""
     own_seeds: bool = True
-    """Every draw has noise of its own; false: all draws of a picture by a method cut one and the
-    same picture, which is then made once."""
+    """Each draw has its own noise. If false, all draws of a picture by a method cut one picture,
+    made once."""
 
 
 class _Drawn(TypedDict, total=False):
@@ -227,30 +226,30 @@ class FoveatedStimulus:
 
 
 class FoveatedImages(Recipe):
-    """Pictures as they are shown to a gaze, by every method; stills."""
+    """Stills prepared for a gaze by several methods."""
 
     kind: Literal["foveated-images"]
     width_px: Pixels
-    """Width of every stimulus: none is rescaled on the screen."""
+    """Width of every stimulus. Stimuli are never rescaled on the screen."""
     height_px: Pixels
     """Height of every stimulus."""
     fit: Literal["exact", "cover"] = "exact"
-    """`exact`: every picture has that size; `cover`: it is scaled to cover it, and cut to it."""
+    """`exact`: pictures have this size. `cover`: they are scaled to cover it, then cropped."""
     pictures: Annotated[tuple[Picture, ...], Field(min_length=1)]
     """The scenes."""
     methods: Annotated[tuple[Shown, ...], Field(min_length=1)]
-    """The ways to show them; `reference` is the picture itself."""
+    """Ways to show a picture. `reference` is the picture itself."""
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
     """Where the eye looks."""
     draws: Positive = 1
-    """Stimuli of each kind that differ in the seed alone, where nothing is drawn in; the reference
-    has one."""
+    """Stimuli of each kind that differ in the seed only, if nothing is drawn in. The reference has
+    one."""
     texture_seed: Seed = 0
-    """Decides noise, displacements, polar angles and cuts."""
+    """Seed of noise, displacements, polar angles and cuts."""
     rings: Rings | None = None
-    """Rings in the pictures; left out: none."""
+    """Landolt rings in the pictures. Default: none."""
     cuts: Cuts | None = None
-    """Cut pictures; left out: whole ones."""
+    """Cut pictures. Default: whole pictures."""
 
     @model_validator(mode="after")
     def _names_once(self) -> FoveatedImages:

@@ -49,40 +49,44 @@ PHOTOGRAPH_RIM_PX = 1
 
 
 class View(Model):
-    """Where the camera stands before it moves; world right-handed, y up, metres."""
+    """Where the camera starts. The world is right-handed, y up, in metres."""
 
     position_m: Vector3
+    """Where the camera stands."""
     look_at_m: Vector3
+    """The point it looks at."""
     vertical_fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
-    """Vertical field of view of the built camera; left out: the scene's own."""
+    """Vertical field of view. Default: the scene's own."""
 
 
 class CirclePath(Model):
-    """A circle parallel to the image plane, around the scene's camera ([MI] 5).
+    """A circle around the scene's camera, parallel to the image plane ([MI] 5).
 
-    Its radius is solved for the hole share that the size asks for.
+    Its radius follows from the hole share of the size.
     """
 
     kind: Literal["circle"]
     turns: Annotated[float, Field(gt=0)] = 1.0
-    """Turns during one clip."""
+    """Turns per clip."""
     start_deg: SignedDegrees = 0.0
-    """Place on the circle of the first frame, counter-clockwise from the camera's right."""
+    """Where the first frame lies on the circle, counter-clockwise from the right."""
 
 
 class LinePath(Model):
-    """A straight move along `direction` in camera axes (x right, y down, z forward)."""
+    """A straight line."""
 
     kind: Literal["line"]
     direction: Vector3 = (1.0, 0.0, 0.0)
+    """In camera axes: x right, y down, z forward."""
     there_and_back: bool = True
-    """Return to the start within the clip, so that it ends where it began."""
+    """Return to the start within the clip."""
 
 
 class Keyframe(Model):
-    """One pose of a key-framed path, relative to the scene's camera."""
+    """One pose, relative to the scene's camera."""
 
     t_s: SecondsOrNone
+    """Time from the start of the clip."""
     position_m: Vector3
     yaw_deg: SignedDegrees = 0.0
     pitch_deg: SignedDegrees = 0.0
@@ -90,7 +94,7 @@ class Keyframe(Model):
 
 
 class KeyframesPath(Model):
-    """Six degrees of freedom through key frames; positions scale with the size."""
+    """Poses at key frames. Positions scale with the size."""
 
     kind: Literal["keyframes"]
     keyframes: Annotated[tuple[Keyframe, ...], Field(min_length=2)]
@@ -104,24 +108,25 @@ class KeyframesPath(Model):
 
 
 class StereoPath(Model):
-    """From the left photograph towards the right one: the true view is the other photograph."""
+    """From the left photograph towards the right one, which is the true view at its end."""
 
     kind: Literal["stereo"]
     baselines: Annotated[float, Field(gt=0)] = 1.0
-    """How far the last frame lies, in baselines of the pair."""
+    """Where the last frame lies, in baselines of the pair."""
 
 
 class UpsamplingPath(Grown):
-    """Temporal up-sampling: every n-th frame is real, the others are warped from it ([MI] 5)."""
+    """Temporal up-sampling: every n-th frame is real, the others are warped ([MI] 5)."""
 
     kind: Literal["upsampling"]
     real_every: Annotated[int, Field(ge=2)]
+    """n."""
     along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")] | None = (
         None
     )
-    """How the camera of a rendered scene moves; an OpenEXR sequence brings its own motion."""
+    """How the camera of a rendered scene moves. An OpenEXR sequence has its own motion."""
     second_source: bool = False
-    """Whether the next real frame fills, before any method does, what the last one did not see."""
+    """First fill holes from the next real frame, then with the method."""
 
     added_later: ClassVar[tuple[str, ...]] = ("second_source",)
 
@@ -147,18 +152,18 @@ class SceneBase(Model):
     name: Name
     """Its name in this study."""
     label: Text | None = None
-    """What reports print; left out: the name."""
+    """Its name in reports. Default: the name."""
     camera: CameraPath
     """How the camera moves during a clip."""
     view: View | None = None
-    """Left out: the scene's own camera."""
+    """Where the camera starts. Default: the scene's own camera."""
     seed: Seed = 0
-    """Of the scene that is made from noise."""
+    """Seed of a scene made from noise."""
     parameters: Annotated[Parameters, Field(default_factory=dict)]
-    """Checked by whoever makes the scene."""
+    """Parameters of the scene."""
     reference: bool | None = None
-    """Whether a true view exists; left out: yes for rendered scenes, and for a stereo pair on
-    the stereo path. Pairings with the reference leave scenes without one out."""
+    """Whether a true view exists. Scenes without one are left out of pairings with the reference.
+    Default: true for rendered scenes and for a stereo pair on the stereo path."""
 
     @model_validator(mode="after")
     def _a_way_to_go(self) -> Self:
@@ -198,7 +203,7 @@ class BuiltinScene(SceneBase):
     kind: Literal["builtin"]
     """Where the scene comes from."""
     builtin: Name
-    """Its name among the built-in scenes."""
+    """Name of the built-in scene."""
 
 
 class MeshScene(SceneBase):
@@ -206,15 +211,14 @@ class MeshScene(SceneBase):
 
     kind: Literal["mesh"]
     file: Text
-    """Relative to the protocol file."""
+    """Path relative to the study file."""
     scale: Annotated[float, Field(gt=0)] = 1.0
     """Metres per unit of the file."""
     lighting: Literal["unlit", "sun"] | None = None
-    """`unlit` shows textures as they are, `sun` adds one sun with shadows and light from the sky;
-    left out: `unlit` where the file brings textures or vertex colours, `sun` where it brings
-    plain colours alone."""
+    """`unlit` shows colours as they are. `sun` adds a sun with shadows, and sky light. Default:
+    `sun` for files without textures and vertex colours."""
     sun_direction: Vector3 | None = None
-    """From the scene towards the sun, y up; left out: high, from the left and the front."""
+    """From the scene towards the sun, y up. Default: high, from the left and the front."""
 
     @model_validator(mode="after")
     def _a_sun_to_turn(self) -> MeshScene:
@@ -233,68 +237,75 @@ class _PhotoScene(SceneBase):
 
 
 class StereoScene(Grown, _PhotoScene):
-    """A rectified photograph pair with its disparity: z = focal_px baseline_m / (d + offset_px)."""
+    """A rectified stereo pair with disparity: z = focal_px baseline_m / (d + offset_px)."""
 
     is_pair: ClassVar[bool] = True
 
     kind: Literal["stereo"]
     left: Text
+    """The left photograph, which is warped."""
     right: Text
+    """The right photograph."""
     disparity: Text
-    """Disparity of the left view: PNG, PGM, PFM, TIFF, OpenEXR, .npy or .npz; unknown is 0 in files
-    of integers and not finite in files of floats. What the left photograph shows at x, the right
-    one shows at x - d."""
+    """Disparity d of the left view, as PNG, PGM, PFM, TIFF, OpenEXR, .npy or .npz. What lies at x
+    on the left lies at x - d on the right. Unknown is 0 in integer files, not finite in float
+    files."""
     units_per_px: Annotated[float, Field(gt=0)] = 1.0
-    """What the file stores for a disparity of one pixel: 4 where it holds quarters of a pixel."""
+    """Value in the file for a disparity of one pixel, such as 4 for quarters of a pixel."""
     focal_px: Annotated[float, Field(gt=0)]
+    """Focal length."""
     baseline_m: Metres
+    """Distance between the two cameras."""
     offset_px: float = 0.0
     """Difference of the principal points, added to the disparity."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
-    """So many pixels of the background along a hole are taken to be mixed with what uncovered it,
-    and are hole too."""
+    """Width of the mixed pixels along a silhouette. They become part of the hole."""
 
     added_later: ClassVar[tuple[str, ...]] = ("units_per_px",)
 
 
 class RgbdScene(_PhotoScene):
-    """One picture with a depth image of the same size, and the camera that took it."""
+    """A picture, a depth image of the same size, and the camera's focal length."""
 
     kind: Literal["rgbd"]
     rgb: Text
+    """The picture."""
     depth: Text
+    """The depth image."""
     depth_scale: Annotated[float, Field(gt=0)] = 1.0
     """Metres per unit of the depth image."""
     focal_px: Annotated[float, Field(gt=0)]
+    """Focal length."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
-    """As for a stereo pair; 0 where the picture was rendered without anti-aliasing."""
+    """As for a stereo pair. Use 0 for pictures rendered without anti-aliasing."""
 
 
 class ExrScene(_PhotoScene):
-    """An OpenEXR picture or sequence with colour, depth and, where present, motion."""
+    """An OpenEXR picture or sequence with colour, depth and optional motion."""
 
     kind: Literal["exr"]
     file: Text
     """A file, or a pattern such as `shot.####.exr`."""
     focal_px: Annotated[float, Field(gt=0)] | None = None
+    """Focal length, where the file does not state it."""
     channels: Annotated[
         dict[Literal["r", "g", "b", "depth", "motion_x", "motion_y"], str],
         Field(default_factory=dict),
     ]
-    """Channel names that differ from the documented ones of Blender, Nuke and Unreal."""
+    """Names of channels that differ from those of Blender, Nuke and Unreal."""
     motion: Literal["project", "nuke", "blender", "unreal"] | None = None
-    """Whose units and axes the motion has; left out: those of the program whose channels are
-    there, and this project's for named ones."""
+    """Whose units and axes the motion uses. Default: recognised by the channel names, and this
+    project's for channels named by you."""
     motion_scale: float = 1.0
-    """Factor on the motion, for exports that differ from what their program documents."""
+    """Factor on the motion, for exports that differ from their program's documentation."""
     depth_is: Literal["distance", "inverse"] = "distance"
-    """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender writes it."""
+    """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender does."""
     depth_scale: Annotated[float, Field(gt=0)] = 1.0
-    """Metres per unit of the depth channel; Unreal's centimetres are known already."""
+    """Metres per unit of depth. Unreal's centimetres are recognised."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
-    """How scene-linear values are encoded; `linear` takes them as encoded already."""
+    """How to encode scene-linear values. `linear`: they are encoded already."""
     rim_px: RimPixels = 0
-    """As for a stereo pair; 1 where edges are anti-aliased, or the picture is a photograph."""
+    """As for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
 
     @property
     def has_own_path(self) -> bool:
@@ -308,19 +319,19 @@ Scene: TypeAlias = Annotated[
 
 
 class Size(Model):
-    """One amount of disocclusion: a wanted mean share of hole pixels, or a fixed path extent.
+    """An amount of disocclusion: a mean share of hole pixels, or an extent of the path.
 
-    Neither where every scene is an OpenEXR sequence with its own motion: it has the holes it has.
+    Give neither if every scene is an OpenEXR sequence with its own motion.
     """
 
     name: Name
     """Its name in this study."""
     label: Text | None = None
-    """What reports print; left out: the name."""
+    """Its name in reports. Default: the name."""
     hole_share: Annotated[float, Field(gt=0, lt=0.5)] | None = None
-    """Mean share of the frame that is hole; the path's extent is solved for it and reported."""
+    """Mean share of hole pixels. The path's extent is solved for it and reported."""
     extent_m: Metres | None = None
-    """Radius of the circle or length of the line, where no share is asked for."""
+    """Radius of the circle or length of the line, instead of a share."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Size:
@@ -340,17 +351,17 @@ MethodReference = Annotated[
 
 
 class Method(Model):
-    """One way to fill holes, configured."""
+    """A method that fills holes, with its parameters."""
 
     name: Name
-    """Its name in this study: in clip names, pairings, journals and tables."""
+    """Its name in this study: in clips, pairings, journals and tables."""
     method: MethodReference | None = None
-    """Its name in the registry: `metameric`, `push-pull`, `reference`, `onnx:FILE`,
-    `frames:FOLDER`, ...; left out: the same as `name`."""
+    """Registered method, such as `metameric`, `reference`, `onnx:FILE` or `frames:FOLDER`. Default:
+    the name."""
     label: Text | None = None
-    """What reports print; left out: the name."""
+    """Its name in reports. Default: the name."""
     parameters: Annotated[Parameters, Field(default_factory=dict)]
-    """Checked by the method itself."""
+    """Parameters of the method. Others keep their defaults."""
 
     @property
     def registry_name(self) -> str:
@@ -364,53 +375,50 @@ class Method(Model):
 
 
 class TrueView(Model):
-    """Where people look, and how far around it every frame shows the true view.
-
-    So a periphery that is up-sampled in time can be shown around a fovea that is not
-    ([MI] Fig. 12).
-    """
+    """Show the true view around the fixation target, as in [MI] Fig. 12."""
 
     within_deg: Degrees
-    """From the dot; over the next degree it gives way to what the method made."""
+    """Radius of the true view. Over the next degree it blends into the method's frame."""
     x_deg: float = 0.0
-    """Place of the dot, right of the clip's centre."""
+    """Position of the target, right of the clip's centre."""
     y_deg: float = 0.0
-    """Place of the dot, below the clip's centre."""
+    """Position of the target, below the clip's centre."""
 
 
 class Clips(Grown):
-    """How every clip is made, in native pixels of the study's display.
+    """How every clip is made.
 
-    Its size is given in degrees, or in pixels, such as those of a sequence's files.
+    Give its size in degrees or in pixels of the display.
     """
 
     width_deg: Degrees | None = None
-    """Width of the clip on the screen, centred before the eye."""
+    """Width of the clip, centred before the eye."""
     height_deg: Degrees | None = None
-    """Height of the clip on the screen."""
+    """Height of the clip."""
     width_px: EvenPixels | None = None
-    """Width in pixels of the display, in place of width_deg."""
+    """Instead of width_deg."""
     height_px: EvenPixels | None = None
-    """Height in pixels of the display, in place of height_deg."""
+    """Instead of height_deg."""
     fps: Hertz
-    """Clip frames per second; the display must show each for a whole number of refreshes."""
+    """Frames per second. The display must show each frame for a whole number of refreshes."""
     duration_s: Seconds
-    """How long a clip is shown in one interval."""
+    """Length of a clip."""
     seed: Seed = 0
-    """Seed of every random texture; a fill is a pure function of (frame, seed)."""
+    """Seed of random textures. A fill depends on frame and seed only."""
     bit_depth: Literal[8, 16] = 8
+    """Bits per channel."""
     render_width_px: Pixels | None = None
-    """Width the method works at, where it differs from the shown width; needs `rescale`."""
+    """Width at which the method works, if it differs from the shown width. Needs `rescale`."""
     rescale: Literal["none", "box", "lanczos3"] = "none"
-    """The filter that brings rendered frames to native display pixels, once, before hashing."""
+    """Filter that brings rendered frames to display pixels, before hashing."""
     margin_share: Share = 0.15
-    """Extra picture around the source view, so that shown frames have no border holes."""
+    """Extra picture around the source view, so that shown frames have no holes at the border."""
     exr: bool = False
     """Keep float frames beside the PNGs."""
     preview: bool = True
     """Write a small video per clip."""
     true_view: TrueView | None = None
-    """What is shown around the dot; left out: every method's frame as it is, everywhere."""
+    """The true view around the fixation target. Default: the method's frame everywhere."""
 
     @property
     def frames(self) -> int:
@@ -475,17 +483,17 @@ FILE_KEYS = ("file", "left", "right", "disparity", "rgb", "depth")
 
 
 class WarpedClips(Recipe):
-    """Scenes, warped along camera paths, their holes filled by methods."""
+    """Scenes warped along camera paths. Methods fill the holes."""
 
     kind: Literal["warped-clips"]
     scenes: Annotated[tuple[Scene, ...], Field(min_length=1)]
-    """Where each clip plays."""
+    """The scenes."""
     sizes: Annotated[tuple[Size, ...], Field(min_length=1)]
-    """How much is uncovered."""
+    """Amounts of disocclusion."""
     methods: Annotated[tuple[Method, ...], Field(min_length=2)]
-    """What fills it."""
+    """The methods under comparison."""
     clips: Clips
-    """How every clip is made."""
+    """Size, rate and duration of every clip."""
 
     section: ClassVar[str] = "stimuli.clips"
 

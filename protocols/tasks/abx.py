@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class AbxAnalysis(RatesAnalysis):
-    """Sensitivity by condition, and the level at which it leaves zero."""
+    """d' by condition, and the level at which it leaves zero."""
 
     kind: Literal["abx"]
     rule: Literal["differencing", "independent"] = "differencing"
-    """How the participant is taken to decide, which turns shares of right answers into d'."""
+    """Decision rule that turns shares of right answers into d'."""
 
 
 class Abx(Compared):

@@ -51,12 +51,12 @@ class Cell:
 
 
 class CatchTrials(Model):
-    """Trials whose answer is plain, spread evenly over the blocks."""
+    """Catch trials, spread evenly over the blocks."""
 
     trials: Positive
-    """How many."""
+    """Number of catch trials."""
     where: dict[Name, Scalar]
-    """The condition in which the answer is plain, by columns: `{ eccentricity_deg = 5.0 }`."""
+    """Condition in which the answer is obvious, such as `{ eccentricity_deg = 5.0 }`."""
 
 
 class Task(Model):

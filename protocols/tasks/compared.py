@@ -32,13 +32,13 @@ class Compared(RightOrWrong):
     """Two stimuli differ; the answer says where, or which of them came again."""
 
     standard: dict[Name, Scalar] | None = None
-    """What every other stimulus of its scene is compared with: `{ method = "reference" }`."""
+    """What every other stimulus of its scene is compared with, such as `{ method = "reference"
+    }`."""
     matched: tuple[Name, ...] = ("scene",)
-    """The columns in which a stimulus and its standard agree."""
+    """Columns in which a stimulus and its standard agree."""
     compare: Name | None = None
-    """In place of a standard: the one column in which the two differ, such as `seed`. With a
-    standard: both comparisons are made, apart in the column `against` (`standard`, `another`), and
-    those that differ in this column alone take turns beside the standard."""
+    """Compare stimuli that differ in this column only, such as `seed`. With a standard too, both
+    comparisons are made, and the column `against` tells them apart (`standard`, `another`)."""
     gap_s: Seconds = 0.5
     """Blank between two stimuli."""
 

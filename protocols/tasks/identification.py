@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 class IdentificationAnalysis(RatesAnalysis):
-    """Rates of right answers by condition, against guessing."""
+    """Shares of right answers by condition, compared with guessing."""
 
     kind: Literal["identification"]
 
 
 class Identification(SingleStimulus):
-    """Fixation, one stimulus, one of m labelled answers."""
+    """Fixation, one stimulus, one of several labelled answers."""
 
     kind: Literal["identification"]
     alternatives: Annotated[tuple[Name, ...], Field(min_length=2)]
     """The answers, from left to right."""
     named_by: Name
-    """The column of the stimuli whose value is the right answer."""
+    """The column whose value is the right answer."""
 
     analysis: ClassVar[type[Analysis]] = IdentificationAnalysis
 

@@ -49,41 +49,41 @@ CHOICE_COLUMNS = (
 
 
 class CatchPair(Model):
-    """Trials whose answer is known, spread evenly over the blocks."""
+    """Catch trials, spread evenly over the blocks."""
 
     trials: Positive
-    """How many."""
+    """Number of catch trials."""
     better: Name
     """What an attentive participant picks."""
     worse: Name
     """What it is shown against."""
     where: dict[Name, Scalar]
-    """The condition in which the difference is plain, by columns: `{ size = "large" }`."""
+    """Condition in which the difference is obvious, such as `{ size = "large" }`."""
 
 
 class PrimaryComparison(Model):
-    """The comparison the study stands or falls with."""
+    """The comparison that decides the study."""
 
     method: Name
     """The method expected to be preferred."""
     against: Name
     """The method it is compared with."""
     size: Name | None = None
-    """Left out: all sizes together."""
+    """Default: all sizes together."""
 
 
 class PreferenceAnalysis(Analysis):
-    """Preference rates of pairs, a scale of all, and what they depend on."""
+    """Preference shares, a scale of all methods, what they depend on."""
 
     kind: Literal["preference"]
     primary: PrimaryComparison
-    """The comparison that is tested by itself."""
+    """Tested alone, without correction for multiple comparisons."""
     smallest_effect_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
-    """Smallest effect of interest: distance of the preference rate from one half."""
+    """Smallest effect of interest: distance of the preference share from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
-    """Whose variation the inference respects."""
+    """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
-    """Over all pairings and sizes; the primary comparison stands alone."""
+    """Over all pairings and sizes except the primary comparison."""
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield names that do not exist, and a primary comparison that is not shown."""
@@ -135,14 +135,14 @@ class PairTask(Task):
     """Two stimuli that differ in one column of their condition; which is preferred?"""
 
     compare: Name = "method"
-    """The column in which the two differ."""
+    """The column in which the two stimuli differ."""
     pairings: Annotated[tuple[tuple[Name, Name], ...], Field(min_length=1)] | Literal["all"] = "all"
-    """Pairs of its values; `all` takes every pair once."""
+    """Pairs of its values. `all`: every pair."""
     catch: CatchPair | None = None
-    """Left out: no catch trials."""
+    """Catch trials. Default: none."""
     sampling: ActivePairs | None = None
-    """Left out: every pairing is shown in every scene. With many methods, `active` chooses the
-    pairs that tell most, given the answers so far."""
+    """Choose pairs by the answers so far, for many methods. Default: every pairing in every
+    scene."""
 
     analysis: ClassVar[type[Analysis]] = PreferenceAnalysis
     stimuli_per_trial: ClassVar[int] = 2

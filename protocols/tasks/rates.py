@@ -37,16 +37,16 @@ class RatesAnalysis(Analysis):
     """Right answers by condition and level: rates, psychometric functions, models, learning."""
 
     by: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = "method"
-    """The column whose values are compared, or several: then every combination is, and is written
-    with a comma, such as `"noise, standard"`."""
+    """The column whose values are compared. Several columns: every combination is a condition,
+    written with commas, such as `"noise, standard"`."""
     baseline: Scalar | None = None
-    """The value of `by` that the others are compared with; left out: the first declared."""
+    """The value of `by` that the others are compared with. Default: the first declared."""
     level: Name | None = None
-    """A column of numbers along which answers get better or worse; left out: none."""
+    """Column of numbers along which answers get better or worse. Default: none."""
     falling: bool = False
     """Answers get worse as `level` rises, as with eccentricity."""
     test: Literal["participant-scene", "participant"] = "participant-scene"
-    """Whose variation the inference respects."""
+    """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all comparisons with the baseline."""
 

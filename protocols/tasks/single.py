@@ -34,9 +34,9 @@ class RightOrWrong(Task):
     """A task with a right answer for every trial."""
 
     adaptive: Levels | None = None
-    """Left out: constant stimuli, every level equally often."""
+    """Adaptive levels. Default: constant stimuli, every level equally often."""
     catch: CatchTrials | None = None
-    """Left out: no catch trials."""
+    """Catch trials. Default: none."""
 
     @property
     def adaptation(self) -> Adaptive | None:

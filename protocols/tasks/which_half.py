@@ -20,20 +20,19 @@ if TYPE_CHECKING:
 
 
 class WhichHalfAnalysis(RatesAnalysis):
-    """Sensitivity by condition, and the level at which it leaves zero."""
+    """d' by condition, and the level at which it leaves zero."""
 
     kind: Literal["which-half"]
     rule: Literal["dual-pair"] = "dual-pair"
-    """The participant takes the half that changed more (`analysis.ideal_observer`)."""
+    """The participant picks the half that changed more (`analysis.ideal_observer`)."""
 
 
 class WhichHalf(Compared):
-    """Fixation, a picture, gap, the picture with one half of another, answer."""
+    """Fixation, a picture, gap, the picture with one half replaced, answer."""
 
     kind: Literal["which-half"]
     bar_deg: Degrees = 2.0
-    """Width of a bar of the background's grey between the halves, which hides their border; 0:
-    none."""
+    """Width of a grey bar between the halves that hides their border. 0: none."""
 
     analysis: ClassVar[type[Analysis]] = WhichHalfAnalysis
     stimuli_per_trial: ClassVar[int] = 4

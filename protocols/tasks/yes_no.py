@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class DetectionAnalysis(RatesAnalysis):
-    """Rates of yes, sensitivity and criterion by condition."""
+    """Shares of "yes", d' and criterion by condition."""
 
     kind: Literal["detection"]
 
@@ -29,8 +29,8 @@ class YesNo(SingleStimulus):
 
     kind: Literal["yes-no"]
     signal: Annotated[dict[Name, tuple[Scalar, ...]], Field(min_length=1)]
-    """Which stimuli hold the signal, by columns and their values:
-    `{ cut = ["inconsistent"] }`. For all others the right answer is no."""
+    """Stimuli that hold the signal, by columns and their values, such as `{ cut = ["inconsistent"]
+    }`. For all others "no" is right."""
 
     analysis: ClassVar[type[Analysis]] = DetectionAnalysis
 

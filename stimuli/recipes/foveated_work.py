@@ -31,9 +31,9 @@ from protocols.recipes.foveated_images import (
     REFERENCE,
     FoveatedImages,
     FoveatedStimulus,
+    PanoramaView,
     Picture,
     Shown,
-    View,
 )
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
@@ -100,7 +100,7 @@ class Order:
             If it has another size and the recipe says so, or is no panorama where one is looked at.
         """
         if picture.file.startswith(BUILTIN):
-            view = View() if picture.view is None else picture.view
+            view = PanoramaView() if picture.view is None else picture.view
             return builtin_picture(
                 picture.file.removeprefix(BUILTIN), self.geometry, ctx,
                 right_deg=view.right_deg, down_deg=view.down_deg,

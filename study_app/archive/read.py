@@ -199,7 +199,7 @@ def _index(path: Path, data: bytes) -> Index:
     with reading(path, f"an archive whose {INDEX_NAME} is as it was written", StudyError):
         index = Index.model_validate_json(data)
         if index.to_bytes() != data:
-            raise ValueError("it was written anew")
+            raise ValueError("it was rewritten")
     return index
 
 

@@ -138,7 +138,7 @@ def _members(wanted: Wanted, path: Path, protocol: StudyProtocol) -> Iterator[tu
 def _sittings(root: Path, study: str) -> Iterator[tuple[str, Path]]:
     sittings = find_sittings(root, study)
     if not sittings:
-        raise StudyError(f"{root}: must hold sittings of {study} (found none); name --sessions")
+        raise StudyError(f"{root}: must hold sessions of {study} (found none); name --sessions")
     reports = set()
     for sitting in sittings:
         for path in sorted(sitting.folder.rglob("*")):

@@ -20,7 +20,7 @@ __all__ = ["SLOTS", "app", "main", "user_errors"]
 SLOTS = (
     # name, help (the first line of `metamerlab --help`), import path
     Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
-    Slot("demo", "See the whole chain at work.", "study_app.cli.demo.command:demo"),
+    Slot("demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"),
     Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
     Slot("foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"),
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
@@ -35,7 +35,7 @@ SLOTS = (
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
     Slot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),
-    Slot("session", "Run a sitting with a participant.", "study_app.cli.session_commands:app"),
+    Slot("session", "Run sessions with participants.", "study_app.cli.session_commands:app"),
     Slot("analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"),
 )
 
@@ -50,8 +50,8 @@ app = typer.Typer(
     # A traceback is a bug report: plain, complete, and the same with and without a terminal.
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    epilog="Example: [bold]metamerlab doctor[/bold] first, then [bold]metamerlab COMMAND --help[/]"
-    " for what a command takes and an example of it.",
+    epilog="Example: [bold]metamerlab doctor[/bold]. Then [bold]metamerlab COMMAND --help[/] lists"
+    " the options of a command, with examples.",
 )
 
 
@@ -75,7 +75,7 @@ def metamerlab(
         ),
     ] = False,
 ) -> None:
-    """Perceptual studies of image warping and inpainting: clips, sittings, reports."""
+    """Perceptual studies of image warping, hole filling and foveated pictures."""
 
 
 def main() -> None:

@@ -89,9 +89,9 @@ def report(
 ) -> None:
     """Analyse a study and write a report: one HTML page, a JSON of every number, tables, figures.
 
-    The page opens offline and prints well. Sessions of two protocols are refused, exclusion
-    rules come from the protocol, and simulated data is stamped on every page and figure. Run
-    again, the numbers are the same to the last digit.
+    The page opens offline and prints well. Exclusion rules come from the protocol. Sessions of
+    two protocols are refused. Simulated data are marked on every page and figure. Running again
+    gives the same numbers to the last digit.
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
@@ -140,10 +140,10 @@ def tidy(
     out: NewFolderOption,
     replace: ReplaceOption = False,
 ) -> None:
-    """Write journals as tidy CSV tables: one row per attempt, per decision, per sitting.
+    """Write journals as tidy CSV tables: one row per attempt, per decision, per session.
 
-    Beside them dictionary.csv says what every column means, flow.csv what the protocol's rules
-    left out, and decisions.json of which task decisions.csv is.
+    dictionary.csv explains every column, flow.csv lists what the protocol's rules left out, and
+    decisions.json names the task of decisions.csv.
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
@@ -198,16 +198,16 @@ def power(
         typer.Option(
             "--set",
             metavar="NAME=NUMBER",
-            help="What the simulation takes for true; may be given more than once. Without it, the"
-            " values that the command prints.",
+            help="What the simulation assumes; may be given more than once. The command "
+            "prints the defaults.",
         ),
     ] = None,
     pilot: Annotated[
         Path | None,
         typer.Option(
             "--from",
-            help="A pilot's sittings of this protocol, or a decisions.csv of another: how much"
-            " people and scenes differ is taken from it; --set goes before it.",
+            help="A pilot's sessions of this protocol, or a decisions.csv of another: they "
+            "say how much people and scenes differ. --set takes precedence.",
         ),
     ] = None,
     participant_sd: Annotated[
@@ -216,7 +216,7 @@ def power(
     scene_sd: Annotated[float | None, typer.Option(help="Short for --set scene_sd=...")] = None,
     studies: Annotated[
         int | None,
-        typer.Option(min=100, help="Studies to simulate; left out: as many as take seconds."),
+        typer.Option(min=100, help="Studies to simulate. Default: as many as take seconds."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")] = SEED,
     out: Annotated[
@@ -224,11 +224,11 @@ def power(
     ] = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Say how many participants a protocol needs, by simulating its own design and test.
+    """Compute how many participants a study needs, by simulating its own design and test.
 
-    Trials of one person, and of one scene, are alike; deviations say how much. Power is the
-    chance that such a study finds what is there. What is taken for true depends on the task, and
-    is printed: a share of choices for pairs, d' or shares of right answers for other tasks.
+    Power is the chance that such a study finds the effect. The assumed effect depends on the
+    task and is printed: a share of choices for pairs, d' or shares of right answers for other
+    tasks. Deviations say how much people and scenes differ.
 
     Examples:
 
@@ -325,7 +325,7 @@ def import_(
     ] = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Bring decisions of another tool into our tidy form, by naming its columns.
+    """Convert a table of another program into tidy form, by naming its columns.
 
     Example, a table of pwcmp:
 
@@ -334,8 +334,8 @@ def import_(
 
         metamerlab analysis report imported/decisions.csv --out report
 
-    Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen of two, and rows
-    without an answer are understood, and each is said.
+    Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen one, and rows
+    without an answer are understood and reported.
 
     A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
     holds scene and size, as pwcmp wants it.

@@ -29,16 +29,15 @@ IdentityOption = Annotated[
 
 def archive(
     protocol: ProtocolArgument,
-    out: Annotated[Path, typer.Option(help="File to write; it appears when it is whole.")],
+    out: Annotated[Path, typer.Option(help="File to write. It appears only when complete.")],
     sessions: Annotated[Path, typer.Option(help="Folder of sessions.")] = Path("sessions"),
     stimuli: Annotated[
-        Path | None, typer.Option(help="Folder of the built clips: their manifest goes along.")
+        Path | None, typer.Option(help="Folder of the built clips. Their manifest is included.")
     ] = None,
-    with_clips: Annotated[
-        bool, typer.Option("--with-clips", help="The frames as well as their manifest.")
-    ] = False,
+    with_clips: Annotated[bool, typer.Option("--with-clips", help="Include the frames.")] = False,
     passphrase: Annotated[
-        bool, typer.Option("--passphrase", help="Encrypt by a passphrase, which is asked for.")
+        bool,
+        typer.Option("--passphrase", help="Encrypt with a passphrase, which the command asks for."),
     ] = False,
     recipient: Annotated[
         list[str] | None,
@@ -46,19 +45,17 @@ def archive(
     ] = None,
     with_secret: Annotated[
         bool,
-        typer.Option(
-            "--with-secret", help="The study's secret also where the archive is not encrypted."
-        ),
+        typer.Option("--with-secret", help="Include the study's secret in an unencrypted archive."),
     ] = False,
     as_it_is: Annotated[
-        bool, typer.Option("--as-it-is", help="Also what is not as it was recorded.")
+        bool, typer.Option("--as-it-is", help="Also archive what is not as it was recorded.")
     ] = False,
 ) -> None:
-    """Write a verified copy of a study into one file: study, sittings, manifest, clips if wanted.
+    """Write a verified copy of a study into one file: study, sessions, manifest, optional clips.
 
-    The file is a zip archive, or one encrypted with age. An encrypted one holds the study's secret,
-    a plain one does not unless asked to. It is read back before it gets its name, and never
-    replaces a file. Nothing of the study is changed.
+    The file is a zip archive, optionally encrypted with age. Encrypted archives hold the study's
+    secret, plain ones only with --with-secret. The archive is read back before it gets its name,
+    and never replaces a file. The study is not changed.
 
     Examples:
 
@@ -90,10 +87,10 @@ def archive(
 
 def restore(
     file: Annotated[Path, typer.Argument(help="File of 'session archive'.")],
-    out: Annotated[Path, typer.Option(help="New folder; it appears when it is whole.")],
+    out: Annotated[Path, typer.Option(help="New folder. It appears only when complete.")],
     identity: IdentityOption = None,
 ) -> None:
-    """Unpack an archive into a new folder, every file held to its hash.
+    """Unpack an archive into a new folder, and check every file's hash.
 
     Example: metamerlab session restore backup.zip --out restored
     """
@@ -148,7 +145,7 @@ def _tell(path: Path, found: Findings) -> None:
         say(f"  {problem}")
     for note in found.notes:
         say(f"  note: {note}")
-    say(f"list of files: SHA-256 {index.sha256}; noted elsewhere, it vouches for every byte")
+    say(f"list of files: SHA-256 {index.sha256}; note it elsewhere to detect any later change")
 
 
 def _passphrase(*, new: bool = False) -> str:

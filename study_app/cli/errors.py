@@ -30,7 +30,7 @@ _CURES = {
     errno.ENOSPC: "free some space on this disk, or choose another one",
     errno.EDQUOT: "your quota on this disk is used up; free some space, or choose another one",
     errno.EFBIG: "this disk cannot hold files of this size; choose another one",
-    errno.EIO: "the disk failed; check its cable and its health before you go on",
+    errno.EIO: "the disk failed; check its cable and its health before you continue",
 }
 
 

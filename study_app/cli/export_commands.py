@@ -27,19 +27,19 @@ def export(
             help="bids, psych-ds or pwcmp (preferences only).",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="New folder; it appears when it is whole.")],
+    out: Annotated[Path, typer.Option(help="New folder. It appears only when complete.")],
     public: Annotated[
         bool,
         typer.Option(
             "--public",
-            help="Number participants anew, and leave out wall-clock times, typed answers, notes,"
+            help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
             " and the names of machines, devices and folders.",
         ),
     ] = False,
     display: Annotated[
         list[str] | None,
         typer.Option(
-            help="bids: display the sittings were recorded on, where it is not the protocol's;"
+            help="bids: display that sessions were recorded on, if not the protocol's;"
             " may be given more than once."
         ),
     ] = None,
@@ -55,11 +55,11 @@ def export(
     ] = None,
     licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = "",
 ) -> None:
-    """Export sittings for an archive (BIDS, Psych-DS) or for the program pwcmp.
+    """Export sessions for an archive (BIDS, Psych-DS) or for the program pwcmp.
 
-    Journals are only read. Participants who withdrew, or did not consent, are never exported;
-    sittings that were cut short are, and say so. Look through a public export before you publish
-    it: what a study's own texts say is yours to judge.
+    Journals are only read. Participants who withdrew or did not consent are never exported.
+    Incomplete sessions are exported and marked. Read a public export before you publish it: the
+    program cannot judge the study's own texts.
 
     Examples:
 

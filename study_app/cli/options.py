@@ -13,7 +13,7 @@ ProtocolArgument = Annotated[
     Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
 ]
 DisplayOption = Annotated[
-    str | None, typer.Option(help="Another display than the protocol's: a name or a .toml file.")
+    str | None, typer.Option(help="A display other than the protocol's: a name or a .toml file.")
 ]
 SessionsArgument = Annotated[
     Path, typer.Argument(help="Folder of sessions, searched to any depth.")
@@ -23,7 +23,7 @@ SessionArgument = Annotated[
     Path, typer.Argument(help="Folder of one session: SESSIONS/STUDY/CODE.")
 ]
 SessionsProtocolOption = Annotated[Path, typer.Option(help=SESSIONS_PROTOCOL_HELP)]
-NewFolderOption = Annotated[Path, typer.Option(help="Folder to fill; it appears when it is whole.")]
-ReplaceOption = Annotated[
-    bool, typer.Option("--replace", help="Put the new result in the place of an earlier one.")
+NewFolderOption = Annotated[
+    Path, typer.Option(help="Folder to fill. It appears only when complete.")
 ]
+ReplaceOption = Annotated[bool, typer.Option("--replace", help="Replace an earlier result.")]

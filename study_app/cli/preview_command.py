@@ -22,9 +22,9 @@ def preview(
     display: DisplayOption = None,
     stimuli: Annotated[
         Path | None,
-        typer.Option("--stimuli", help="Folder of built clips; left out: boxes stand for them."),
+        typer.Option("--stimuli", help="Folder of built clips. Default: boxes stand for them."),
     ] = None,
-    most: Annotated[int, typer.Option(min=1, help="Conditions to show at most.")] = 24,
+    most: Annotated[int, typer.Option(min=1, help="Largest number of conditions to show.")] = 24,
 ) -> None:
     """Write a page that plays one trial of each condition, without display, gaze or participants.
 

@@ -76,9 +76,9 @@ def check(
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
 ) -> None:
-    """Check a protocol: every mistake at once, and whether its display can do it.
+    """Check a protocol: every mistake at once, and whether its display can show it.
 
-    A display's file is checked by itself. Ends with status 2 if anything is wrong.
+    Checks display files too. Ends with status 2 if anything is wrong.
 
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
@@ -129,7 +129,7 @@ def show(
         int | None, typer.Option(min=0, help="List the trials of this counterbalancing slot.")
     ] = None,
 ) -> None:
-    """Show trials, duration, memory, and what each display can do of a protocol.
+    """Show a protocol's trials, duration and memory, and which displays can show it.
 
     Example: metamerlab protocol show inpainting-2afc --slot 0
     """
@@ -186,11 +186,11 @@ def preregister(
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
     why: Annotated[
-        str | None, typer.Option(help="Why so many participants, in your words.")
+        str | None, typer.Option(help="Reason for the number of participants, in your words.")
     ] = None,
     power: Annotated[
         Path | None,
-        typer.Option(help="Folder that 'metamerlab analysis power --out' wrote: power is told."),
+        typer.Option(help="Folder that 'metamerlab analysis power --out' wrote, to report power."),
     ] = None,
 ) -> None:
     """Write a preregistration: participants, design, texts, analysis, exclusions and hashes.
@@ -230,10 +230,10 @@ def upgrade(
     protocol: Annotated[Path, typer.Argument(help="A protocol file of format 1.", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="A new .toml file, in the folder of the old one.")],
 ) -> None:
-    """Rewrite a protocol of format 1 in format 2; order and comments stay.
+    """Rewrite a protocol of format 1 in format 2; order and comments are kept.
 
-    It says the same, but is another file with another hash: sittings that were begun with
-    the old file are resumed and analysed with that one, which works as it is.
+    The new file means the same but has another hash. Resume and analyse existing sessions with
+    the old file, which still works.
 
     Example: metamerlab protocol upgrade my-study.toml --out my-study-2.toml
     """
@@ -259,8 +259,8 @@ def upgrade(
         say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")
         say(
-            f"Keep {protocol} (protocol {before.sha256[:12]}): sittings that were begun with it are"
-            " resumed and\nreported with it. Take the new file for new participants, with a folder"
+            f"Keep {protocol} (protocol {before.sha256[:12]}): sessions that began with it are"
+            " resumed and\nreported with it. Use the new file for new participants, with a folder"
             " of sessions of its own."
         )
         if before.stimuli_sha256 == after.stimuli_sha256:

@@ -34,7 +34,7 @@ def withdraw(
     study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
-    """Delete a participant's data for good. One line stays, without data, and the slot is free.
+    """Delete a participant's data for good. One line without data remains, the slot is free.
 
     Example: metamerlab session withdraw P01 --out sessions
     """
@@ -86,12 +86,12 @@ def verify(
     ] = None,
     identity: IdentityOption = None,
 ) -> None:
-    """Prove that what was recorded is as it was written: journals, gaze, flips, display reports.
+    """Verify that all records are as they were written: journals, gaze, flips, display reports.
 
-    Every line of a journal is held to its checksum, and every file to the hash that the journal has
-    of it. With a protocol, trials, conditions, answers, times and order are compared with the plan.
-    An archive, packed or unpacked, is held to its list of files as well, and brings its protocol.
-    Nothing is changed. Ends with status 2 where something is not as it was.
+    Compares every line of a journal with its checksum, and every file with its hash in the
+    journal. With a protocol, also compares trials, conditions, answers, times and order with the
+    plan. An archive, packed or unpacked, brings its protocol and list of files. Changes nothing.
+    Ends with status 2 if anything differs.
 
     Examples:
 

@@ -28,17 +28,17 @@ def sequential(
         typer.Option(
             "--set",
             metavar="NAME=NUMBER",
-            help="What the simulation takes for true, as in 'analysis power'.",
+            help="What the simulation assumes, as in 'analysis power'.",
         ),
     ] = None,
     studies: Annotated[
-        int | None, typer.Option(min=100, help="Studies to simulate; left out: 2000.")
+        int | None, typer.Option(min=100, help="Studies to simulate. Default: 2000.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")] = SEED,
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Say at which p a study's planned looks stop it, and how often that is wrong.
+    """Compute at which p the planned looks stop a study, and how often that is wrong.
 
     The study file plans the looks in its section analysis.sequential: rule and numbers of
     participants. The study's own design and test are simulated with and without an effect.

@@ -39,7 +39,7 @@ from study_app.verification import checksums_of
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
-    help="""Run a sitting with a participant, or with artificial observers.
+    help="""Run sessions with participants or artificial observers.
 
     Examples:
 
@@ -60,7 +60,7 @@ register(app)
 @app.command()
 def simulate(
     protocol: ProtocolArgument,
-    out: Annotated[Path, typer.Option(help="Folder of sessions; what is complete there is kept.")],
+    out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
     participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
     utility: Annotated[
@@ -82,7 +82,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             help="VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by"
-            " cannot be told; may be given more than once."
+            " cannot be discriminated; may be given more than once."
         ),
     ] = None,
     slope: Annotated[
@@ -106,26 +106,26 @@ def simulate(
         float | None, typer.Option(help="Logit in favour of the first of two.")
     ] = None,
     missed_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips of a thousand that miss their refresh.")
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
     ] = 0.0,
     late_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips of a thousand that come late.")
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that come late.")
     ] = 0.0,
     doubled_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips of a thousand that do not wait.")
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
     ] = 0.0,
-    gaze_hz: Annotated[float, typer.Option(min=1, help="Samples per second of the eye.")] = 250.0,
+    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = 250.0,
     steady_gaze: Annotated[
         bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
     ] = False,
     display: DisplayOption = None,
     stimuli: Annotated[
-        Path | None, typer.Option(help="Folder of built clips; left out: clips without pixels.")
+        Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")
     ] = None,
 ) -> None:
     """Run artificial observers through the real session, on a virtual display.
 
-    The journals are as a lab's, and marked as simulated.
+    Journals have the usual format and are marked as simulated.
 
     Example: metamerlab session simulate demo --out sessions --participants 11
     """
@@ -180,7 +180,7 @@ def simulate(
                 outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
             except KeyboardInterrupt:
                 progress.stop()
-                say("stopped; the same command goes on where it was", file=sys.stderr)
+                say("stopped; the same command continues from here", file=sys.stderr)
                 raise typer.Exit(130) from None
             finally:
                 gc.unfreeze()
@@ -223,7 +223,7 @@ def list_(
 def status(
     session: SessionArgument,
 ) -> None:
-    """Tell how one session stands: blocks, voids, dropped frames, gaze, damage.
+    """Show the state of a session: blocks, void attempts, dropped frames, gaze, damage.
 
     Example: metamerlab session status sessions/demo/S001
     """

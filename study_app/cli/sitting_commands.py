@@ -39,7 +39,7 @@ GazeOption = Annotated[
     str | None,
     typer.Option(
         help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse; with"
-        " --simulate also replay:FILE. Needed where the protocol watches gaze."
+        " --simulate also replay:FILE. Needed if the protocol watches gaze."
     ),
 ]
 StripOption = Annotated[
@@ -57,8 +57,8 @@ PacingOption = Annotated[
     bool,
     typer.Option(
         "--software-pacing",
-        help="A timer in place of the display's vertical synchronisation: for rehearsals and"
-        " machines without a display. Recorded in the header.",
+        help="Use a timer instead of the display's vertical synchronisation, for rehearsals "
+        "and machines without a display. Recorded in the header.",
     ),
 ]
 ValidationOption = Annotated[
@@ -80,7 +80,9 @@ def run(
     out: SessionsOption = Path("sessions"),
     language: Annotated[
         str | None,
-        typer.Option(help="Of the texts, such as en; left out: the protocol's default_language."),
+        typer.Option(
+            help="Language of the texts, such as en. Default: the protocol's default_language."
+        ),
     ] = None,
     display: DisplayOption = None,
     gaze: GazeOption = None,
@@ -90,13 +92,13 @@ def run(
     software_pacing: PacingOption = False,
     skip_validation: ValidationOption = False,
     simulate: SimulateOption = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the artificial observer.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0,
 ) -> None:
-    """Run a sitting: display check, consent, instructions, practice, blocks, questions, thanks.
+    """Run a session: display check, consent, instructions, practice, blocks, questions, thanks.
 
     The window covers the display's monitor. The quit key (escape in the shipped studies) asks
-    once; what was decided is saved, and 'session resume' goes on. Follow it from another
-    terminal with 'session watch'. Ends with status 2 if it comes to its end without a decision.
+    once. Completed trials are saved, and 'session resume' continues. Follow from another
+    terminal with 'session watch'. Ends with status 2 if no trial was completed.
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
@@ -135,9 +137,9 @@ def resume(
     software_pacing: PacingOption = False,
     skip_validation: ValidationOption = False,
     simulate: SimulateOption = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the artificial observer.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0,
 ) -> None:
-    """Go on with a sitting that was quit or killed: same trials, same order, nothing twice.
+    """Resume a session that was quit or killed: same trials, same order, nothing twice.
 
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
@@ -176,9 +178,9 @@ def check_display_(
     ] = False,
     software_pacing: PacingOption = False,
 ) -> None:
-    """Measure a display: rate, intervals, missed refreshes, and what vouches for the stamps.
+    """Measure a display: rate, intervals, missed refreshes, evidence for flip times.
 
-    Writes a report into the folder of sessions. A sitting measures again before it begins.
+    Writes a report into the folder of sessions. A session measures again before it begins.
 
     Example: metamerlab session check-display my-display.toml --luminance
     """

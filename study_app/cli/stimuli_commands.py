@@ -57,7 +57,7 @@ app.command()(build)
 
 @app.command()
 def check(folder: FolderArgument) -> None:
-    """Hash every file again and name each that is missing, changed or extra.
+    """Hash every file again, and name those that are missing, changed or extra.
 
     Ends with status 1 if there is any, and 2 if the folder holds no finished batch.
 

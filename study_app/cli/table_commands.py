@@ -109,10 +109,10 @@ def detection(
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Say what a yes-no task's observers could tell: d', criterion and bias by condition.
+    """Measure detection in a yes-no task: d', criterion and bias by condition.
 
-    Needs the columns participant, expected and answer; limits respect participants, and scenes
-    where there is a column scene.
+    Needs the columns participant, expected and answer; limits account for participants, and for
+    scenes if there is a column scene.
 
     Example: metamerlab analysis detection seen.csv --signal seen --by method --map answer=said
     --out seen
@@ -140,11 +140,11 @@ def reaction(
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Say what conditions do to reaction times: a log-normal mixed model, and EZ diffusion.
+    """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
 
-    Needs the columns participant and rt_s (seconds), of any task; scene where scenes are several.
+    Needs the columns participant and rt_s (seconds), of any task, and scene if there are several.
     With correct (1/0) of a task with two answers, EZ diffusion splits times and errors into how
-    fast evidence comes, how much of it is asked for, and time for seeing and pressing.
+    fast evidence arrives, caution, and the time for seeing and pressing.
 
     Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
     """
@@ -162,7 +162,7 @@ def ratings(
     by: ByOption = None,
     scale: Annotated[
         str | None,
-        typer.Option(metavar="LOWEST,...,HIGHEST", help="Ratings, where they are no numbers."),
+        typer.Option(metavar="LOWEST,...,HIGHEST", help="Ratings, if they are not numbers."),
     ] = None,
     baseline: BaselineOption = None,
     link: Annotated[
@@ -175,7 +175,7 @@ def ratings(
 ) -> None:
     """Compare ordered ratings, or graded comparisons of pairs with ties.
 
-    Needs the columns participant, rating and --by; scene where scenes are several. Without --by
+    Needs the columns participant, rating and --by, and scene if there are several. Without --by
     it needs first and second: then the rating says how much better the first is, 0 for a tie.
     The model is cumulative-link with participants, their taste for each condition, and scenes as
     random.
@@ -204,8 +204,8 @@ def ratings(
 
 def bayes(
     table: TrialsArgument,
-    method: Annotated[str | None, typer.Option(help="Left out: every one.")] = None,
-    against: Annotated[str | None, typer.Option(help="Left out: every other.")] = None,
+    method: Annotated[str | None, typer.Option(help="Default: all methods.")] = None,
+    against: Annotated[str | None, typer.Option(help="Default: all others.")] = None,
     margin: Annotated[
         float,
         typer.Option(
@@ -219,9 +219,9 @@ def bayes(
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Give preferences as posteriors: credible limits, ROPE, and what the prior does.
+    """Compute posteriors of preferences: credible limits, ROPE, influence of the prior.
 
-    Needs participant, first, second, and chosen or chose_first; scene where scenes are several. A
+    Needs participant, first, second, and chosen or chose_first, and scene if there are several. A
     hierarchical logit model is sampled under three priors. Needs the extra `bayes`.
 
     Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior

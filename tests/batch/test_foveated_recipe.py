@@ -27,10 +27,10 @@ from protocols.recipes.foveated_images import (
     Cuts,
     FoveatedImages,
     GazePoint,
+    PanoramaView,
     Picture,
     Rings,
     Shown,
-    View,
 )
 from stimuli.check import check_batch
 from stimuli.png import decode
@@ -593,7 +593,7 @@ def test_a_panorama_is_shown_through_a_flat_view(folder):
     around = Equirectangular().of(720, 360)
     rays = around.directions(*pixel_centres(around))
     Image.fromarray(np.rint(255 * (0.5 + 0.5 * rays)).astype(np.uint8)).save(folder / "one.png")
-    looked = Picture(name="one", file="one.png", view=View(right_deg=170.0, down_deg=-40.0))
+    looked = Picture(name="one", file="one.png", view=PanoramaView(right_deg=170.0, down_deg=-40.0))
     made = builder(folder, recipe(pictures=(looked,)))
     colour = made.colour(made.wanted[0])
     geometry = made.geometry
@@ -609,13 +609,15 @@ def test_a_panorama_is_shown_through_a_flat_view(folder):
 
 
 def test_a_view_of_what_is_no_panorama_is_refused(folder):
-    made = builder(folder, recipe(pictures=(Picture(name="one", file="one.png", view=View()),)))
+    made = builder(
+        folder, recipe(pictures=(Picture(name="one", file="one.png", view=PanoramaView()),))
+    )
 
     with pytest.raises(InputError, match=r"one\.png: an equirectangular panorama must be twice"):
         made.colour(made.wanted[0])
     made.close()
     with pytest.raises(ValueError, match="down_deg from -90 to 90"):
-        recipe(pictures=(Picture(name="one", file="one.png", view=View(down_deg=91.0)),))
+        recipe(pictures=(Picture(name="one", file="one.png", view=PanoramaView(down_deg=91.0)),))
 
 
 def test_pictures_made_elsewhere_are_found_by_picture_and_gaze(folder):

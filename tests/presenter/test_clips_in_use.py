@@ -60,7 +60,7 @@ def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study,
 
     for sitting in ended:
         done = forked.run("stimuli", "build", study.path, "--out", study.stimuli, timeout=120)
-        assert f"{study.stimuli}: must stay as it is while a sitting shows" in error_of(done)
+        assert f"{study.stimuli}: must not change while a session shows" in error_of(done)
         sitting.send_signal(signal.SIGKILL)
         sitting.wait(timeout=30)
 
@@ -81,7 +81,7 @@ def test_no_sitting_begins_on_a_folder_that_is_being_built(screen, make_study, w
     ended[-1].send_signal(signal.SIGKILL)
     ended[-1].wait(timeout=30)
 
-    assert f"{clips}: must be finished before a sitting shows its clips" in message
+    assert f"{clips}: must be finished before a session shows its clips" in message
     assert not study.sessions.exists()
     # The killed build holds nothing: what is said now is what it left.
     assert "must hold a finished batch of clips" in error_of(screen.run(*run))

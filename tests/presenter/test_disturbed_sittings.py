@@ -104,7 +104,7 @@ def test_a_second_sitting_on_the_desktop_is_refused_before_anything_is_written(
         first.kill()
         first.communicate()
 
-    assert "one window of metamerlab may be on a desktop at a time" in error_of(second)
+    assert "only one window of metamerlab may be open on a desktop" in error_of(second)
     assert not study.sitting("P02").exists()
     # What was killed holds nothing.
     done = screen.run(*screen.session("run", study, "--simulate", code="P02"))

@@ -248,7 +248,7 @@ def test_sittings_of_two_protocols_are_refused_with_status_2(
     result = run("report", tmp_path / "s", "--protocol", "demo", "--out", tmp_path / "r")
 
     assert result.exit_code == 2
-    assert "all sittings must follow one protocol (found 2" in result.output
+    assert "all sessions must follow one protocol (found 2" in result.output
     assert not (tmp_path / "r").exists()
 
 

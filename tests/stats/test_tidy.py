@@ -290,7 +290,7 @@ def test_only_unreadable_journals_are_refused_with_the_reason(tmp_path, demo_pro
     (tmp_path / "x").mkdir()
     (tmp_path / "x" / "journal.jsonl").write_bytes(b"\x00\xff garbage\n")
 
-    with pytest.raises(StudyError, match="none can be used"):
+    with pytest.raises(StudyError, match=r"none of \d+ journals can be used"):
         read_sessions(tmp_path, demo_protocol)
 
 
@@ -324,7 +324,7 @@ def test_a_sitting_copied_under_another_code_is_refused(tmp_path, write_journals
     text = sitting_file(folder, "P01").read_text()
     sitting_file(folder, "P02").write_text(text.replace('"P01"', '"P02"'))
 
-    with pytest.raises(StudyError, match=r"are those of P01, under another code"):
+    with pytest.raises(StudyError, match="equal those of P01, under another code"):
         read_sessions(folder, demo_protocol)
 
 

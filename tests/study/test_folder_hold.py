@@ -39,8 +39,8 @@ def refused_build(clips) -> str:
 def test_sittings_share_a_folder_and_keep_builds_out(clips):
     with kept_for_sitting(clips), kept_for_sitting(clips):
         assert refused_build(clips) == (
-            f"{clips}: must stay as it is while a sitting shows its clips (one is running); build"
-            " when it is over, or choose another --out"
+            f"{clips}: must not change while a session shows its clips (one is running); build"
+            " after it ends, or choose another --out"
         )
     with only_build(clips):
         pass
@@ -62,14 +62,14 @@ def test_a_build_keeps_sittings_and_other_builds_out(clips):
 def test_the_same_folder_by_another_name_is_the_same_folder(clips, tmp_path):
     (tmp_path / "link").symlink_to(clips)
     with kept_for_sitting(tmp_path / "link"):
-        assert "while a sitting shows its clips" in refused_build(clips)
+        assert "while a session shows its clips" in refused_build(clips)
 
 
 def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
     sitting = subprocess.Popen([sys.executable, "-c", SIT, clips], stdout=subprocess.PIPE)
     with sitting:
         assert sitting.stdout.readline() == b"sitting\n"
-        assert "while a sitting shows its clips" in refused_build(clips)
+        assert "while a session shows its clips" in refused_build(clips)
         sitting.send_signal(signal.SIGKILL)
     with only_build(clips):
         pass
@@ -79,7 +79,7 @@ def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
 def test_a_read_only_folder_can_be_shown(clips):
     clips.chmod(0o555)
     with kept_for_sitting(clips):
-        assert "while a sitting shows its clips" in refused_build(clips)
+        assert "while a session shows its clips" in refused_build(clips)
 
 
 def test_a_file_system_without_locks_stops_neither(clips, monkeypatch):

@@ -339,7 +339,7 @@ def test_a_half_done_sitting_of_format_1_is_left_to_the_revision_that_began_it(
         simulate_sitting(simulation, old_sittings, "S001")
 
     assert str(caught.value) == (
-        f"{path}: a sitting is resumed in the format it was begun in (got format 1, this version"
+        f"{path}: a session must be resumed in its own format (got format 1, this version"
         " records format 2); resume with revision 0.1.0 7b43e25, or analyse it as it is"
     )
     assert sha256_bytes(path.read_bytes()) == before

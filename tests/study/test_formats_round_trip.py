@@ -373,6 +373,27 @@ def test_the_sample_sessions_are_two_complete_simulated_journals(sample_sessions
 
 
 @pytest.mark.parametrize("name", schema_names())
+def test_every_key_of_every_class_is_in_its_section_of_the_reference(name):
+    schema = json_schema(name)
+    sections = {
+        heading: body
+        for heading, _, body in (
+            part.partition("\n") for part in reference_text(name).split("\n## ")[1:]
+        )
+    }
+
+    classes = {**schema.get("$defs", {}), schema["title"]: schema}
+    missing = [
+        f"{title}.{key}"
+        for title, definition in classes.items()
+        for key in definition.get("properties", {})
+        if f"`{key}`" not in sections[title]
+    ]
+    assert missing == []
+    assert any("properties" in definition for definition in classes.values())
+
+
+@pytest.mark.parametrize("name", schema_names())
 def test_the_reference_in_the_docs_is_in_step_with_the_model(name, repository):
     page = repository / "docs" / "formats" / f"{name}.md"
 

@@ -43,7 +43,7 @@ def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monke
     command = ("session", "simulate", "demo", "--participants", 2, "--out", tmp_path)
     stopped = run(*command)
     assert stopped.exit_code == 130
-    assert stopped.stderr == "stopped; the same command goes on where it was\n"
+    assert stopped.stderr == "stopped; the same command continues from here\n"
     again = run(*command)
     assert again.exit_code == 0
     assert "1 simulated session," in again.stdout

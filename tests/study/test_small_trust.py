@@ -56,7 +56,7 @@ def test_a_simulated_sitting_goes_on_with_the_observer_it_began_with(tmp_path, c
     whole = read_journal(path)
     path.write_bytes(b"".join(lines[:15]))
 
-    with pytest.raises(StudyError, match="must go on with the observer it began with"):
+    with pytest.raises(StudyError, match="must continue with the same observer"):
         simulate_sitting(Simulation(DEMO, DISPLAY, **({"seed": 1} | change)), tmp_path, "S001")
     assert path.read_bytes() == b"".join(lines[:15])
     simulate_sitting(began, tmp_path, "S001")

@@ -172,7 +172,7 @@ def test_preregister_writes_design_rules_and_hashes_once(study, tmp_path, suffix
 def test_preregister_says_what_is_read_why_so_many_when_it_stops_and_its_power(study, tmp_path):
     path = study()
     bare = metamerlab("protocol", "preregister", path).stdout
-    assert "Why so many is not stated." in bare
+    assert "The reason for this number is not stated." in bare
     assert "Power is not stated." in bare
     assert "no earlier looks are planned" in bare
     texts = load_protocol(path).text
@@ -187,7 +187,7 @@ def test_preregister_says_what_is_read_why_so_many_when_it_stops_and_its_power(s
     words = ("--power", tmp_path / "power", "--why", "A day of sittings.")
     told = metamerlab("protocol", "preregister", path, *words).stdout
 
-    assert "Why so many: A day of sittings." in told
+    assert "Reason for this number: A day of sittings." in told
     assert "900 simulated studies of this design with 8 participants: 0.61 that the" in told
     assert "rate 0.65, scene sd 0.4" in told
     for harmed in ({"planned": 5}, {"participants": None}, {"assumptions": []}):

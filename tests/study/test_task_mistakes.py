@@ -263,7 +263,7 @@ def test_upgrade_says_the_same_in_format_2_and_never_writes_over(tmp_path, forma
 
     assert done.exit_code == 0, done.output
     assert f"metamerlab protocol check {new}" in done.stdout
-    assert "sittings that were begun with it are resumed" in " ".join(done.stdout.split())
+    assert "sessions that began with it are resumed" in " ".join(done.stdout.split())
     assert "Built clips belong to both." in done.stdout
     before, after = load_protocol(old), load_protocol(new)
     assert (before.format, after.format) == (1, 2)
