@@ -29,7 +29,7 @@ LEVELS = 5
 """Of the pyramid, as `MetamerSettings` has it; small pictures have fewer."""
 BLOCK_PX = 1 << BLOCK_HALVINGS
 MOST_SLOPE = 2.0
-"""Of chroma on luma: a network's small errors where luma hardly varies must not grow into colour."""
+"""Of chroma on luma: where luma hardly varies, small errors must not grow into colour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class MomentMaps:
 
     @property
     def levels(self) -> int:
-        return self.slopes.shape[2]
+        return int(self.slopes.shape[2])
 
     def packed(self) -> Floats:
         """What stands for blocks, in one array (h, w, levels * 5): deviations, then chroma's."""

@@ -125,7 +125,8 @@ class DenoisingNetwork:
         if len(takes) != 1 or shapes != wanted:
             raise InputError(
                 f"{path}: a network for {self.facts.kind} must take 4 channels and give"
-                f" {' and '.join(str(one[0]) for one in wanted[1:])} (channels are {shapes}); {_CURE}"
+                f" {' and '.join(str(one[0]) for one in wanted[1:])} (channels are {shapes});"
+                f" {_CURE}"
             )
         self._takes, self._gives = takes[0].name, names
 

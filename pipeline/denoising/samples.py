@@ -63,9 +63,7 @@ class Sampling:
         return np.left_shift(1, self.exponents(geometry, gaze_px))
 
 
-def composed(
-    renders: NDArray[np.floating], exponents: NDArray[np.intp]
-) -> NDArray[np.float32]:
+def composed(renders: NDArray[np.floating], exponents: NDArray[np.intp]) -> NDArray[np.float32]:
     """Take each pixel from the picture that has its number of samples.
 
     Pixels of a path tracer share no samples, so this is what tracing each pixel's own number of

@@ -60,6 +60,10 @@ class View:
     def name(self) -> str:
         return f"{self.scene}-{self.number}"
 
+    def path(self, folder: Path, rendering: Rendering) -> Path:
+        """The file that keeps its pictures."""
+        return folder / f"{self.name}-{rendering.edge_px}px-{rendering.clean_samples}.npz"
+
     def camera(self, world: World, edge_px: int) -> Camera:
         """A square camera near where the scene begins; view 0 is that place itself."""
         rng = np.random.default_rng((SCENE_SEED, self.number))
@@ -157,7 +161,7 @@ def pairs_of(
     found: list[Pair] = []
     tracer: tuple[str, World, PathTracer] | None = None
     for done, view in enumerate(views):
-        path = folder / f"{view.name}-{rendering.edge_px}px-{rendering.clean_samples}.npz"
+        path = view.path(folder, rendering)
         if not path.exists():
             if progress is not None:
                 progress(f"rendering {view.name}", done, len(views))

@@ -176,7 +176,7 @@ def examples_of(
             pools = Pools(geometry, (float(x), float(y)), training.pooling)
             fed = network_input(pair.noisy(training.sampling, pools.gaze_px), pools)[0]
             if kind == "rgb":
-                base = pair.clean.transpose(2, 0, 1)
+                base = pair.clean.transpose(2, 0, 1).astype(np.float64)
                 maps = np.zeros((0, *(edge // BLOCK_PX for edge in pair.clean.shape[:2])))
             else:
                 wanted = maps_of(pair.clean, pools)
@@ -237,8 +237,7 @@ class Trainer:
         self._deviation, self._mean = scale_of(examples)
         self.step = 0
         self._losses: list[float] = []
-        started = first_weights(kind, LEVELS, training.seed)
-        self._tensors = [torch.tensor(one, requires_grad=True) for pair in started for one in pair]
+        self._tensors = _tensors(first_weights(kind, LEVELS, training.seed))
         self._adam = torch.optim.Adam(self._tensors, lr=RATE)
         if checkpoint.exists():
             self._go_on()
@@ -263,9 +262,8 @@ class Trainer:
 
     def weights(self) -> Weights:
         """As they are now; the last layer gives values as they are, see `scaled`."""
-        arrays = [np.array(one.detach().numpy()) for one in self._tensors]
-        pairs = list(zip(arrays[::2], arrays[1::2], strict=True))
-        return scaled(pairs, self._deviation, self._mean)
+        arrays = [np.ascontiguousarray(one.detach().numpy()) for one in self._tensors]
+        return scaled(_layers(arrays), self._deviation, self._mean)
 
     def save(self) -> None:
         """Write the checkpoint whole."""
@@ -287,8 +285,8 @@ class Trainer:
         for group in self._adam.param_groups:
             group["lr"] = RATE * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
         batch = batch_of(self._examples, self.training, self.step)
-        pairs = list(zip(self._tensors[::2], self._tensors[1::2], strict=True))
-        base, maps = forward(pairs, torch.from_numpy(batch.fed))
+        fed = torch.from_numpy(batch.fed).contiguous(memory_format=torch.channels_last)
+        base, maps = forward(_layers(self._tensors), fed)
         loss = self._error(base, batch.base, slice(0, COLOURS))
         if maps is not None:
             loss = (loss + self._error(maps, batch.maps, slice(COLOURS, None))) / 2
@@ -376,16 +374,17 @@ def train(
         need(module, "training")
     tell = say or (lambda _: None)
     views = training.all_views
-    seconds = estimated_s(training)
+    missing = [view for view in views if not view.path(work / "pairs", training.rendering).exists()]
+    seconds = estimated_s(training, missing)
     tell(
         f"{len(views)} views of {', '.join(training.scenes)}, {training.rendering.edge_px} px,"
         f" up to {training.sampling.most} samples a pixel, clean with"
         f" {training.rendering.clean_samples}"
     )
     tell(
-        f"rendering takes about {_minutes(seconds['rendering'])}, {training.steps} steps of the"
-        f" network for moments {_minutes(seconds['moments'])}, of the one for colour"
-        f" {_minutes(seconds['rgb'])}; stopped, it goes on from {work}"
+        f"rendering {len(missing)} of them takes about {_minutes(seconds['rendering'])},"
+        f" {training.steps} steps of the network for moments {_minutes(seconds['moments'])}, of the"
+        f" one for colour {_minutes(seconds['rgb'])}; stopped, it goes on from {work}"
     )
     if estimate_only:
         return []
@@ -409,20 +408,17 @@ def train(
     return written
 
 
-def estimated_s(training: Training) -> dict[str, float]:
-    """Seconds of rendering and of training each network, from a few paths and two steps."""
-    need("torch", "training")
+def estimated_s(training: Training, missing: Sequence[View]) -> dict[str, float]:
+    """Seconds of rendering the missing views and of training, from a few paths and two steps."""
     import torch
 
-    scenes = {scene: seconds_for(scene, training.rendering) for scene in training.scenes}
-    found = {"rendering": training.views * sum(scenes.values())}
+    names = sorted({view.scene for view in missing})
+    a_view = {scene: seconds_for(scene, training.rendering) for scene in names}
+    found = {"rendering": sum(a_view[view.scene] for view in missing)}
     edge, crops = training.crop_px, training.crops
-    fed = torch.zeros((crops, 4, edge, edge))
+    fed = torch.zeros((crops, 4, edge, edge)).contiguous(memory_format=torch.channels_last)
     for kind in KINDS:
-        weights = [
-            tuple(torch.tensor(one, requires_grad=True) for one in pair)
-            for pair in first_weights(kind, LEVELS, 0)
-        ]
+        weights = _layers(_tensors(first_weights(kind, LEVELS, 0)))
         taken = []
         for _ in range(2):
             started = time.perf_counter()
@@ -441,6 +437,21 @@ def versions() -> dict[str, str]:
 
     known = {name: version(name) for name in ("torch", "mitsuba", "numpy")}
     return {**known, "revision": code_revision()}
+
+
+def _tensors(weights: Weights) -> list[Any]:
+    """Kernels and biases in turn, to be trained; channels last, which the CPU likes best."""
+    import torch
+
+    found = []
+    for kernel, bias in weights:
+        laid_out = torch.from_numpy(kernel.copy()).contiguous(memory_format=torch.channels_last)
+        found += [laid_out.requires_grad_(), torch.from_numpy(bias.copy()).requires_grad_()]
+    return found
+
+
+def _layers(flat: Sequence[Any]) -> list[tuple[Any, Any]]:
+    return list(zip(flat[::2], flat[1::2], strict=True))
 
 
 def _minutes(seconds: float) -> str:

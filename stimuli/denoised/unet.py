@@ -4,8 +4,8 @@ Beyond Blur (Walton et al. 2021), section 5.3, after Ronneberger, Fischer and Br
 three halvings by the greatest of 2x2, three doublings by repetition, and the way down added to the
 way up. The networks for moments and for colour differ in the last layer's channels alone.
 
-`weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3). `forward` needs torch, `to_onnx`
-needs onnx: both are of the extra `denoise`.
+`weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3). `forward` needs torch,
+`to_onnx` needs onnx: both are of the extra `denoise`.
 """
 
 from __future__ import annotations
@@ -137,11 +137,13 @@ def to_onnx(weights: Weights, facts: Facts) -> bytes:
         held.append(numpy_helper.from_array(np.array([COLOURS, count], np.int64), "parts"))
         all_of_them = layer(7, up, "all")
         nodes.append(
-            helper.make_node("Split", [all_of_them, "parts"], ["base", "fine"], name="split", axis=1)
+            helper.make_node(
+                "Split", [all_of_them, "parts"], ["base", "fine"], name="split", axis=1
+            )
         )
         block = [BLOCK_PX, BLOCK_PX]
         add("AveragePool", ("fine",), "maps", kernel_shape=block, strides=block)
-        shape = [1, count, "block_rows", "block_columns"]
+        shape: list[str | int | None] = [1, count, "block_rows", "block_columns"]
         outputs.append(helper.make_tensor_value_info("maps", TensorProto.FLOAT, shape))
     fed = helper.make_tensor_value_info("noisy", TensorProto.FLOAT, [1, INPUTS, "height", "width"])
     graph = helper.make_graph(nodes, f"denoise-{facts.kind}", [fed], outputs, held)

@@ -26,6 +26,7 @@ SLOTS = (
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
     Slot("decompress", "Make a picture from such a file.", "study_app.cli.compress:decompress"),
     Slot("texture", "Textures as statistics.", "study_app.cli.texture_commands:app"),
+    Slot("denoise", "Metamers of noisy renders.", "study_app.cli.denoise_commands:app"),
     Slot(
         "new-study",
         "Make a folder to start a study from.",
