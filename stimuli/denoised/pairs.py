@@ -218,7 +218,8 @@ def _write(path: Path, pair: Pair) -> None:
 def _read(path: Path, view: View, rendering: Rendering) -> Pair:
     edge = rendering.edge_px
     try:
-        with np.load(path, allow_pickle=False) as held:
+        # numpy would leave a damaged file open if it opened it itself.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as held:
             renders, clean = (held[name].astype(np.float32) for name in ("renders", "clean"))
     except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(

@@ -143,13 +143,13 @@ def denoise_file(
         raise InputError(f"{source}: is a folder of frames: OUT must be a folder")
     if not clip and out.suffix.lower() not in ENDINGS:
         raise InputError(f"{out}: must end in {' or '.join(ENDINGS)}")
-    chosen = open_network(network)
     first = read_any(sources[0], Reading(clip=True))
     for note in first.notes:
         tell(f"note: {note}")
     height, width = first.colour.shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)
     gaze_px = read_gaze(gaze, looking.geometry)
+    chosen = open_network(network)
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
     tell(network_words(network, chosen.facts))

@@ -26,6 +26,7 @@ from pipeline.denoising.maps import BLOCK_PX, LEVELS, maps_of
 from pipeline.denoising.network import Facts, Kind, network_input
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
+from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from stimuli.denoised.pairs import (
@@ -106,6 +107,11 @@ class Training:
             if not 1 <= value <= most:
                 raise InputError(f"{name} must lie in 1..{most} (got {value})")
         edge = self.rendering.edge_px
+        if chain_length(edge, edge) < LEVELS:
+            raise InputError(
+                f"training pictures must have more than 128 px an edge, for {LEVELS} levels"
+                f" (got {edge})"
+            )
         if not (16 <= self.crop_px <= edge and self.crop_px % 8 == 0):
             raise InputError(
                 f"crops must have a multiple of 8 from 16 to {edge} px an edge (got {self.crop_px})"
@@ -293,7 +299,7 @@ class Trainer:
         self._adam.zero_grad()
         loss.backward()
         self._adam.step()
-        return float(loss)
+        return float(loss.detach())
 
     def _error(self, found: Any, wanted: Pictures, channels: slice) -> Any:
         """Mean square error; networks give, and should give, deviations from the mean."""
