@@ -22,6 +22,7 @@ from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError, MissingExtraError
 from pipeline.foveation.condition import check_picture
+from pipeline.foveation.geometry import WIDEST_FLAT_DEG
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from pipeline.methods.onnx_files import network_files
@@ -69,8 +70,13 @@ class Facts:
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise InputError(f"kind must be moments or rgb (got {self.kind!r})")
-        if not 1 <= self.levels <= 6:
-            raise InputError(f"levels must lie in 1..6 (got {self.levels})")
+        for name, value, most in (("levels", self.levels, 6), ("edge_px", self.edge_px, 1 << 15)):
+            if not (isinstance(value, int) and 1 <= value <= most):
+                raise InputError(f"{name} must be a whole number in 1..{most} (got {value!r})")
+        if not 0 < self.width_deg < WIDEST_FLAT_DEG:
+            raise InputError(f"width_deg must lie between 0 and 180 (got {self.width_deg})")
+        if not isinstance(self.made, Mapping):
+            raise InputError(f"made must be a table (got {type(self.made).__name__})")
 
     def to_json(self) -> str:
         """As it stands in a file."""
@@ -239,7 +245,7 @@ def _facts(path: Path, session: Any) -> Facts:
         )
     try:
         return Facts.from_json(cast(str, text))
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"
             f" ({_one_line(error)}); {_CURE}"

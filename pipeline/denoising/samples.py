@@ -39,8 +39,10 @@ class Sampling:
     far_deg: float = 16.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.halvings <= 10:
-            raise InputError(f"halvings of samples must lie in 0..10 (got {self.halvings})")
+        if not (isinstance(self.halvings, int) and 0 <= self.halvings <= 10):
+            raise InputError(
+                f"halvings of samples must be a whole number in 0..10 (got {self.halvings!r})"
+            )
         if not 0 <= self.near_deg < self.far_deg < math.inf:
             raise InputError(
                 "samples must fall between two angles, near_deg below far_deg"

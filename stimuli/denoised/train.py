@@ -81,11 +81,11 @@ class Training:
     """
 
     scenes: tuple[str, ...] = ("colonnade", "garden", "shed")
-    views: int = 6
+    views: int = 3
     gazes: int = 4
-    steps: int = 1500
+    steps: int = 1200
     crops: int = 4
-    crop_px: int = 128
+    crop_px: int = 96
     seed: int = 1
     rendering: Rendering = field(default_factory=Rendering)
     sampling: Sampling = field(default_factory=Sampling)

@@ -160,9 +160,9 @@ def train(
     work: Annotated[
         Path, typer.Option(help="Folder for pictures and checkpoints; what it holds is used.")
     ] = Path("denoise-work"),
-    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 6,
-    steps: Annotated[int, typer.Option(min=1, help="Of each network.")] = 1500,
-    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 128,
+    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3,
+    steps: Annotated[int, typer.Option(min=1, help="Of each network.")] = 1200,
+    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96,
     size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256,
     clean_samples: Annotated[int, typer.Option(min=1, help="A pixel of clean pictures.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Of gazes, crops and first weights.")] = 1,
@@ -172,8 +172,8 @@ def train(
 ) -> None:
     """Render noisy and clean pictures, train two networks on them, and write both.
 
-    It says beforehand how long it takes (an hour on one core), and goes on where it was stopped.
-    Needs torch, Mitsuba 3 and onnx: the extra denoise.
+    It says beforehand how long it takes (as it stands, half an hour on one core), and goes on where
+    it was stopped. Needs torch, Mitsuba 3 and onnx: the extra denoise.
 
     Examples:
 

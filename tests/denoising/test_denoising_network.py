@@ -173,7 +173,7 @@ def test_files_that_are_no_network_get_one_message(tmp_path):
     with pytest.raises(InputError, match="does not say what it is for"):
         DenoisingNetwork(path)
     facts = json.loads(Facts("rgb").to_json())
-    for wrong in ({"version": 2}, {"kind": "sound"}, {"pooling": 3}, {"levels": 99}, {"more": 1}):
+    for wrong in ({"version": 2}, {"kind": "sound"}, {"pooling": 3}, {"levels": 99}, {"made": 1}):
         onnx.helper.set_model_props(model, {FACTS_KEY: json.dumps(facts | wrong)})
         path.write_bytes(model.SerializeToString())
         with pytest.raises(InputError, match="must say what the network is for"):
