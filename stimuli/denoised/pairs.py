@@ -28,8 +28,7 @@ from stimuli.world import Viewpoint, World
 WIDTH_DEG = 40.0
 """Of all pictures, on the eye."""
 SCENE_SEED = 1
-HELD_OUT = 1000
-"""Views from this number on are never trained with."""
+MOST_VIEWS = 1000
 # How far views lie from where a scene begins: in distances to what it looks at, and degrees.
 SHIFT = (0.16, 0.05, 0.12)  # right, down, forward
 TURN_DEG = (22.0, 7.0)  # sideways, up
@@ -45,7 +44,7 @@ class View:
     Parameters
     ----------
     number : int
-        Which view; from `HELD_OUT` on they are for judging.
+        Which view. A training takes the first ones; those after them are there to judge it.
     """
 
     scene: str

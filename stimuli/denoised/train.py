@@ -30,7 +30,7 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from stimuli.denoised.pairs import (
-    HELD_OUT,
+    MOST_VIEWS,
     WIDTH_DEG,
     Pair,
     Rendering,
@@ -99,7 +99,7 @@ class Training:
         for name in self.scenes:
             scene_entry(name)
         for name, value, most in (
-            ("views", self.views, HELD_OUT),
+            ("views", self.views, MOST_VIEWS),
             ("gazes", self.gazes, 1000),
             ("steps", self.steps, 10_000_000),
             ("crops", self.crops, 1024),

@@ -110,9 +110,7 @@ def render(
     scene: Annotated[str, typer.Argument(help="A built-in scene.", show_default=False)],
     out: Annotated[Path, typer.Option(help="The noisy picture, .png or .exr.")] = Path("noisy.png"),
     gaze: GazeOption = None,
-    view: Annotated[
-        int, typer.Option(min=0, help="Which camera: 0 is the scene's own; from 1000 on held out.")
-    ] = 0,
+    view: Annotated[int, typer.Option(min=0, help="Which camera: 0 is the scene's own.")] = 0,
     clean: Annotated[
         Path | None, typer.Option(help="Write the clean picture too.", show_default=False)
     ] = None,
@@ -127,7 +125,7 @@ def render(
 
         metamerlab denoise render castle --gaze 128,128 --out noisy.png
 
-        metamerlab denoise render shed --view 1000 --clean clean.png --clean-samples 256
+        metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
     """
     from stimuli.denoised.pairs import Rendering
     from stimuli.denoised.to_files import render_scene
