@@ -143,6 +143,14 @@ def denoise_file(
         raise InputError(f"{source}: is a folder of frames: OUT must be a folder")
     if not clip and out.suffix.lower() not in ENDINGS:
         raise InputError(f"{out}: must end in {' or '.join(ENDINGS)}")
+    names = [out / f"{path.stem}.png" for path in sources] if clip else [out]
+    if len(set(names)) < len(names):
+        raise InputError(f"{source}: frames must have different names, endings aside")
+    for path in (out, compare):
+        if path is not None and path.exists() and path.samefile(source):
+            raise InputError(f"{path}: is what is to be denoised; write somewhere else")
+    if compare is not None and compare.absolute() == out.absolute():
+        raise InputError(f"{out}: OUT and --compare must be different files")
     first = read_any(sources[0], Reading(clip=True))
     for note in first.notes:
         tell(f"note: {note}")
@@ -155,7 +163,6 @@ def denoise_file(
     tell(network_words(network, chosen.facts))
     for note in _unlike_training(chosen.facts, looking.geometry):
         tell(f"note: {note}")
-    names = [out / f"{path.stem}.png" for path in sources] if clip else [out]
     denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
     try:
         for index, (path, name) in enumerate(zip(sources, names, strict=True)):

@@ -281,13 +281,13 @@ def test_frames_go_to_a_folder(png, tmp_path):
         (("--gaze", "nan,3"), "--gaze must be X,Y"),
         (("--gaze", "40,30", "--network", "best"), "--network must be moments or rgb"),
         (("--gaze", "40,30", "--network", "there-is-none.onnx"), "there-is-none.onnx"),
-        (("--gaze", "40,30", "--out", "out.jpg/x.tif"), "OUT"),
+        (("--gaze", "40,30", "--out", "x/y.tif"), "y.tif: must end in .png or .exr"),
+        (("--gaze", "40,30", "--out", "noisy.png"), "is what is to be denoised"),
+        (("--gaze", "40,30", "--out", "s.png", "--compare", "s.png"), "must be different files"),
     ],
 )
 def test_wrong_arguments_get_one_message(png, tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
-    if said == "OUT":
-        said = "out.jpg/x.tif: must end in .png or .exr"
     code, _, error = run("run", png, "--numpy", *arguments)
 
     assert code == 2
