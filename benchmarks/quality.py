@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 
 import moderngl
@@ -63,6 +63,14 @@ def pairs(folder: Path | None) -> Iterator[tuple[str, StereoPair]]:
             yield name, load_pair(*files, units_per_px=units_per_px)
 
 
+def cells(quality: Quality) -> str:
+    """The four measures, as cells of a row."""
+    return (
+        f"{quality.psnr_db:.2f} | {quality.ssim:.3f} | {quality.high_frequency_ratio:.2f} |"
+        f" {quality.band_error:.3f}"
+    )
+
+
 def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     """Render as Markdown: one row per pair and method."""
     lines = [
@@ -71,11 +79,21 @@ def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     ]
     for pair, (share, fills) in results.items():
         for method, quality in fills.items():
-            lines.append(
-                f"| {pair} ({100 * share:.1f} %) | {method} | {quality.psnr_db:.2f} |"
-                f" {quality.ssim:.3f} | {quality.high_frequency_ratio:.2f} |"
-                f" {quality.band_error:.3f} |"
-            )
+            lines.append(f"| {pair} ({100 * share:.1f} %) | {method} | {cells(quality)} |")
+    return "\n".join(lines)
+
+
+def means(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
+    """Render as Markdown: one row per method, its measures averaged over the pairs."""
+    lines = [
+        "| method | PSNR dB | SSIM | high-frequency ratio | band error |",
+        "| --- | ---: | ---: | ---: | ---: |",
+    ]
+    fills = [fill for _, fill in results.values()]
+    for method in fills[0]:
+        columns = zip(*(astuple(fill[method]) for fill in fills), strict=True)
+        mean = Quality(*(sum(column) / len(column) for column in columns))
+        lines.append(f"| `{method}` | {cells(mean)} |")
     return "\n".join(lines)
 
 
@@ -84,7 +102,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--variants", action="store_true", help="variants of one method instead")
-    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
+    parser.add_argument("--docs", type=PART.page, help="document whose table of means is replaced")
     parser.add_argument(
         "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
     )
@@ -111,7 +129,7 @@ def main(argv: list[str]) -> int:
     }
     arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     if arguments.docs is not None:
-        PART.replace(arguments.docs, table(results))
+        PART.replace(arguments.docs, means(results))
     return 0
 
 

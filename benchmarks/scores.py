@@ -1,7 +1,7 @@
-"""The table of docs/quality.md: every built-in scene, three motions, by every metric.
+"""The tables of benchmarks/results/scores.md: every built-in scene, three motions, by every metric.
 
 `script/bench scores` builds the clips and scores them as `metamerlab stimuli score` does, one
-batch per motion; with ``--docs docs/quality.md`` it writes the tables into that page. Killed at
+batch per motion; with ``--docs benchmarks/results/scores.md`` it writes that page. Killed at
 any point, it goes on where it was.
 """
 

@@ -86,7 +86,7 @@ class Findings:
         return "\n".join(lines)
 
     def markdown(self) -> str:
-        """The part of docs/stimuli.md that states numbers."""
+        """The part of benchmarks/results/stimuli.md that states numbers."""
         lines = [
             f"On {os.cpu_count()} cores with {self.renderer.split(' (')[0]}: {self._where};"
             " medians, and for ratios the least and the greatest round.",

@@ -263,7 +263,7 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--depth", "depth.png", "--camera", "64,64,3,3"], "a picture needs --flow FILE, or"),
+        (["--depth", "depth.png", "--camera", "64,64,3,3"], "a picture needs --flow FILE or"),
         (["--depth", "depth.png", "--parallax", "0"], "must lie between -1 and 1 widths"),
         (["--flow", "motion.flo", "--parallax", "1"], "do not go with it"),
         (["--flow", "motion.flo", "--pose", "0 0 0 0 0 0 1"], "do not go with it"),

@@ -34,13 +34,13 @@ def build(
         typer.Option(metavar="ADDRESS", help="Use the workers of this Dask cluster instead."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say clips, frames, disk and time; build nothing.")
+        bool, typer.Option("--dry-run", help="Print clips, frames, disk and time; build nothing.")
     ] = False,
 ) -> None:  # fmt: skip
     """Build every clip or still of a study, hashed, manifest last.
 
     Clips are rendered from scenes, or taken from your pictures and videos, as the study's
-    'stimuli.kind' says. Killed at any point, the same command goes on where it was. A changed
+    'stimuli.kind' says. After an interruption the same command continues. A changed
     method, scene or file makes only its own clips again.
 
     Examples:

@@ -40,7 +40,9 @@ def compress(
     ] = None,
     quality: Annotated[
         int | None,
-        typer.Option(min=1, max=95, help=r"Of colour. \[default: 75]", show_default=False),
+        typer.Option(
+            min=1, max=95, help=r"Quality of the colours. \[default: 75]", show_default=False
+        ),
     ] = None,
     codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg",
     angles: Annotated[
@@ -54,11 +56,11 @@ def compress(
         bool,
         typer.Option(
             "--statistics/--no-statistics",
-            help="Keep statistics of the periphery, or only its blurred colour.",
+            help="Keep statistics of the periphery, or its blurred colour alone.",
         ),
     ] = True,
     hold: Annotated[
-        int, typer.Option(min=1, max=65535, help="Frames of a clip that share statistics.")
+        int, typer.Option(min=1, max=65535, help="How many frames of a clip share statistics.")
     ] = 12,
     display: DisplayOption = None,
     fov: FovOption = None,
@@ -71,11 +73,11 @@ def compress(
         ),
     ] = None,
 ) -> None:
-    """Compress a picture for a gaze: colour in cells that grow with the eccentricity, and
-    statistics of what such cells lose.
+    """Compress a picture for one gaze.
 
-    Around the gaze the picture is kept; in the periphery its statistics are. A plain codec is
-    better in both at equal size, except near the gaze: see docs/compression.md.
+    Colour is stored in cells that grow with the eccentricity, and statistics of what they lose.
+    At equal size a plain codec keeps the whole picture better; this format is better near the
+    gaze. See docs/compression.md.
 
     Examples:
 
@@ -119,22 +121,25 @@ def decompress(
         Path,
         typer.Option(help="The picture to write, .png or .exr; for a clip a folder of frames."),
     ] = Path("picture.png"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise; same seed, same picture.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     statistics: Annotated[
         bool,
-        typer.Option("--statistics/--no-statistics", help="Leave out to see the colour alone."),
+        typer.Option(
+            "--statistics/--no-statistics",
+            help="Add noise with the statistics, or show the colour alone.",
+        ),
     ] = True,
     video: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Of a clip: write its frames as a video too, .mp4, .webm, or .avi without loss.",
+            help="For a clip: write its frames as a video too, .mp4, .webm, or lossless .avi.",
             show_default=False,
         ),
     ] = None,
-    fps: Annotated[float, typer.Option(min=1, max=1000, help="Of --video.")] = 30.0,
+    fps: Annotated[float, typer.Option(min=1, max=1000, help="Frame rate of --video.")] = 30.0,
     numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
+        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
     ] = False,
 ) -> None:
     """Make a picture that has the colour and the statistics of a compressed file.

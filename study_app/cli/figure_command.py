@@ -47,32 +47,34 @@ def figure(
     ] = None,
     count: Annotated[int, typer.Option(min=1, max=4, help="How many crops auto takes.")] = 2,
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="In this order; left out: all.")
+        str | None, typer.Option(metavar="A,B,...", help="Methods, in this order; left out: all.")
     ] = None,
     scene: Annotated[
         list[str] | None,
-        typer.Option(help="A row for each; left out: the one whose crops differ most."),
+        typer.Option(help="Scene; each gets a row. Left out: the one whose crops differ most."),
     ] = None,
     size: Annotated[
-        str | None, typer.Option(help="Left out: the one whose crops differ most.")
+        str | None,
+        typer.Option(help="Size of the holes. Left out: the one whose crops differ most."),
     ] = None,
     frame: Annotated[
-        int | None, typer.Option(min=0, help="Left out: the one whose crops differ most.")
+        int | None, typer.Option(min=0, help="Frame. Left out: the one whose crops differ most.")
     ] = None,
     report: Annotated[
         Path | None,
         typer.Option(help="Folder of the study's report: scores stand under the methods."),
     ] = None,
     score: Annotated[
-        str, typer.Option(metavar="jod|share", help="Which score of the report.")
+        str, typer.Option(metavar="jod|share", help="Which score of the report to print.")
     ] = "jod",
     columns: Annotated[
-        int, typer.Option(min=1, max=2, help="As wide as one column of a paper, or two.")
+        int, typer.Option(min=1, max=2, help="Width in columns of a paper: 1 or 2.")
     ] = 2,
 ) -> None:
-    """Draw the figure that a paper opens with: a frame, and each method's hardest places.
+    """Draw the first figure of a paper: a true view, and crops of what each method shows.
 
-    Crops are those in which methods differ most, or yours. Text stays text, pixels stay pixels.
+    Crops are where the methods differ most, or where you say. Text stays text, and pixels are
+    not smoothed.
 
     Examples:
 
@@ -114,7 +116,7 @@ def figure(
             sizes = list(dict.fromkeys(row.size for row in rows))
             if len(sizes) > 1:
                 raise StudyError(
-                    "--size: scores are of one size (the crops that differ most are of"
+                    "--size: a figure shows scores of one size (the chosen crops are of"
                     f" {' and '.join(map(str, sizes))}); choose one"
                 )
             scores, simulated = _scores(report, score, sizes[0])

@@ -69,7 +69,7 @@ def foveate(
     out: Annotated[
         Path | None,
         typer.Argument(
-            help="The picture to write, .png or .exr; replaced if there. Of frames: a folder."
+            help="The picture to write, .png or .exr; replaced if there. For frames: a folder."
             r" \[default: foveated.png, or foveated/]",
             show_default=False,
         ),
@@ -78,26 +78,24 @@ def foveate(
     display: DisplayOption = None,
     fov: FovOption = None,
     panorama: Annotated[
-        bool, typer.Option("--panorama", help="It is equirectangular, 2:1, all around.")
+        bool, typer.Option("--panorama", help="An equirectangular panorama, 2:1.")
     ] = False,
     methods: Annotated[list[str] | None, method_option("Condition", DEFAULT_METHOD)] = None,
     settings: SettingsOption = None,
-    seed: Annotated[
-        int, typer.Option(help="Of noise and displacement; same seed, same picture.", min=0)
-    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of noise and displacement.", min=0)] = 0,
     _list: Annotated[
         bool,
         list_option("the conditions, their parameters and the pooling laws", _print_methods),
     ] = False,
     numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
+        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
     ] = False,
     flow: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Of frames: NAME.flo for each but the first, how far each of its pixels has come"
-            " since the frame before. Noise goes along; without it it lies on the screen.",
+            help="For frames: NAME.flo for each but the first, how far its pixels have moved since"
+            " the frame before. Noise then moves along; otherwise it is fixed to the screen.",
             show_default=False,
         ),
     ] = None,
@@ -105,7 +103,7 @@ def foveate(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Of frames: write them as a video too, .mp4, .webm, or .avi without loss.",
+            help="For frames: write them as a video too, .mp4, .webm, or lossless .avi.",
             show_default=False,
         ),
     ] = None,
@@ -114,7 +112,7 @@ def foveate(
         typer.Option(
             min=1,
             max=1000,
-            help="Of --video; left out: the video's own, or 30.",
+            help=r"Frame rate of --video. \[default: the input video's, or 30]",
             show_default=False,
         ),
     ] = None,
@@ -129,7 +127,7 @@ def foveate(
         bool,
         typer.Option(
             "--clip",
-            help="Clip light that a display cannot show instead of refusing it.",
+            help="Clip light that a display cannot show, instead of refusing it.",
             rich_help_panel=_FILE,
         ),
     ] = False,
@@ -174,14 +172,14 @@ def foveate(
     animate: Annotated[
         Path | None,
         typer.Option(
-            help="Moving picture (.webp, or .png for APNG) in which the gaze wanders.",
+            help="Animation (.webp, or .png for APNG) in which the gaze moves.",
             rich_help_panel=LOOK,
         ),
     ] = None,
     flip: Annotated[
         Path | None,
         typer.Option(
-            help="Moving picture that flips between this seed and the next one.",
+            help="Animation that alternates between this seed and the next one.",
             rich_help_panel=LOOK,
         ),
     ] = None,
@@ -190,16 +188,16 @@ def foveate(
         typer.Option(
             min=64,
             max=4096,
-            help=r"Longer edge of the moving pictures. \[default: 480, --flip 960]",
+            help=r"Longer edge of the animations. \[default: 480, --flip 960]",
             show_default=False,
             rich_help_panel=LOOK,
         ),
     ] = None,
 ) -> None:
-    """Show a picture to a gaze: a metamer of the periphery, or what it is compared with.
+    """Make a metamer of a picture for one gaze, or a condition that it is compared with.
 
-    In the fovea, one degree around the gaze unless told otherwise, nothing changes.
-    energy-metamer takes minutes: interrupted, the same command goes on where it was.
+    In the fovea, one degree around the gaze by default, nothing changes. energy-metamer takes
+    minutes; after an interruption the same command continues.
 
     Examples:
 

@@ -53,7 +53,7 @@ FovOption = Annotated[
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", "--parameter", help="A parameter of the one method, as name=value.", metavar="P=V"
+        "--set", "--parameter", help="A parameter of the method, as name=value.", metavar="P=V"
     ),
 ]
 
@@ -166,7 +166,7 @@ def read_parameters(settings: Sequence[str], methods: Sequence[str]) -> dict[str
         If there are settings and not exactly one method, or one is not ``name=value``.
     """
     if settings and len(methods) > 1:
-        raise StudyError("--set needs exactly one --method: whose parameter it is is not clear")
+        raise StudyError(f"--set needs exactly one --method (got {len(methods)})")
     parameters: dict[str, Any] = {}
     for setting in settings:
         name, equals, value = setting.partition("=")

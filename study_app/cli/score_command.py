@@ -35,9 +35,7 @@ def score(
     ] = None,
     second: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[REFERENCE]", help="What TEST is compared with.", show_default=False
-        ),
+        typer.Argument(metavar="[REFERENCE]", help="The reference for TEST.", show_default=False),
     ] = None,
     out: Annotated[
         Path | None,
@@ -84,7 +82,9 @@ def score(
     ] = False,
     fps: Annotated[
         float,
-        typer.Option(min=1.0, max=1000.0, help="Of two clips given as folders; videos say theirs."),
+        typer.Option(
+            min=1.0, max=1000.0, help="Frame rate of two folders of frames; videos have their own."
+        ),
     ] = 30.0,
     workers: Annotated[
         int | None,
@@ -96,7 +96,7 @@ def score(
         str | None,
         typer.Option(
             metavar="METHOD",
-            help=r"Of a batch: say of this method how it does against every other. \[default:"
+            help=r"For a batch: compare this method with every other. \[default:"
             " metameric against push-pull]",
             show_default=False,
         ),
@@ -105,20 +105,23 @@ def score(
         Path | None,
         typer.Option(
             metavar="STUDY",
-            help="Of a batch: its study, for labels in place of names on the page, in figures and"
+            help="For a batch: its study, for labels instead of names on the page, in figures and"
             r" in tables for people. \[default: names; of a shipped study its labels]",
             show_default=False,
         ),
     ] = None,
     list_metrics: Annotated[
-        bool, typer.Option("--list", help="Say what can be measured here, and what is missing.")
+        bool,
+        typer.Option(
+            "--list", help="List the metrics that this machine can compute, and what is missing."
+        ),
     ] = False,
 ) -> None:
     """Score clips against their reference, in holes and over the frame.
 
-    DIR scores a whole batch (of foveated images: around their gaze, as far from the eye as
-    they were made for) and writes tables in the layout of the paper's, plots and one
-    page. Killed at any point, the same command goes on where it was.
+    DIR scores a whole batch and writes tables, plots and one page; foveated images are scored
+    around their gaze, at the distance they were made for. After an interruption the same
+    command continues. docs/quality.md says what the metrics and JOD mean.
 
     Examples:
 

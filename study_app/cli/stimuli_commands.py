@@ -140,7 +140,7 @@ def look(
     out: Annotated[Path, typer.Option(help="Contact sheet to write, .png.")] = Path("views.png"),
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
     views: Annotated[int, typer.Option(min=1, max=64, help="How many views to draw.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="Of a built-in scene.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of a built-in scene.")] = 0,
     view: Annotated[
         list[str] | None,
         typer.Option(
@@ -152,7 +152,7 @@ def look(
         str | None,
         typer.Option(
             metavar="unlit|sun",
-            help="As the protocol's key, for files; left out: sun where the file brings plain"
+            help="As the protocol's key, for files. Left out: sun if the file has plain"
             " colours alone.",
         ),
     ] = None,
@@ -237,7 +237,7 @@ def panorama(
         int, typer.Option(help="Height, 16 to 4096; the panorama is twice as wide.")
     ] = 2048,
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of a built-in scene.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of a built-in scene.")] = 1,
     view: Annotated[
         str | None,
         typer.Option(

@@ -44,12 +44,13 @@ def bake(
         Path, typer.Option(help="The file to write, .moments; replaced if there.")
     ] = Path("texture.moments"),
     wrap: Annotated[
-        bool, typer.Option("--wrap", help="It goes round: its right border goes on at its left.")
+        bool,
+        typer.Option("--wrap", help="The texture wraps: its right border continues at its left."),
     ] = False,
 ) -> None:
     """Bake a texture: its halvings, and the pooled moments of every level of its pyramid.
 
-    Rows flow through, a few at a time: a texture of 8192 x 8192 px takes less than 1 GiB of memory.
+    Rows are processed a few at a time: 8192 x 8192 px take less than 1 GiB of memory.
 
     Examples:
 
@@ -75,7 +76,7 @@ def show(
     baked: Annotated[
         Path | None,
         typer.Option(
-            help=r"A file that bake made, of a map of a globe. \[default: a planet of our own]",
+            help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]",
             show_default=False,
         ),
     ] = None,
@@ -83,23 +84,25 @@ def show(
     display: DisplayOption = None,
     fov: FovOption = None,
     settings: SettingsOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     size_px: Annotated[
         int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")
     ] = 768,
-    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the globes by so much.")] = 0.0,
+    turn: Annotated[
+        float, typer.Option(metavar="DEG", help="Turn the globes by this angle.")
+    ] = 0.0,
     animate: Annotated[
         Path | None,
         typer.Option(
-            help="Moving picture (.webp, or .png for APNG) of the turning globes.",
+            help="Animation (.webp, or .png for APNG) of the turning globes.",
             rich_help_panel=LOOK,
         ),
     ] = None,
 ) -> None:
-    """Draw a scene three times: as it is, with a foveated blur, and with noise of what that lost.
+    """Draw a scene three times: as it is, with a foveated blur, and with noise for what it lost.
 
-    Parameters of --set are those of the condition metamer: law, scaling, alpha, rate, fovea_deg,
-    levels, noise. It says how many bytes of the texture foveation saves.
+    --set takes parameters of the condition metamer: law, scaling, alpha, rate, fovea_deg, levels,
+    noise. The command prints how many bytes of the texture foveation saves.
 
     Examples:
 

@@ -58,14 +58,14 @@ def warp(
     methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None,
     settings: SettingsOption = None,
     _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False,
-    seed: Annotated[int, typer.Option(help="Of the noise; same seed, same picture.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0,
     rim_px: Annotated[
         int | None,
         typer.Option(
-            help="So many pixels of the background along a hole, 0 to 4, are hole too: a"
-            " photograph's pixels at a silhouette mix both sides, and would stay behind as a ghost"
-            " of the outline. Give 0 to a pair that was rendered without anti-aliasing, 1 to a"
-            " file with anti-aliased edges, more where a picture is blurred or enlarged."
+            help="How many background pixels along a hole, 0 to 4, become hole too. A photograph's"
+            " pixels at a silhouette mix both sides, and would leave a ghost of the outline. Give 0"
+            " to a pair rendered without anti-aliasing, 1 to a file with anti-aliased edges, more"
+            " to pictures that are blurred or enlarged."
             r" \[default: 1 for a stereo pair, 0 for a file]",
             show_default=False,
         ),
@@ -91,22 +91,22 @@ def warp(
         typer.Option(
             "--channel",
             metavar="WHAT=NAME",
-            help="Which channel holds what, if not R, G, B, Z, flow.x, flow.y, target.Z: red,"
-            " green, blue, depth, flow_x, flow_y, target_depth.",
+            help="Name of a channel that is not R, G, B, Z, flow.x, flow.y or target.Z. WHAT is"
+            " red, green, blue, depth, flow_x, flow_y or target_depth.",
             rich_help_panel=_FILE,
         ),
     ] = None,
     flow: Annotated[
         Path | None,
         typer.Option(
-            help="Where each pixel goes: a Middlebury file (.flo).", rich_help_panel=_PICTURE
+            help="Where each pixel moves: a Middlebury file (.flo).", rich_help_panel=_PICTURE
         ),
     ] = None,
     depth: Annotated[
         Path | None,
         typer.Option(
             help="Depth along the optical axis, an image of one channel; unknown is 0 in integers."
-            " Alone the camera moves sideways; of use with --flow.",
+            " Given alone, the camera moves sideways. Also useful with --flow.",
             rich_help_panel=_PICTURE,
         ),
     ] = None,
@@ -119,8 +119,8 @@ def warp(
     nearer: Annotated[
         str,
         typer.Option(
-            help="What stands in front where --flow comes without --depth: fast, what moves"
-            " faster, or none.",
+            help="Which surface is in front if --flow comes without --depth: fast (what moves"
+            " faster) or none.",
             rich_help_panel=_PICTURE,
         ),
     ] = "fast",
@@ -136,7 +136,7 @@ def warp(
         str | None,
         typer.Option(
             metavar="POSE",
-            help="Of the picture, world from camera: 'tx ty tz qx qy qz qw', 16 numbers of a"
+            help="Pose of the picture, world from camera: 'tx ty tz qx qy qz qw', 16 numbers of a"
             r" matrix, or FILE:LINE. \[default: the world's origin]",
             show_default=False,
             rich_help_panel=_PICTURE,
@@ -144,21 +144,21 @@ def warp(
     ] = None,
     target_pose: Annotated[
         str | None,
-        typer.Option(metavar="POSE", help="Of the new view.", rich_help_panel=_PICTURE),
+        typer.Option(metavar="POSE", help="Pose of the new view.", rich_help_panel=_PICTURE),
     ] = None,
     parallax: Annotated[
         float | None,
         typer.Option(
             metavar="SHARE",
-            help="With --depth alone: move the camera to the right until what is near moves by this"
-            r" share of the width; negative: to the left. \[default: 0.03]",
+            help="With --depth alone: move the camera to the right until near surfaces move by"
+            r" this share of the width; negative: to the left. \[default: 0.03]",
             show_default=False,
             rich_help_panel=_PICTURE,
         ),
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(help="What the new view really shows: fills are measured against it."),
+        typer.Option(help="The true new view. Fills are measured against it."),
     ] = None,
     disparity: Annotated[
         Path | None,
@@ -170,16 +170,16 @@ def warp(
     ] = None,
     units_per_px: Annotated[
         float,
-        typer.Option(help="What the file stores for 1 px of disparity.", rich_help_panel=_STEREO),
+        typer.Option(help="Stored value of 1 px of disparity.", rich_help_panel=_STEREO),
     ] = 1.0,
     right: Annotated[
         Path | None,
-        typer.Option(help="Right image: fills are measured against it.", rich_help_panel=_STEREO),
+        typer.Option(help="Right image. Fills are measured against it.", rich_help_panel=_STEREO),
     ] = None,
     focal_px: Annotated[
         float | None,
         typer.Option(
-            help="Focal length; without it depths are right in ratio only.",
+            help="Focal length. Without it, depths are right in ratio only.",
             rich_help_panel=_STEREO,
         ),
     ] = None,
@@ -218,16 +218,16 @@ def warp(
     compare: Annotated[
         Path | None,
         typer.Option(
-            help="Picture of all methods side by side, labelled; without --method of all that"
-            " there are.",
+            help="One labelled sheet with the fills side by side: those of --method, or of all"
+            " methods.",
             rich_help_panel=LOOK,
         ),
     ] = None,
 ) -> None:
     """Warp one picture and fill its holes.
 
-    The holes are what the new view shows and the old one did not see.
-    Where the truth is known (--truth, --right), the fill is measured inside them.
+    Holes are pixels that the new view shows and the old one did not see.
+    If the true view is known (--truth, --right), the fill is measured inside them.
 
     Examples:
 

@@ -146,12 +146,12 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
         return from_the_side(path, options.depth, share, depth_scale=options.depth_scale)
     if options.depth is None or options.camera is None or options.target_pose is None:
         raise StudyError(
-            "a picture needs --flow FILE, or --depth FILE; with --depth the camera moves"
-            " sideways, or as --camera FX,FY,CX,CY, --target-pose and, unless it is at the world's"
-            " origin, --pose say"
+            "a picture needs --flow FILE or --depth FILE. With --depth alone the camera moves"
+            " sideways; to move it otherwise, give --camera FX,FY,CX,CY and --target-pose (and"
+            " --pose, if the picture's camera is not at the world's origin)"
         )
     if options.parallax is not None:
-        raise StudyError("--parallax is in place of --camera and poses: give one of them")
+        raise StudyError("--parallax replaces --camera and poses: give one or the other")
     pose = np.eye(4) if options.pose is None else read_pose(options.pose)
     return from_depth(
         path,

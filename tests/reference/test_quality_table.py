@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.quality import PART, measure, table
+from benchmarks.quality import PART, means, measure, table
 from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
@@ -40,15 +40,19 @@ def test_a_pair_is_measured_inside_its_interior_holes(gl_context, rng):
     assert found["background-extension"].psnr_db > 35  # noise of 0.01 is 40 dB
 
 
-def test_the_table_replaces_what_stands_between_its_markers(tmp_path):
+def test_the_means_replace_what_stands_between_its_markers(tmp_path):
     document = tmp_path / "page.md"
     document.write_text(f"before\n{PART.begin}\nold\n{PART.end}\nafter\n", encoding="utf-8")
-    rows = table({"pair": (0.05, {"telea": Quality(15.0, 0.5, 0.4, 0.3)})})
+    found = {
+        "one": (0.05, {"telea": Quality(15.0, 0.5, 0.4, 0.3)}),
+        "other": (0.01, {"telea": Quality(17.0, 0.7, 0.5, 0.1)}),
+    }
 
-    PART.replace(document, rows)
+    PART.replace(document, means(found))
 
     text = document.read_text(encoding="utf-8")
     assert "old" not in text
-    assert "| pair (5.0 %) | telea | 15.00 | 0.500 | 0.40 | 0.300 |" in text
+    assert "| `telea` | 16.00 | 0.600 | 0.45 | 0.200 |" in text
     assert text.startswith("before\n")
     assert text.endswith("after\n")
+    assert "| other (1.0 %) | telea | 17.00 | 0.700 | 0.50 | 0.100 |" in table(found)

@@ -22,7 +22,7 @@ GUIDE_ATOL = (5 + 1) * ROUNDOFF
 
 
 def tolerance(size, gamma):
-    """Bound the base's error, absolute, for colours in [0, 1]; see docs/precision.md.
+    """Bound the base's error, absolute, for colours in [0, 1].
 
     Validities are multiples of 4^-level and exact. Pull: shares (5), a product and three
     sums: 9. Push: the same, 1 for the difference to 1, 2 products, a sum, and the error of

@@ -32,7 +32,7 @@ from pipeline.synthesis.settings import MetamericSettings
 Z_NEAR_M = 1.0
 THRESHOLD = MetamericSettings().depth_threshold
 ROUNDOFF = 2.0**-24  # of one float32 operation
-# Roundings, counted in docs/precision.md.
+# Roundings; GUIDED and LOW_BAND are derived in test_inpaint_gpu.py and test_features_gpu.py.
 GUIDED = 9 + 13 + 14  # of one pull and push, gamma from 0, 0.25, 0.5, 1
 LOW_BAND = 9  # of one level
 BAND = 11  # of a coefficient from its 3x3 colours

@@ -14,7 +14,7 @@ ROUNDOFF = 2.0**-24  # of one float32 operation
 
 
 def tolerance(size, *, partial_confidences):
-    """Bound the error of one fill of colours in [0, 1], absolute; see docs/precision.md.
+    """Bound the error of one fill of colours in [0, 1], absolute.
 
     Known or unknown, nothing between: confidences are exact, and a product with one is
     too. Pull: 3 sums and a division (5): 8 per level. Push: in the four weighted taps a
