@@ -47,7 +47,9 @@ from stimuli.score.statistics import statistics_distance
 VIEWS = ("colonnade-3", "garden-3", "shed-3", "castle-0", "castle-1")
 PERIPHERY_DEG, FAR_DEG, FOVEA_DEG = 5.0, 10.0, 2.0
 SHEET_PX = 1500
-SHOWN = ("noisy", "network for colour", "Open Image Denoise", "network for moments")
+SHOWN = (
+    "noisy", "network for colour", "Open Image Denoise", "network for moments", "metamer of: clean",
+)  # fmt: skip
 
 Picture = NDArray[np.float32]
 
@@ -97,6 +99,7 @@ def main(argv: list[str]) -> int:
     rendering = Rendering(moments.facts.edge_px, arguments.clean_samples)
     found: list[Result] = []
     rows: list[tuple[str, sheets.Picture]] = []
+    columns = 1
     for name in arguments.views:
         view = _view(name)
         (pair,) = pairs_of([view], rendering, arguments.work)
@@ -110,10 +113,11 @@ def main(argv: list[str]) -> int:
             for denoiser, one in shown.items()
         ]
         if name in (arguments.sheet_views or arguments.views):
-            rows += [(label, sheets.of_colour(shown[label].picture)) for label in SHOWN
-                     if label in shown]  # fmt: skip
+            labels = [label for label in SHOWN if label in shown]
+            rows += [(label, sheets.of_colour(shown[label].picture)) for label in labels]
             rows.append((f"clean: {name}", sheets.of_colour(pair.clean)))
-    console = Console()
+            columns = len(labels) + 1
+    console = Console(width=110)
     for held_out, words in (
         (False, "scenes of the training, other views"),
         (True, "another scene"),
@@ -121,8 +125,8 @@ def main(argv: list[str]) -> int:
         same = [one for one in found if one.held_out_scene == held_out]
         if same:
             console.print(_table(same, words))
-    if arguments.sheet is not None:
-        sheet = sheets.sheet(rows, columns=len(SHOWN) + 1)
+    if arguments.sheet is not None and rows:
+        sheet = sheets.sheet(rows, columns=columns)
         shrunk = tuple(round(SHEET_PX / sheet.shape[1] * edge) for edge in sheet.shape[:2])
         sheets.save_picture(arguments.sheet, sheets.fitted(sheet, (shrunk[0], shrunk[1])))
     if arguments.json is not None:

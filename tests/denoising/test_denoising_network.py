@@ -217,7 +217,7 @@ def test_without_onnx_runtime_the_cure_is_named(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["moments", "rgb"])
 def test_shipped_networks_take_noise_away(kind):
-    """A grey wall with 1 sample of noise in the periphery: the base is nearer to it by far."""
+    """A grey wall with 1 sample of noise in the periphery: the base is nearer to it by half and more."""
     path = shipped_network(kind)
     assert path.stat().st_size < 5_000_000
     network = DenoisingNetwork(path)
@@ -231,7 +231,7 @@ def test_shipped_networks_take_noise_away(kind):
     found = network.moments(noisy, pools).base if kind == "moments" else None
     found = network.colour(noisy, pools) if found is None else found
 
-    assert np.abs(found - clean)[16:-16, 16:-16].mean() < 0.4 * np.abs(noisy - clean).mean()
+    assert np.abs(found - clean)[16:-16, 16:-16].mean() < 0.5 * np.abs(noisy - clean).mean()
 
 
 def run(*arguments):
