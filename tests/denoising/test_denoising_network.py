@@ -217,7 +217,7 @@ def test_without_onnx_runtime_the_cure_is_named(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["moments", "rgb"])
 def test_shipped_networks_take_noise_away(kind):
-    """A grey wall with 1 sample of noise in the periphery: the base is nearer to it by half and more."""
+    """A noisy grey wall in the periphery: what comes out is nearer to it by half and more."""
     path = shipped_network(kind)
     assert path.stat().st_size < 5_000_000
     network = DenoisingNetwork(path)
