@@ -12,6 +12,7 @@ BENCHMARKS = {
     "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
     "compress": "compressed pictures at equal size: statistics, fovea, time of decoding",
+    "denoise": "networks for moments and for colour, and Open Image Denoise, on held-out views",
     "textures": "bytes of a texture that foveation saves, by law, cap and bytes a level",
     "thin": "what is one pixel thin, through the warp, on the built-in scenes",
     "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",

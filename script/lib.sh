@@ -3,18 +3,16 @@
 #
 # prepare: system packages, .venv and the locked Python packages, each only
 # where something is missing. Says on stderr what it does; silent otherwise.
-# With CI=true, or once `script/setup --metrics` was run, also the extra `metrics`; once
-# `script/setup --metamers` was run, also the extra `metamers` (`metrics` brings what it needs).
-# With CI=true, or once `script/docs` was run, also the extra `docs`.
+# With CI=true, or once they were asked for here, also the extras `metrics` and `docs`; the other
+# EXTRAS once `script/setup --NAME` was run.
 
 set -euo pipefail
 
 ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
-METRICS="$ROOT/requirements-metrics.txt"
-METAMERS="$ROOT/requirements-metamers.txt"
-DOCS="$ROOT/requirements-docs.txt"
+EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt each
+ASKED_EXTRA=""                          # script/setup --NAME, script/docs
 MINIMUM_PYTHON=3.11
 
 # What a Debian or Ubuntu machine needs beside Python, and how any other system
@@ -189,52 +187,46 @@ install_python_packages() {
     mv -- "$VENV/metamerlab-stamp.new" "$VENV/metamerlab-stamp" # last: all or nothing
 }
 
-# The extra `metrics` is wanted by CI, the extras by whoever asked for them here before.
-wants_metrics() {
-    [[ ${CI:-} == true || -e $VENV/metamerlab-metrics ]]
-}
-
-wants_metamers() {
-    [[ -e $VENV/metamerlab-metamers ]]
-}
-
-wants_docs() {
-    [[ ${CI:-} == true || -e $VENV/metamerlab-docs ]]
+# The extras `metrics` and `docs` are wanted by CI, all by whoever asks for them, or did here before.
+wants_extra() {
+    [[ $1 == "$ASKED_EXTRA" || -e $VENV/metamerlab-$1 ]] ||
+        [[ ${CI:-} == true && ($1 == metrics || $1 == docs) ]]
 }
 
 wanted_extra_stamp() {
-    cat -- "$1" "$LOCK" | sha256sum
+    cat -- "$ROOT/requirements-$1.txt" "$LOCK" | sha256sum
 }
 
-# has_extra NAME FILE
 has_extra() {
     local stamp="$VENV/metamerlab-$1"
-    [[ -f $stamp && $(<"$stamp") == "$(wanted_extra_stamp "$2")" ]]
+    [[ -f $stamp && $(<"$stamp") == "$(wanted_extra_stamp "$1")" ]]
 }
 
 # The locked versions stay as they are: pip is told of them as constraints. Which build of
 # torch comes, for CPU or GPU, is decided by where pip looks (PIP_EXTRA_INDEX_URL).
 install_extra() {
-    local name=$1 file=$2 locked="$VENV/metamerlab-locked.txt"
+    local name=$1 locked="$VENV/metamerlab-locked.txt"
     awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$LOCK" >"$locked"
     say "Installing the extra $name (torch: some 200 MB, several GB with CUDA)"
-    quietly pip_here install --no-user --prefer-binary --constraint "$locked" -r "$file"
-    wanted_extra_stamp "$file" >"$VENV/metamerlab-$name.new"
+    quietly pip_here install --no-user --prefer-binary --constraint "$locked" \
+        -r "$ROOT/requirements-$name.txt"
+    wanted_extra_stamp "$name" >"$VENV/metamerlab-$name.new"
     mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
 }
 
 # Pinned with hashes and agreeing with the lock: these packages are the same everywhere.
 install_docs() {
     say "Installing the extra docs (Sphinx: 60 MB)"
-    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$DOCS"
-    wanted_extra_stamp "$DOCS" >"$VENV/metamerlab-docs.new"
+    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$ROOT/requirements-docs.txt"
+    wanted_extra_stamp docs >"$VENV/metamerlab-docs.new"
     mv -- "$VENV/metamerlab-docs.new" "$VENV/metamerlab-docs"
 }
 
 has_wanted_extras() {
-    { ! wants_metrics || has_extra metrics "$METRICS"; } &&
-        { ! wants_metamers || has_extra metamers "$METAMERS"; } &&
-        { ! wants_docs || has_extra docs "$DOCS"; }
+    local name
+    for name in $EXTRAS; do
+        ! wants_extra "$name" || has_extra "$name" || return
+    done
 }
 
 prepare() {
@@ -245,13 +237,14 @@ prepare() {
     (
         # Two commands started together: the second waits, then finds all done.
         if command -v flock >/dev/null; then flock 9; fi
-        metrics=false metamers=false docs=false
-        if wants_metrics; then metrics=true; fi # a new environment forgets the wish
-        if wants_metamers; then metamers=true; fi
-        if wants_docs; then docs=true; fi
+        wanted=""
+        for name in $EXTRAS; do # a new environment forgets the wish
+            ! wants_extra "$name" || wanted+=" $name"
+        done
         is_ready || install_python_packages
-        ! $metrics || has_extra metrics "$METRICS" || install_extra metrics "$METRICS"
-        ! $metamers || has_extra metamers "$METAMERS" || install_extra metamers "$METAMERS"
-        ! $docs || has_extra docs "$DOCS" || install_docs
+        for name in $wanted; do
+            if has_extra "$name"; then continue; fi
+            if [[ $name == docs ]]; then install_docs; else install_extra "$name"; fi
+        done
     ) 9<"$LOCK"
 }

@@ -45,7 +45,7 @@ class Machine:
         for name in ("lib.sh", "setup"):
             shutil.copy(repository / "script" / name, self.home / "script" / name)
         (self.home / "requirements.lock").write_text("numpy==2 \\\n    --hash=sha256:0\n")
-        for extra in ("metrics", "metamers", "docs"):
+        for extra in ("metrics", "metamers", "denoise", "docs"):
             (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
         (self.home / "pyproject.toml").write_text("[project]\n")
         for name in TOOLS:
@@ -125,6 +125,7 @@ def test_a_changed_lock_or_project_is_installed_into_the_same_environment(machin
         ("metrics", ["--metrics"], {}),
         ("metrics", [], {"CI": "true"}),
         ("metamers", ["--metamers"], {}),
+        ("denoise", ["--denoise"], {}),
     ],
 )
 def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, env):
@@ -158,7 +159,7 @@ def test_the_extra_docs_stays_wanted_and_is_held_to_its_hashes(machine):
     assert machine.log()[-1].endswith("requirements-docs.txt")
 
 
-@pytest.mark.parametrize("extra", ["metrics", "metamers"])
+@pytest.mark.parametrize("extra", ["metrics", "metamers", "denoise"])
 def test_extras_survive_a_new_environment(machine, extra):
     machine.setup(f"--{extra}")
     machine.log()
@@ -172,7 +173,7 @@ def test_setup_refuses_what_it_does_not_know(machine):
     done = machine.setup("--metric")
 
     assert (done.returncode, machine.log()) == (2, [])
-    assert "--metrics or --metamers (got --metric)" in done.stderr
+    assert "--metrics, --metamers or --denoise (got --metric)" in done.stderr
 
 
 @pytest.mark.parametrize("accident", ["kill-pip", "fail-pip"])

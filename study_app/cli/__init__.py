@@ -26,6 +26,7 @@ SLOTS = (
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
     Slot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
     Slot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),
+    Slot("denoise", "Make metamers of noisy renders.", "study_app.cli.denoise_commands:app"),
     Slot(
         "new-study",
         "Make a folder to start a study from.",

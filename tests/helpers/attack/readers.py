@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from analysis.xlsx import read_xlsx
 from pipeline.compression.codec import Settings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.file_format import read_compressed, to_bytes
+from pipeline.denoising.network import DenoisingNetwork, Facts
 from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.textures.bake import strips
@@ -46,6 +48,7 @@ from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
 from protocols.upgrade import upgraded_text
+from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_plane, load_warp_input
 from stimuli.exr_parts import read_parts
 from stimuli.flow_file import read_flo, write_flo
@@ -147,6 +150,10 @@ def _network(path: Path) -> Any:
     return len(OnnxNetwork.files(path)), OnnxNetwork(path).value_range
 
 
+def _denoising(path: Path) -> Any:
+    return DenoisingNetwork(path).facts.levels
+
+
 READERS: tuple[Reader, ...] = (
     Reader("picture-png", "p.png", mutations.PNG, read_picture),
     Reader("picture-jpeg", "p.jpg", mutations.RAW, read_any),
@@ -174,6 +181,7 @@ READERS: tuple[Reader, ...] = (
         _haze,
     ),
     Reader("network-onnx", "net.onnx", mutations.RAW, _network, _anything, 0.5),
+    Reader("denoising-onnx", "dn.onnx", mutations.RAW, _denoising, _anything, 0.5),
     Reader("pose", "poses.txt", mutations.PLAIN, lambda path: read_pose(f"{path}:2")),
     Reader("study-toml", "study.toml", mutations.STUDY, load_protocol),
     Reader("study-toml-format-1", "format1.toml", mutations.STUDY, upgraded_text),
@@ -254,6 +262,10 @@ def write_samples(folder: Path) -> None:
     video.release()
     _write_meshes(folder, picture)
     _write_network(folder / "net.onnx")
+    channels = (4, *[2] * 7, 28)
+    layers = [(np.ones((out, taken, 3, 3), np.float32), np.ones(out, np.float32))
+              for taken, out in pairwise(channels)]  # fmt: skip
+    (folder / "dn.onnx").write_bytes(to_onnx(layers, Facts("moments")))
     _write_tables(folder, rng)
     _write_studies(folder)
 

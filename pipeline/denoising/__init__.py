@@ -1,0 +1,1 @@
+"""Moments of a picture predicted from its noisy path-traced one, and the metamer they make."""

@@ -1,0 +1,126 @@
+"""The metamer of moment maps on the GPU, in two passes. Twin: metamer_of() in maps.py.
+
+Noise is weighed for blocks of 4x4 pixels; the last pass of foveated metamers adds it.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.denoising.maps import BLOCK_PX, MomentMaps
+from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.gpu import (
+    TILE,
+    PicturePass,
+    Pooled,
+    finish_constants,
+    halved,
+    screen_noise,
+)
+from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
+from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.reference import AIM
+from pipeline.gl.texture import check_texture, create_texture, read_back, upload
+from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
+from pipeline.noise.mixing import fitted_mixing
+
+
+class DenoisePass(PicturePass):
+    """Makes metamers of flat pictures' maps, of one size and number of levels.
+
+    Compiles and allocates on construction. `load` uploads maps; a call binds and dispatches twice.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling, levels: int
+    ) -> None:
+        if geometry.on_sphere:
+            raise ValueError("these passes know flat pictures only; numpy knows panoramas")
+        self._eye = Pooled(geometry, pooling)
+        width, height = geometry.width_px, geometry.height_px
+        super().__init__(ctx, (width, height), self._eye)
+        self.levels = levels
+        self._blocks = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
+        layers = levels + -(-levels // 4)
+        self._base = self._texture(self.size)
+        self._maps = self._array(self._blocks, layers)
+        self._weights = self._array(self._blocks, layers, "rgba16f")
+        self._weigh = self._shader(
+            "denoising/weights.comp.glsl", TILE=TILE, LEVELS=levels, AIM=AIM, **GAIN_CONSTANTS
+        )
+        overlap = overlap_by_levels(fitted_mixing(levels).overlap)
+        self._weigh.hold(overlap=self._buffer(overlap.tobytes()))
+        edge = tile_edge(height, width) // 2
+        self._noise = self._array((edge, edge), -(-12 * levels // 16), "rgba32ui")
+        self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._seed = -1
+        self._finish = self._compile(
+            "finish",
+            **finish_constants(
+                NOISE=True,
+                BASE=False,
+                LEVELS=levels,
+                NOISE_ROWS=edge,
+                NOISE_COLUMNS=edge,
+                NOISE_SCALE=MOST_STEPS * GRAIN,
+            ),
+        )
+        self._finish["noise_scale"] = 1.0
+
+    def load(self, maps: MomentMaps) -> None:
+        """Upload maps of this size and these levels."""
+        if maps.base.shape[1::-1] != self.size or maps.levels != self.levels:
+            raise ValueError("a pass makes metamers of one size and number of levels only")
+        upload(
+            self._base,
+            np.pad(maps.base.astype(np.float32), ((0, 0), (0, 0), (0, 1)), constant_values=1),
+        )
+        self._maps.write(layered(maps).tobytes())
+
+    def __call__(
+        self, target: moderngl.Texture, gaze_px: tuple[float, float], *, seed: int = 0
+    ) -> None:
+        """Make the metamer of what was loaded, into `target`: rgba32f of the picture's size."""
+        check_texture(target, "target", self.size, "rgba32f")
+        self._eye.look(gaze_px)
+        self._set_seed(seed)
+        self._weigh.run_over(halved(self._blocks), maps=self._maps, weights=self._weights)
+        self._finish.run_over(
+            halved(self.size),
+            source=self._base,
+            weights=self._weights,
+            noise=self._noise,
+            target=target,
+        )
+
+    def apply(
+        self, maps: MomentMaps, gaze_px: tuple[float, float], *, seed: int = 0
+    ) -> NDArray[np.float32]:
+        """Load, work, read back: for callers without textures."""
+        self.load(maps)
+        target = create_texture(self._ctx, self.size, "rgba32f")
+        try:
+            self(target, gaze_px, seed=seed)
+            return np.ascontiguousarray(read_back(target)[..., :3])
+        finally:
+            target.release()
+
+    def _set_seed(self, seed: int) -> None:
+        if check_seed(seed) == self._seed:
+            return
+        self._noise.write(screen_noise(self.size, seed, self.levels, wraps=False).tobytes())
+        self._seed = seed
+
+
+def layered(maps: MomentMaps) -> NDArray[np.float32]:
+    """Maps as the shader reads them: (layers, h, w, 4), a layer a level, then Cr of four each."""
+    height, width, levels = maps.slopes.shape[:3]
+    layers = np.zeros((levels + -(-levels // 4), height, width, 4), np.float32)
+    bands = maps.deviations.reshape(height, width, levels, 3)
+    for level in range(levels):
+        layers[level, ..., :3] = bands[:, :, level]
+        layers[level, ..., 3] = maps.slopes[:, :, level, 0]
+        layers[levels + level // 4, ..., level % 4] = maps.slopes[:, :, level, 1]
+    return layers

@@ -1,0 +1,256 @@
+"""Denoising networks: ONNX files of ours, run by ONNX Runtime on the CPU.
+
+A network takes (1, 4, H, W): a noisy picture, encoded R'G'B' in [0, 1], and the level of detail of
+every pixel's pool over `LOD_SCALE`. One of kind ``moments`` gives ``base`` (1, 3, H, W) and
+``maps`` (1, 25, H / 4, W / 4), see `MomentMaps.packed`; one of kind ``rgb`` gives ``base`` alone.
+What it was trained for stands in the file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.denoising.maps import BLOCK_PX, MomentMaps
+from pipeline.denoising.samples import Sampling
+from pipeline.errors import InputError, MissingExtraError
+from pipeline.foveation.condition import check_picture
+from pipeline.foveation.geometry import WIDEST_FLAT_DEG
+from pipeline.foveation.lod import Pools
+from pipeline.foveation.pooling import Pooling
+from pipeline.methods.onnx_files import network_files
+from protocols.outside import reading, visible_line
+
+Kind = Literal["moments", "rgb"]
+Picture = NDArray[np.float32]
+
+VALUES = 5
+"""Of a level, in ``maps``: deviations of three bands, Cb and Cr."""
+LOD_SCALE = 8.0
+MULTIPLE_PX = 8
+"""Pictures are padded to a multiple of this: the network halves three times."""
+FACTS_KEY = "metamerlab.denoise"
+_CURE = "make one with: metamerlab denoise train"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a network is for, and how it was made.
+
+    Parameters
+    ----------
+    kind : {"moments", "rgb"}
+    levels : int
+        Of the pyramid, from 1 to 6.
+    pooling : Pooling
+        Whose moments it predicts.
+    sampling : Sampling
+        Of the noisy pictures.
+    width_deg, edge_px : float, int
+        Of its training pictures on the eye.
+    made : mapping
+        How it was trained: scenes, views, steps, seed, versions.
+    """
+
+    kind: Kind
+    levels: int = 5
+    pooling: Pooling = field(default_factory=Pooling)
+    sampling: Sampling = field(default_factory=Sampling)
+    width_deg: float = 40.0
+    edge_px: int = 256
+    made: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise InputError(f"kind must be moments or rgb (got {self.kind!r})")
+        for name, value, most in (("levels", self.levels, 6), ("edge_px", self.edge_px, 1 << 15)):
+            if not (isinstance(value, int) and 1 <= value <= most):
+                raise InputError(f"{name} must be a whole number in 1..{most} (got {value!r})")
+        if not 0 < self.width_deg < WIDEST_FLAT_DEG:
+            raise InputError(f"width_deg must lie between 0 and 180 (got {self.width_deg})")
+        if not isinstance(self.made, Mapping):
+            raise InputError(f"made must be a table (got {type(self.made).__name__})")
+
+    def to_json(self) -> str:
+        """As it stands in a file."""
+        return json.dumps({"version": 1, **asdict(self)}, sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> Facts:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError, InputError
+            If it is something else.
+        """
+        held = dict(json.loads(text))
+        if held.pop("version") != 1:
+            raise ValueError("it is of a later version")
+        held["pooling"] = Pooling(**held["pooling"])
+        held["sampling"] = Sampling(**held["sampling"])
+        return cls(**held)
+
+
+def shipped_network(kind: Kind) -> Path:
+    """The small network that comes with metamerlab."""
+    return Path(str(resources.files("pipeline.denoising").joinpath(f"{kind}.onnx")))
+
+
+class DenoisingNetwork:
+    """A network from `path`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    MissingExtraError
+        If ONNX Runtime is not installed.
+    InputError
+        If the file is no network of ours.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._session = _open(path)
+        self.facts = _facts(path, self._session)
+        with reading(path, "a denoising network", InputError):  # its names may be no text
+            takes, gives = self._session.get_inputs(), self._session.get_outputs()
+            shapes = [list(one.shape or ())[1:2] for one in (*takes, *gives)]
+            names = [one.name for one in gives]
+        wanted = [[4], [3]]
+        if self.facts.kind == "moments":
+            wanted.append([VALUES * self.facts.levels])
+        if len(takes) != 1 or shapes != wanted:
+            raise InputError(
+                f"{path}: a network for {self.facts.kind} must take 4 channels and give"
+                f" {' and '.join(str(one[0]) for one in wanted[1:])} (channels are {shapes});"
+                f" {_CURE}"
+            )
+        self._takes, self._gives = takes[0].name, names
+
+    def moments(self, noisy: NDArray[np.floating], pools: Pools) -> MomentMaps:
+        """Predict the moments of the clean picture.
+
+        Parameters
+        ----------
+        noisy : ndarray of shape (H, W, 3)
+            Encoded R'G'B' in [0, 1].
+        pools : Pools
+            Of a geometry of this size, with the network's own law.
+
+        Raises
+        ------
+        InputError
+            If the picture is none, has another size than the pools, or the network fails on it.
+        """
+        self._need("moments")
+        base, maps = self._run(noisy, pools)
+        height, width = noisy.shape[:2]
+        blocks = maps[: -(-height // BLOCK_PX), : -(-width // BLOCK_PX)]
+        return MomentMaps.unpacked(base[:height, :width], blocks)
+
+    def colour(self, noisy: NDArray[np.floating], pools: Pools) -> Picture:
+        """Predict the clean picture itself: (H, W, 3) in [0, 1]. See `moments`."""
+        self._need("rgb")
+        height, width = noisy.shape[:2]
+        (base,) = self._run(noisy, pools)
+        return np.ascontiguousarray(np.clip(base[:height, :width], 0, 1), np.float32)
+
+    def _need(self, kind: Kind) -> None:
+        if self.facts.kind != kind:
+            raise InputError(
+                f"{self.path}: must be a network for {kind} (it is one for {self.facts.kind})"
+            )
+
+    def _run(self, noisy: NDArray[np.floating], pools: Pools) -> list[Picture]:
+        feed = network_input(noisy, pools)
+        height, width = feed.shape[2:]
+        try:
+            found = self._session.run(self._gives, {self._takes: feed})
+        except Exception as error:  # its own classes are not public
+            raise InputError(
+                f"{self.path}: the network must run on {width} x {height} px"
+                f" (ONNX Runtime says: {_one_line(error)}); {_CURE}"
+            ) from error
+        shrunk = (1, BLOCK_PX)
+        for values, by in zip(found, shrunk, strict=False):
+            if values.shape[2:] != (height // by, width // by) or not np.isfinite(values).all():
+                raise InputError(
+                    f"{self.path}: the network must give finite maps of the picture's size (gave"
+                    f" {values.shape}); {_CURE}"
+                )
+        return [values[0].transpose(1, 2, 0) for values in found]
+
+
+def network_input(noisy: NDArray[np.floating], pools: Pools) -> Picture:
+    """What networks are fed, padded by its border to a multiple of 8 px: (1, 4, H, W).
+
+    Raises
+    ------
+    InputError
+        If the picture is none, or has another size than the pools.
+    """
+    picture = check_picture(noisy)
+    geometry = pools.geometry
+    if picture.shape[:2] != (geometry.height_px, geometry.width_px):
+        raise InputError(
+            f"the noisy picture must have the size that the gaze is given for,"
+            f" {geometry.width_px} x {geometry.height_px} px"
+            f" (has {picture.shape[1]} x {picture.shape[0]})"
+        )
+    lod = (pools.lod() / LOD_SCALE).astype(np.float32)
+    planes = np.concatenate([picture, lod[..., None]], axis=2)
+    below, right = (-edge % MULTIPLE_PX for edge in picture.shape[:2])
+    padded = np.pad(planes, ((0, below), (0, right), (0, 0)), mode="edge")
+    return np.ascontiguousarray(padded.transpose(2, 0, 1)[None])
+
+
+def _open(path: Path) -> Any:
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingExtraError(
+            "denoising needs ONNX Runtime (it is not installed);"
+            " install it with: pip install 'metamerlab[onnx]'"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # what is wrong comes as an exception
+    options.use_deterministic_compute = True
+    network_files(path)  # refuses weights from outside its folder
+    try:
+        return onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except Exception as error:  # its own classes are not public
+        raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
+
+
+def _facts(path: Path, session: Any) -> Facts:
+    with reading(path, "a denoising network", InputError):
+        text = session.get_modelmeta().custom_metadata_map.get(FACTS_KEY)
+    if text is None:
+        raise InputError(
+            f"{path}: must be a denoising network of metamerlab (it does not say what it is for);"
+            f" {_CURE}"
+        )
+    try:
+        return Facts.from_json(cast(str, text))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(
+            f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"
+            f" ({_one_line(error)}); {_CURE}"
+        ) from error
+
+
+def _one_line(error: Exception) -> str:
+    return visible_line(str(error) or type(error).__name__)

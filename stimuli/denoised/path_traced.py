@@ -1,0 +1,180 @@
+"""Our built-in scenes path-traced by Mitsuba 3: any number of samples a pixel.
+
+Triangles, textures, sun and sky are those of our own renderer; light is really followed here, so
+pictures are noisy until many samples are averaged. Left out are haze, light through leaves, and
+tints that change within a part (their mean counts).
+
+Needs mitsuba, the extra `denoise`; without it the module imports and `PathTracer` refuses.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.camera import Camera
+from pipeline.colour import decode_srgb, encode_srgb
+from pipeline.errors import MissingExtraError
+from stimuli.world import Light, Part, World
+
+INSTALL = (
+    "install it with: pip install 'metamerlab[denoise]' (in a checkout: script/setup --denoise)"
+)
+VARIANT = "scalar_rgb"
+"""Of Mitsuba: runs everywhere, and gives equal bytes on any number of threads."""
+BOUNCES = 4
+"""Of light, at most, the one to the eye included."""
+WHITE = 3.2  # of tone_map, as in shaders/light.glsl
+FARTHEST_SEED = 2**31
+
+Floats = NDArray[np.float64]
+
+
+def need(module: str, what: str) -> None:
+    """Require a package of the extra `denoise`.
+
+    Raises
+    ------
+    MissingExtraError
+        With the cure.
+    """
+    if find_spec(module) is None:
+        raise MissingExtraError(f"{what} needs {module} (it is not installed); {INSTALL}")
+
+
+class PathTracer:
+    """One world as Mitsuba's scene; loads on construction, a call renders.
+
+    Parameters
+    ----------
+    world : World
+
+    Raises
+    ------
+    MissingExtraError
+        If Mitsuba is not installed.
+    """
+
+    def __init__(self, world: World) -> None:
+        need("mitsuba", "path tracing")
+        import mitsuba
+
+        mitsuba.set_variant(VARIANT)
+        mitsuba.set_log_level(mitsuba.LogLevel.Error)
+        self._mitsuba = mitsuba
+        light = world.light or Light()
+        self._exposure = light.exposure
+        scene: dict[str, Any] = {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": BOUNCES, "rr_depth": 99},
+            "sun": {
+                "type": "directional",
+                "direction": [-value for value in light.sun_direction],
+                "irradiance": {"type": "rgb", "value": [float(np.pi * v) for v in light.sun]},
+            },
+            "sky": self._sky(world, light),
+        }
+        for index, part in enumerate(world.parts):
+            if len(part.mesh.triangles):
+                scene[f"part{index}"] = self._mesh(f"part{index}", part)
+        self._scene = mitsuba.load_dict(scene)
+
+    def render(self, camera: Camera, samples: int, seed: int) -> NDArray[np.float32]:
+        """Linear light that reaches the camera: (H, W, 3), the mean of `samples` a pixel.
+
+        Pixels share no samples: what one pixel shows does not depend on its neighbours.
+        """
+        mitsuba = self._mitsuba
+        place = camera.world_from_camera
+        origin, ahead, up = place[:3, 3], place[:3, 2], -place[:3, 1]
+        sensor = mitsuba.load_dict(
+            {
+                "type": "perspective",
+                "fov": float(np.degrees(2 * np.arctan(camera.width_px / 2 / camera.fx_px))),
+                "fov_axis": "x",
+                "near_clip": 0.01,
+                "far_clip": 1e5,
+                "to_world": mitsuba.ScalarTransform4f().look_at(
+                    origin.tolist(), (origin + ahead).tolist(), up.tolist()
+                ),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": camera.width_px,
+                    "height": camera.height_px,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                },
+                "sampler": {"type": "independent", "sample_count": samples},
+            }
+        )
+        found = mitsuba.render(
+            self._scene, sensor=sensor, spp=samples, seed=int(seed) % FARTHEST_SEED
+        )
+        return np.array(found, np.float32)[..., :3]
+
+    def shown(self, light: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Encode light as our renderer does: exposure, its tone curve, sRGB; within [0, 1]."""
+        return encoded(self._exposure * light.astype(np.float64))
+
+    def _sky(self, world: World, light: Light) -> dict[str, Any]:
+        """The panorama, as bright on average as the sky's light."""
+        mitsuba = self._mitsuba
+        if world.sky is None:
+            return {"type": "constant", "radiance": {"type": "rgb", "value": list(light.sky)}}
+        linear = decode_srgb(world.sky.astype(np.float64) / 255)
+        rows = len(linear)
+        above = linear[: rows // 2]
+        weights = np.sin((np.arange(rows // 2) + 0.5) / rows * np.pi)
+        mean = (above.mean(axis=1) * weights[:, None]).sum(axis=0) / weights.sum()
+        radiance = np.roll(linear * (np.asarray(light.sky) / mean), linear.shape[1] // 2, axis=1)
+        return {"type": "envmap", "bitmap": mitsuba.Bitmap(radiance.astype(np.float32))}
+
+    def _mesh(self, name: str, part: Part) -> Any:
+        mitsuba, mesh = self._mitsuba, part.mesh
+        properties = mitsuba.Properties()
+        properties["bsdf"] = mitsuba.load_dict(self._surface(part))
+        made = mitsuba.Mesh(
+            name,
+            len(mesh.position_m),
+            len(mesh.triangles),
+            has_vertex_normals=True,
+            has_vertex_texcoords=True,
+            props=properties,
+        )
+        held = mitsuba.traverse(made)
+        held["vertex_positions"] = mesh.position_m.ravel()
+        held["vertex_normals"] = mesh.normal.ravel()
+        held["vertex_texcoords"] = mesh.uv.ravel()
+        held["faces"] = mesh.triangles.ravel()
+        held.update()
+        return made
+
+    def _surface(self, part: Part) -> dict[str, Any]:
+        mitsuba, material = self._mitsuba, part.material
+        colour = decode_srgb(material.texture[..., :3].astype(np.float64) / 255)
+        tinted = np.clip(colour * part.mesh.colour.mean(axis=0), 0, 0.99).astype(np.float32)
+
+        def texture(values: NDArray[np.float32]) -> dict[str, Any]:
+            return {"type": "bitmap", "bitmap": mitsuba.Bitmap(values), "raw": True}
+
+        surface: dict[str, Any] = {
+            "type": "twosided",
+            "bsdf": {"type": "diffuse", "reflectance": texture(np.ascontiguousarray(tinted))},
+        }
+        if material.cutout:
+            covered = (material.texture[..., 3:] >= 128).astype(np.float32)
+            surface = {
+                "type": "mask",
+                "bsdf": surface,
+                "opacity": texture(np.ascontiguousarray(covered)),
+            }
+        return surface
+
+
+def encoded(light: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Tone-map and encode linear light. Twin: shaders/light.glsl."""
+    mapped = light * (1 + light / WHITE**2) / (1 + 0.45 * light)
+    return encode_srgb(np.clip(mapped, 0, 1)).astype(np.float32)

@@ -1,0 +1,155 @@
+"""The U-net: eight convolutions of 3x3, 64 activations, residual links; in torch and as ONNX.
+
+Beyond Blur (Walton et al. 2021), section 5.3, after Ronneberger, Fischer and Brox 2015, "U-Net":
+three halvings by the greatest of 2x2, three doublings by repetition, and the way down added to the
+way up. The networks for moments and for colour differ in the last layer's channels alone.
+
+`weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3). `forward` needs torch,
+`to_onnx` needs onnx: both are of the extra `denoise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.denoising.maps import BLOCK_PX
+from pipeline.denoising.network import FACTS_KEY, VALUES, Facts, Kind
+
+Array = NDArray[np.float32]
+Weights = list[tuple[Array, Array]]
+Tensor = Any  # torch may be absent
+
+ACTIVATIONS = 64
+LAYERS = 8
+INPUTS = 4  # R'G'B', level of detail
+COLOURS = 3
+OPSET = 17
+
+
+def outputs_of(kind: Kind, levels: int) -> int:
+    """Channels of the last layer."""
+    return COLOURS + (VALUES * levels if kind == "moments" else 0)
+
+
+def first_weights(kind: Kind, levels: int, seed: int) -> Weights:
+    """Random weights (He et al. 2015); all but the last layer's are the same for both kinds."""
+    rng = np.random.default_rng(seed)
+    channels = [INPUTS, *([ACTIVATIONS] * (LAYERS - 1)), outputs_of(kind, levels)]
+    found: Weights = []
+    for layer in range(LAYERS):
+        taken, given = channels[layer], channels[layer + 1]
+        gain = 2.0 if layer < LAYERS - 1 else 1.0
+        kernel = rng.standard_normal((given, taken, 3, 3)) * np.sqrt(gain / (9 * taken))
+        found.append((kernel.astype(np.float32), np.zeros(given, np.float32)))
+    return found
+
+
+def forward(weights: Sequence[tuple[Tensor, Tensor]], fed: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Run the network in torch.
+
+    Parameters
+    ----------
+    fed : tensor of shape (N, 4, H, W)
+        H and W multiples of 8.
+
+    Returns
+    -------
+    base : tensor of shape (N, 3, H, W)
+    maps : tensor of shape (N, 5 * levels, H / 4, W / 4), or None
+        Of a network for moments: the mean over blocks.
+    """
+    from torch.nn import functional
+
+    def layer(index: int, values: Tensor) -> Tensor:
+        kernel, bias = weights[index]
+        return functional.conv2d(values, kernel, bias, padding=1)
+
+    def active(index: int, values: Tensor) -> Tensor:
+        return functional.relu(layer(index, values))
+
+    def half(values: Tensor) -> Tensor:
+        return functional.max_pool2d(values, 2)
+
+    def twice(values: Tensor) -> Tensor:
+        return functional.interpolate(values, scale_factor=2, mode="nearest")
+
+    down = [active(0, fed)]
+    for index in (1, 2, 3):
+        down.append(active(index, half(down[-1])))
+    up = down[3]
+    for index in (4, 5, 6):
+        up = active(index, twice(up) + down[6 - index])
+    out = layer(7, up)
+    if out.shape[1] == COLOURS:
+        return out, None
+    return out[:, :COLOURS], functional.avg_pool2d(out[:, COLOURS:], BLOCK_PX)
+
+
+def scaled(weights: Weights, deviation: Array, mean: Array) -> Weights:
+    """Let the last layer give values instead of values in deviations from their mean."""
+    kernel, bias = weights[-1]
+    last = (kernel * deviation[:, None, None, None], bias * deviation + mean)
+    return [*weights[:-1], (last[0].astype(np.float32), last[1].astype(np.float32))]
+
+
+def to_onnx(weights: Weights, facts: Facts) -> bytes:
+    """The network as an ONNX file; equal weights and facts give equal bytes."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    nodes: list[Any] = []
+    held = [numpy_helper.from_array(np.array([1, 1, 2, 2], np.float32), "twice")]
+    for index, (kernel, bias) in enumerate(weights):
+        held.append(numpy_helper.from_array(np.ascontiguousarray(kernel, np.float32), f"k{index}"))
+        held.append(numpy_helper.from_array(np.ascontiguousarray(bias, np.float32), f"b{index}"))
+
+    def add(kind: str, takes: Sequence[str], gives: str, **settings: Any) -> str:
+        nodes.append(helper.make_node(kind, list(takes), [gives], name=gives, **settings))
+        return gives
+
+    def layer(index: int, takes: str, gives: str) -> str:
+        return add("Conv", (takes, f"k{index}", f"b{index}"), gives, pads=[1] * 4)
+
+    def active(index: int, takes: str) -> str:
+        return add("Relu", (layer(index, takes, f"conv{index}"),), f"active{index}")
+
+    down = [active(0, "noisy")]
+    for index in (1, 2, 3):
+        half = add("MaxPool", (down[-1],), f"half{index}", kernel_shape=[2, 2], strides=[2, 2])
+        down.append(active(index, half))
+    up = down[3]
+    for index in (4, 5, 6):
+        wide = add(
+            "Resize", (up, "", "twice"), f"wide{index}", mode="nearest",
+            coordinate_transformation_mode="asymmetric", nearest_mode="floor",
+        )  # fmt: skip
+        up = active(index, add("Add", (wide, down[6 - index]), f"sum{index}"))
+    outputs = [
+        helper.make_tensor_value_info("base", TensorProto.FLOAT, [1, COLOURS, "height", "width"])
+    ]
+    if facts.kind == "rgb":
+        layer(7, up, "base")
+    else:
+        count = VALUES * facts.levels
+        held.append(numpy_helper.from_array(np.array([COLOURS, count], np.int64), "parts"))
+        all_of_them = layer(7, up, "all")
+        nodes.append(
+            helper.make_node(
+                "Split", [all_of_them, "parts"], ["base", "fine"], name="split", axis=1
+            )
+        )
+        block = [BLOCK_PX, BLOCK_PX]
+        add("AveragePool", ("fine",), "maps", kernel_shape=block, strides=block)
+        shape: list[str | int | None] = [1, count, "block_rows", "block_columns"]
+        outputs.append(helper.make_tensor_value_info("maps", TensorProto.FLOAT, shape))
+    fed = helper.make_tensor_value_info("noisy", TensorProto.FLOAT, [1, INPUTS, "height", "width"])
+    graph = helper.make_graph(nodes, f"denoise-{facts.kind}", [fed], outputs, held)
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="metamerlab"
+    )
+    model.ir_version = 8
+    helper.set_model_props(model, {FACTS_KEY: facts.to_json()})
+    return bytes(model.SerializeToString(deterministic=True))

@@ -1,0 +1,202 @@
+"""`metamerlab denoise`: noisy renders to metamers, by networks that predict statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from study_app.cli.errors import user_errors
+from study_app.cli.one_picture import (
+    FILE_ENDINGS,
+    LOOK,
+    DisplayOption,
+    FovOption,
+    GazeOption,
+    check_file,
+    check_folder,
+    renderer,
+)
+from study_app.cli.progress import Teller
+from study_app.cli.terminal import PlainConsole
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="""Turn noisy path-traced pictures into metamers for a gaze.
+
+    A network predicts the statistics of the clean picture; noise of these statistics does the rest.
+    Beside it stands the same network that predicts the picture itself. Both come with metamerlab
+    (extra: onnx). To train your own, or to render noisy pictures: extra denoise.
+
+    Examples:
+
+        metamerlab denoise render castle --gaze 128,128 --out noisy.png
+
+        metamerlab denoise run noisy.png --gaze 128,128 --out metamer.png
+    """,
+)
+
+
+@app.command()
+def run(
+    picture: Annotated[
+        Path,
+        typer.Argument(help="A noisy picture, or a folder of frames.", show_default=False),
+    ],
+    out: Annotated[
+        Path, typer.Option(help="The picture to write, .png or .exr; for frames a folder.")
+    ] = Path("denoised.png"),
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            help="Where the eye looked when the picture was rendered, and looks: pixels from the"
+            " upper left corner (512,384), or degrees right of and below the middle (5deg,-3deg)."
+            " Must be given.",
+            show_default=False,
+        ),
+    ] = None,
+    network: Annotated[
+        str, typer.Option(help="moments, rgb, or an .onnx file that train made.")
+    ] = "moments",
+    display: DisplayOption = None,
+    fov: FovOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise; same seed, same picture.")] = 0,
+    numpy_only: Annotated[
+        bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
+    ] = False,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            help="One labelled sheet (.png): noisy, by the network for colour, by this one.",
+            rich_help_panel=LOOK,
+        ),
+    ] = None,
+) -> None:
+    """Denoise: predict the moments of the clean picture, and make a metamer of them.
+
+    The picture should have most samples where the eye looks and one in the periphery, as render
+    makes it. What our networks can and cannot do: docs/denoising.md.
+
+    Examples:
+
+        metamerlab denoise run noisy.png --gaze 128,128 --out metamer.png --compare sheet.png
+
+        metamerlab denoise run noisy.png --gaze 128,128 --network rgb --out plain.png
+
+        metamerlab denoise run frames/ --gaze 0deg,0deg --out denoised/
+    """
+    from stimuli.denoised.to_files import denoise_file
+
+    with user_errors():
+        if out.suffix.lower() in FILE_ENDINGS:
+            check_file(out, FILE_ENDINGS)
+        else:
+            check_folder(out)
+        if compare is not None:
+            check_file(compare, (".png",))
+        console = PlainConsole(soft_wrap=True)
+        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+            denoise_file(
+                picture, out, gaze=gaze, network=network, display=display, fov_deg=fov, seed=seed,
+                compare=compare, ctx=ctx, say=teller.say, progress=teller.progress,
+            )  # fmt: skip
+
+
+@app.command()
+def render(
+    scene: Annotated[str, typer.Argument(help="A built-in scene.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The noisy picture, .png or .exr.")] = Path("noisy.png"),
+    gaze: GazeOption = None,
+    view: Annotated[int, typer.Option(min=0, help="Which camera: 0 is the scene's own.")] = 0,
+    clean: Annotated[
+        Path | None, typer.Option(help="Write the clean picture too.", show_default=False)
+    ] = None,
+    clean_samples: Annotated[int, typer.Option(min=1, help="A pixel of the clean one.")] = 128,
+    size_px: Annotated[int, typer.Option(help="Edge, a multiple of 8.")] = 256,
+) -> None:
+    """Path-trace a built-in scene: 32 samples a pixel at the gaze, 1 in the periphery.
+
+    Needs Mitsuba 3, of the extra denoise. The scene is seen 40 degrees wide.
+
+    Examples:
+
+        metamerlab denoise render castle --gaze 128,128 --out noisy.png
+
+        metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
+    """
+    from stimuli.denoised.pairs import Rendering
+    from stimuli.denoised.to_files import render_scene
+
+    with user_errors():
+        check_file(out, FILE_ENDINGS)
+        if clean is not None:
+            check_file(clean, FILE_ENDINGS)
+        rendering = Rendering(size_px, clean_samples if clean is not None else 1)
+        with Teller(PlainConsole(soft_wrap=True)) as teller:
+            render_scene(
+                scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering, say=teller.say
+            )
+
+
+@app.command()
+def train(
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=r"A built-in scene to train on; may be given more than once."
+            r" \[default: colonnade, garden, shed]",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(help="The network for moments, .onnx; the one for colour goes to NAME-rgb."),
+    ] = Path("denoise.onnx"),
+    work: Annotated[
+        Path, typer.Option(help="Folder for pictures and checkpoints; what it holds is used.")
+    ] = Path("denoise-work"),
+    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3,
+    steps: Annotated[int, typer.Option(min=1, help="Of each network.")] = 1200,
+    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96,
+    size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256,
+    clean_samples: Annotated[int, typer.Option(min=1, help="A pixel of clean pictures.")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Of gazes, crops and first weights.")] = 1,
+    estimate: Annotated[
+        bool, typer.Option("--estimate", help="Say how long it takes, then stop.")
+    ] = False,
+) -> None:
+    """Render noisy and clean pictures, train two networks on them, and write both.
+
+    It says beforehand how long it takes (as it stands, half an hour on one core), and goes on where
+    it was stopped. Needs torch, Mitsuba 3 and onnx: the extra denoise.
+
+    Examples:
+
+        metamerlab denoise train --estimate
+
+        metamerlab denoise train --scene colonnade --scene street --steps 3000 --out mine.onnx
+
+        metamerlab denoise run noisy.png --gaze 128,128 --network mine.onnx
+    """
+    from pipeline.errors import InputError
+    from stimuli.denoised.pairs import Rendering
+    from stimuli.denoised.train import Training
+    from stimuli.denoised.train import train as train_networks
+
+    with user_errors():
+        check_file(out, (".onnx",))
+        check_folder(work)
+        if out.stem.endswith("-rgb"):
+            raise InputError(f"{out}: must not end in -rgb, as the network for colour does")
+        training = Training(
+            tuple(scene) if scene else Training().scenes, views, steps=steps, crop_px=crop_px,
+            seed=seed, rendering=Rendering(size_px, clean_samples),
+        )  # fmt: skip
+        with Teller(PlainConsole(soft_wrap=True)) as teller:
+            train_networks(
+                training, out, work, estimate_only=estimate, say=teller.say,
+                progress=teller.progress,
+            )  # fmt: skip

@@ -1,0 +1,250 @@
+"""Training: what a step sees, resumption, checkpoints; path-traced light by hand."""
+
+import numpy as np
+import pytest
+
+from pipeline.denoising.maps import maps_of
+from pipeline.denoising.network import DenoisingNetwork, Facts, network_input
+from pipeline.errors import InputError
+from pipeline.foveation.geometry import Flat
+from pipeline.foveation.lod import Pools
+from pipeline.foveation.pooling import Pooling
+from stimuli.denoised import pairs as kept
+from stimuli.denoised import unet
+from stimuli.denoised.pairs import Pair, Rendering, View
+from stimuli.denoised.path_traced import PathTracer, encoded
+from stimuli.denoised.train import (
+    Example,
+    Trainer,
+    Training,
+    batch_of,
+    examples_of,
+    rgb_path,
+    scale_of,
+)
+from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+
+EDGE = 136  # the least that has five levels
+TRAINING = Training(
+    ("shed",), 1, gazes=2, steps=6, crops=2, crop_px=32, seed=3, rendering=Rendering(EDGE, 4)
+)
+CURE = "needs the extra `denoise`: script/setup --denoise installs it"
+
+
+@pytest.fixture(scope="module")
+def torch():
+    """The module, on one thread: pictures are small."""
+    module = pytest.importorskip("torch", reason=CURE)
+    before = module.get_num_threads()
+    module.set_num_threads(1)
+    yield module
+    module.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Noise that halves with every doubling of the samples, about stripes."""
+    rng = np.random.default_rng(0)
+    y, x = np.indices((EDGE, EDGE))
+    clean = 0.5 + 0.2 * np.sin(0.7 * x + 0.2 * y)[..., None] * np.array([1.0, 0.8, 0.6])
+    noise = rng.uniform(-0.2, 0.2, (6, EDGE, EDGE, 3)) / np.arange(1, 7)[:, None, None, None]
+    return Pair(View("shed", 0), (clean + noise).astype(np.float32), clean.astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def examples(pair):
+    return {kind: examples_of([pair], TRAINING, kind) for kind in ("moments", "rgb")}
+
+
+def test_examples_are_noisy_pictures_and_clean_moments(pair, examples):
+    rng = np.random.default_rng((TRAINING.seed, 0))
+    for one, plain in zip(examples["moments"], examples["rgb"], strict=True):
+        x, y = rng.uniform(0, (EDGE, EDGE))
+        pools = Pools(pair.geometry, (x, y), TRAINING.pooling)
+        noisy = pair.noisy(TRAINING.sampling, (x, y))
+        wanted = maps_of(pair.clean, pools)
+
+        assert (one.fed == network_input(noisy, pools)[0]).all()
+        assert (plain.fed == one.fed).all()
+        assert (plain.base == pair.clean.transpose(2, 0, 1)).all()
+        assert np.allclose(one.base, wanted.base.transpose(2, 0, 1), atol=1e-6)
+        assert np.allclose(one.maps, wanted.packed().transpose(2, 0, 1), atol=1e-6)
+
+
+def test_a_flipped_example_is_the_example_of_the_flipped_picture(pair):
+    """Moments are of squares: turned over they are those of the picture turned over."""
+    edge, clean = 128, pair.clean[:128, :128]  # halved evenly, from either end
+    geometry = Flat(40).of(edge, edge)
+    pools = Pools(geometry, (20.0, 44.0), Pooling())
+    maps = maps_of(clean, pools)
+    noisy = network_input(clean, pools)[0]
+    one = Example(noisy, maps.base.transpose(2, 0, 1), maps.packed().transpose(2, 0, 1))
+
+    turned = one.crop(0, 0, edge, (True, True))
+
+    there = Pools(geometry, (edge - 20.0, edge - 44.0), Pooling())
+    expected = maps_of(clean[::-1, ::-1], there)
+    assert np.allclose(turned.base, expected.base.transpose(2, 0, 1), atol=1e-9)
+    assert np.allclose(turned.maps, expected.packed().transpose(2, 0, 1), atol=1e-9)
+    assert np.allclose(turned.fed[3], network_input(clean, there)[0, 3], atol=1e-6)
+
+
+def test_a_step_draws_the_same_crops_again_and_the_next_one_others(examples):
+    one, again, other = (batch_of(examples["moments"], TRAINING, step) for step in (4, 4, 5))
+
+    assert one.fed.shape == (2, 4, 32, 32)
+    assert one.maps.shape == (2, 25, 8, 8)
+    assert (one.fed == again.fed).all()
+    assert (one.maps == again.maps).all()
+    assert (one.fed != other.fed).any()
+
+
+def test_the_scale_is_deviation_and_mean_of_each_channel(examples):
+    deviation, mean = scale_of(examples["moments"])
+    blue = np.stack([one.base[2] for one in examples["moments"]])
+    last = np.stack([one.maps[14] for one in examples["moments"]])
+
+    assert deviation.shape == mean.shape == (28,)
+    assert np.isclose(mean[2], blue.mean())
+    assert np.isclose(deviation[2], blue.std(), rtol=1e-4)
+    assert np.isclose(mean[17], last.mean(), atol=1e-6)
+
+
+def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    pools = Pools(pair.geometry, (20.0, 44.0), Pooling())
+    for kind in ("moments", "rgb"):
+        weights = unet.first_weights(kind, 5, 1)
+        path = tmp_path / "n.onnx"
+        path.write_bytes(unet.to_onnx(weights, Facts(kind)))
+        network = DenoisingNetwork(path)
+        layers = [tuple(torch.from_numpy(part) for part in pair_of) for pair_of in weights]
+        fed = torch.from_numpy(network_input(pair.clean, pools))
+        expected = [part for part in unet.forward(layers, fed) if part is not None]
+        found = network._run(pair.clean, pools)
+
+        assert len(found) == len(expected)
+        for ours, theirs in zip(found, expected, strict=True):
+            assert np.abs(ours - theirs.numpy()[0].transpose(1, 2, 0)).max() < 1e-4
+
+
+@pytest.mark.usefixtures("torch")
+def test_training_lowers_the_error(examples, tmp_path):
+    training = Training(
+        ("shed",), 1, gazes=2, steps=30, crops=2, crop_px=32, rendering=Rendering(EDGE, 4)
+    )
+    for kind in ("moments", "rgb"):
+        trainer = Trainer(kind, training, examples[kind], tmp_path / kind)
+        trainer.run()
+        assert np.mean(trainer.losses[-5:]) < 0.5 * np.mean(trainer.losses[:3])
+
+
+@pytest.mark.usefixtures("torch")
+def test_training_that_was_stopped_comes_to_the_same_weights(examples, tmp_path):
+    straight = Trainer("moments", TRAINING, examples["moments"], tmp_path / "straight")
+    straight.run()
+    first = Trainer("moments", TRAINING, examples["moments"], tmp_path / "stopped")
+    first.run(until=2)
+    second = Trainer("moments", TRAINING, examples["moments"], tmp_path / "stopped")
+    assert second.step == 2
+    second.run()
+
+    assert second.losses == straight.losses
+    for (kernel, bias), (other, other_bias) in zip(
+        second.weights(), straight.weights(), strict=True
+    ):
+        assert (kernel == other).all()
+        assert (bias == other_bias).all()
+
+
+@pytest.mark.usefixtures("torch")
+def test_checkpoints_of_another_training_and_damaged_ones_are_refused(examples, tmp_path):
+    path = tmp_path / "rgb.checkpoint"
+    Trainer("rgb", TRAINING, examples["rgb"], path).run(until=1)
+    other = Training(
+        ("shed",), 1, gazes=2, steps=7, crops=2, crop_px=32, seed=3, rendering=Rendering(EDGE, 4)
+    )
+    for training, seen in ((other, examples["rgb"]), (TRAINING, examples["rgb"][:1])):
+        with pytest.raises(InputError, match="another training"):
+            Trainer("rgb", training, seen, path)
+    whole = path.read_bytes()
+    for harmed in (whole[: len(whole) // 2], b"", b"no checkpoint"):
+        path.write_bytes(harmed)
+        with pytest.raises(InputError, match="must be a checkpoint"):
+            Trainer("rgb", TRAINING, examples["rgb"], path)
+
+
+def test_the_network_for_colour_lies_beside_the_one_for_moments(tmp_path):
+    assert rgb_path(tmp_path / "mine.onnx") == tmp_path / "mine-rgb.onnx"
+
+
+def test_views_differ_and_the_first_is_the_scenes_own():
+    world = World((_floor(),), Viewpoint((0, 2, 0), (0, 1, -6)), Light())
+    poses = [View("shed", n).camera(world, 64).world_from_camera for n in (0, 1, 2, 3)]
+
+    assert np.allclose(poses[0][:3, 3], (0, 2, 0))
+    assert len({pose.tobytes() for pose in poses}) == 4
+    assert all(np.linalg.norm(pose[:3, 3] - (0, 2, 0)) < 2 for pose in poses)
+    with pytest.raises(InputError, match="must be one of"):
+        View("moon", 0)
+
+
+def test_pairs_on_disk_are_used_and_damaged_ones_refused(pair, tmp_path):
+    rendering = Rendering(EDGE, 4)
+    view = View("shed", 0)
+    kept._write(view.path(tmp_path, rendering), pair)
+
+    (found,) = kept.pairs_of([view], rendering, tmp_path)
+    assert np.abs(found.renders - pair.renders).max() < 2**-11
+    view.path(tmp_path, rendering).write_bytes(b"PK\x03\x04 no pictures")
+    with pytest.raises(InputError, match="delete it, and it is made again"):
+        kept.pairs_of([view], rendering, tmp_path)
+    wrong = Pair(view, pair.renders[:3], pair.clean)
+    kept._write(view.path(tmp_path, rendering), wrong)
+    with pytest.raises(InputError, match="must hold pictures of shape"):
+        kept.pairs_of([view], rendering, tmp_path)
+
+
+def _floor():
+    corners = np.array([(-50, 0, -50), (50, 0, -50), (50, 0, 50), (-50, 0, 50)], np.float32)
+    up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
+    tint = np.tile(np.array([1.0, 0.5, 0.25], np.float32), (4, 1))
+    mesh = Mesh(corners, up, corners[:, [0, 2]], tint, np.array([[0, 1, 2], [0, 2, 3]]))
+    return Part(mesh, Material(np.full((2, 2, 4), 188, np.uint8)))
+
+
+@pytest.fixture(scope="module")
+def floor():
+    """A lit floor under an even sky, seen from above, and its tracer."""
+    pytest.importorskip("mitsuba", reason=CURE)
+    light = Light(sun_direction=(0, 3, 4), sun=(1, 1, 1), sky=(0.5, 0.5, 0.5), exposure=1)
+    world = World((_floor(),), Viewpoint((0, 3, 0), (0.1, 0, -3)), light)
+    return world, PathTracer(world)
+
+
+def test_light_on_a_floor_is_that_of_sun_and_sky(floor):
+    """Albedo .503 (188 of 255, decoded) times the tint, by sun at .6 of upright and the sky."""
+    world, tracer = floor
+    camera = world.viewpoint.camera(16, 16)
+    found = tracer.render(camera, 256, 1).mean(axis=(0, 1))
+
+    albedo = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    assert np.allclose(found, albedo * np.array([1, 0.5, 0.25]) * (0.6 + 0.5), rtol=0.03)
+    assert (tracer.shown(found) == encoded(found.astype(np.float64))).all()
+
+
+def test_more_samples_are_less_noisy_and_seeds_decide(floor):
+    world, tracer = floor
+    rendering = Rendering(64, 4)
+    pair, again = (kept.render_pair(tracer, world, View("shed", 1), rendering) for _ in range(2))
+
+    assert (pair.renders == again.renders).all()
+    deviation = pair.renders[:, 40:, :, 0].std(axis=(1, 2))
+    assert (np.diff(deviation) < 0).all()
+    # 32 samples have the fifth root of a half five times of one's deviation, nearly.
+    assert 4 < deviation[0] / deviation[5] < 8
+
+
+def test_geometry_of_pairs_is_forty_degrees_wide(pair):
+    assert pair.geometry == Flat(40.0).of(EDGE, EDGE)
