@@ -143,7 +143,7 @@ def test_every_made_picture_has_commands_that_make_it():
     assert set(pictures.MADE.iterdir()) <= makers
 
 
-GROUPS = {"protocol", "stimuli", "session", "analysis", "texture"}
+GROUPS = {"protocol", "stimuli", "session", "analysis", "texture", "denoise"}
 
 
 def options_of(words: list[str]) -> set[str]:
