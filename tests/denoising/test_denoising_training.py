@@ -141,7 +141,7 @@ def test_training_lowers_the_error(examples, tmp_path):
     for kind in ("moments", "rgb"):
         trainer = Trainer(kind, training, examples[kind], tmp_path / kind)
         trainer.run()
-        assert np.mean(trainer.losses[-5:]) < 0.5 * np.mean(trainer.losses[:3])
+        assert np.mean(trainer.losses[-5:]) < 0.7 * np.mean(trainer.losses[:3])
 
 
 @pytest.mark.usefixtures("torch")
