@@ -1,9 +1,11 @@
 """Denoising networks: ONNX files of ours, run by ONNX Runtime on the CPU.
 
-A network takes (1, 4, H, W): a noisy picture, encoded R'G'B' in [0, 1], and the level of detail of
-every pixel's pool over `LOD_SCALE`. One of kind ``moments`` gives ``base`` (1, 3, H, W) and
-``maps`` (1, 25, H / 4, W / 4), see `MomentMaps.packed`; one of kind ``rgb`` gives ``base`` alone.
-What it was trained for stands in the file.
+A network takes the planes of `seen_by`: a noisy picture, encoded R'G'B' in [0, 1], the level of
+detail of every pixel's pool, and the noisy picture's own moments, for pools reach further than a
+network of eight layers sees. It gives corrections. One of kind ``moments`` gives ``base``
+(1, 3, H, W) and ``maps`` (1, 25, H / 4, W / 4), to be added to the noisy picture's own (see
+`MomentMaps.packed`); one of kind ``rgb`` gives ``base`` alone, to be added to the picture. What it
+was trained for stands in the file.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.denoising.maps import BLOCK_PX, MomentMaps
+from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, maps_of
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError, MissingExtraError
 from pipeline.foveation.condition import check_picture
@@ -33,7 +35,8 @@ Picture = NDArray[np.float32]
 
 VALUES = 5
 """Of a level, in ``maps``: deviations of three bands, Cb and Cr."""
-LOD_SCALE = 8.0
+LOD_SCALE, MAPS_SCALE = 8.0, 1 / 8
+"""Levels of detail and moments are divided by these, to be about as large as colours."""
 MULTIPLE_PX = 8
 """Pictures are padded to a multiple of this: the network halves three times."""
 FACTS_KEY = "metamerlab.denoise"
@@ -80,7 +83,7 @@ class Facts:
 
     def to_json(self) -> str:
         """As it stands in a file."""
-        return json.dumps({"version": 1, **asdict(self)}, sort_keys=True)
+        return json.dumps({"version": 2, **asdict(self)}, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Facts:
@@ -92,8 +95,8 @@ class Facts:
             If it is something else.
         """
         held = dict(json.loads(text))
-        if held.pop("version") != 1:
-            raise ValueError("it is of a later version")
+        if held.pop("version") != 2:
+            raise ValueError("it is of another version")
         held["pooling"] = Pooling(**held["pooling"])
         held["sampling"] = Sampling(**held["sampling"])
         return cls(**held)
@@ -125,13 +128,13 @@ class DenoisingNetwork:
             takes, gives = self._session.get_inputs(), self._session.get_outputs()
             shapes = [list(one.shape or ())[1:2] for one in (*takes, *gives)]
             names = [one.name for one in gives]
-        wanted = [[4], [3]]
+        wanted = [[inputs_of(self.facts.levels)], [3]]
         if self.facts.kind == "moments":
             wanted.append([VALUES * self.facts.levels])
         if len(takes) != 1 or shapes != wanted:
             raise InputError(
-                f"{path}: a network for {self.facts.kind} must take 4 channels and give"
-                f" {' and '.join(str(one[0]) for one in wanted[1:])} (channels are {shapes});"
+                f"{path}: a network for {self.facts.kind} must take {wanted[0][0]} channels and"
+                f" give {' and '.join(str(one[0]) for one in wanted[1:])} (channels are {shapes});"
                 f" {_CURE}"
             )
         self._takes, self._gives = takes[0].name, names
@@ -152,17 +155,20 @@ class DenoisingNetwork:
             If the picture is none, has another size than the pools, or the network fails on it.
         """
         self._need("moments")
-        base, maps = self._run(noisy, pools)
+        seen = seen_by(noisy, pools, self.facts.levels)
+        base, maps = self._run(seen)
         height, width = noisy.shape[:2]
         blocks = maps[: -(-height // BLOCK_PX), : -(-width // BLOCK_PX)]
-        return MomentMaps.unpacked(base[:height, :width], blocks)
+        return MomentMaps.unpacked(
+            seen.own.base + base[:height, :width], seen.own.packed() + blocks
+        )
 
     def colour(self, noisy: NDArray[np.floating], pools: Pools) -> Picture:
         """Predict the clean picture itself: (H, W, 3) in [0, 1]. See `moments`."""
         self._need("rgb")
         height, width = noisy.shape[:2]
-        (base,) = self._run(noisy, pools)
-        return np.ascontiguousarray(np.clip(base[:height, :width], 0, 1), np.float32)
+        (base,) = self._run(seen_by(noisy, pools, self.facts.levels))
+        return np.ascontiguousarray(np.clip(noisy + base[:height, :width], 0, 1), np.float32)
 
     def _need(self, kind: Kind) -> None:
         if self.facts.kind != kind:
@@ -170,11 +176,10 @@ class DenoisingNetwork:
                 f"{self.path}: must be a network for {kind} (it is one for {self.facts.kind})"
             )
 
-    def _run(self, noisy: NDArray[np.floating], pools: Pools) -> list[Picture]:
-        feed = network_input(noisy, pools)
-        height, width = feed.shape[2:]
+    def _run(self, seen: Seen) -> list[Picture]:
+        height, width = seen.planes.shape[2:]
         try:
-            found = self._session.run(self._gives, {self._takes: feed})
+            found = self._session.run(self._gives, {self._takes: seen.planes})
         except Exception as error:  # its own classes are not public
             raise InputError(
                 f"{self.path}: the network must run on {width} x {height} px"
@@ -190,8 +195,29 @@ class DenoisingNetwork:
         return [values[0].transpose(1, 2, 0) for values in found]
 
 
-def network_input(noisy: NDArray[np.floating], pools: Pools) -> Picture:
-    """What networks are fed, padded by its border to a multiple of 8 px: (1, 4, H, W).
+def inputs_of(levels: int) -> int:
+    """Planes that a network sees: colour, level of detail, averaged colour, moments."""
+    return 7 + VALUES * levels
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a network is fed, and what it corrects.
+
+    Parameters
+    ----------
+    planes : ndarray of float32, shape (1, C, H, W)
+        Padded by their border to a multiple of 8 px.
+    own : MomentMaps
+        Of the noisy picture.
+    """
+
+    planes: Picture
+    own: MomentMaps
+
+
+def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> Seen:
+    """Prepare a noisy picture (H, W, 3) for a network.
 
     Raises
     ------
@@ -206,11 +232,21 @@ def network_input(noisy: NDArray[np.floating], pools: Pools) -> Picture:
             f" {geometry.width_px} x {geometry.height_px} px"
             f" (has {picture.shape[1]} x {picture.shape[0]})"
         )
-    lod = (pools.lod() / LOD_SCALE).astype(np.float32)
-    planes = np.concatenate([picture, lod[..., None]], axis=2)
-    below, right = (-edge % MULTIPLE_PX for edge in picture.shape[:2])
+    own = maps_of(picture, pools, levels)
+    absent = levels - own.levels  # of a small picture
+    own = MomentMaps(
+        own.base,
+        np.pad(own.deviations, ((0, 0), (0, 0), (0, 3 * absent))),
+        np.pad(own.slopes, ((0, 0), (0, 0), (0, absent), (0, 0))),
+    )
+    height, width = picture.shape[:2]
+    moments = own.packed().repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)[:height, :width]
+    planes = np.concatenate(
+        [picture, pools.lod()[..., None] / LOD_SCALE, own.base, moments / MAPS_SCALE], axis=2
+    )
+    below, right = -height % MULTIPLE_PX, -width % MULTIPLE_PX
     padded = np.pad(planes, ((0, below), (0, right), (0, 0)), mode="edge")
-    return np.ascontiguousarray(padded.transpose(2, 0, 1)[None])
+    return Seen(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
 
 
 def _open(path: Path) -> Any:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, LEVELS, maps_of
-from pipeline.denoising.network import Facts, Kind, network_input
+from pipeline.denoising.network import Facts, Kind, inputs_of, seen_by
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
@@ -140,14 +140,15 @@ class Training:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """One view for one gaze: what a network sees, and what it should say.
+    """One view for one gaze: what a network sees, and the corrections that it should give.
 
     Parameters
     ----------
-    fed : ndarray of float32, shape (4, H, W)
+    fed : ndarray of float32, shape (C, H, W)
     base : ndarray of float32, shape (3, H, W)
-        Of the moments, or the clean picture.
+        What averaged colour lacks, or the noisy picture.
     maps : ndarray of float32, shape (5 * levels, H / 4, W / 4), or (0, ...)
+        What moments lack.
     """
 
     fed: Pictures
@@ -169,7 +170,7 @@ class Example:
 def examples_of(
     pairs: Sequence[Pair], training: Training, kind: Kind, progress: Progress | None = None
 ) -> list[Example]:
-    """Noisy pictures for several gazes each, and the moments or the colour to be predicted."""
+    """Noisy pictures for several gazes each, and what moments or colour lack."""
     found = []
     for index, pair in enumerate(pairs):
         if progress is not None:
@@ -180,14 +181,17 @@ def examples_of(
         for _ in range(training.gazes):
             x, y = rng.uniform(0, size)
             pools = Pools(geometry, (float(x), float(y)), training.pooling)
-            fed = network_input(pair.noisy(training.sampling, pools.gaze_px), pools)[0]
+            noisy = pair.noisy(training.sampling, pools.gaze_px)
+            seen = seen_by(noisy, pools)
             if kind == "rgb":
-                base = pair.clean.transpose(2, 0, 1).astype(np.float64)
-                maps = np.zeros((0, *(edge // BLOCK_PX for edge in pair.clean.shape[:2])))
+                base = pair.clean.astype(np.float64) - noisy
+                maps = np.zeros((*(edge // BLOCK_PX for edge in pair.clean.shape[:2]), 0))
             else:
                 wanted = maps_of(pair.clean, pools)
-                base, maps = wanted.base.transpose(2, 0, 1), wanted.packed().transpose(2, 0, 1)
-            found.append(Example(fed, _single(base), _single(maps)))
+                base = wanted.base - seen.own.base
+                maps = wanted.packed() - seen.own.packed()
+            lacking = (_single(part.transpose(2, 0, 1)) for part in (base, maps))
+            found.append(Example(seen.planes[0], *lacking))
     return found
 
 
@@ -204,7 +208,7 @@ def scale_of(examples: Sequence[Example]) -> tuple[Pictures, Pictures]:
 
 
 def batch_of(examples: Sequence[Example], training: Training, step: int) -> Example:
-    """The crops of one step, stacked: fed (N, 4, h, w), base, maps."""
+    """The crops of one step, stacked: fed (N, C, h, w), base, maps."""
     rng = np.random.default_rng((training.seed, 1 << 32, step))
     edge = training.crop_px
     crops = []
@@ -422,7 +426,8 @@ def estimated_s(training: Training, missing: Sequence[View]) -> dict[str, float]
     a_view = {scene: seconds_for(scene, training.rendering) for scene in names}
     found = {"rendering": sum(a_view[view.scene] for view in missing)}
     edge, crops = training.crop_px, training.crops
-    fed = torch.zeros((crops, 4, edge, edge)).contiguous(memory_format=torch.channels_last)
+    fed = torch.zeros((crops, inputs_of(LEVELS), edge, edge))
+    fed = fed.contiguous(memory_format=torch.channels_last)
     for kind in KINDS:
         weights = _layers(_tensors(first_weights(kind, LEVELS, 0)))
         taken = []

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX
-from pipeline.denoising.network import FACTS_KEY, VALUES, Facts, Kind
+from pipeline.denoising.network import FACTS_KEY, VALUES, Facts, Kind, inputs_of
 
 Array = NDArray[np.float32]
 Weights = list[tuple[Array, Array]]
@@ -25,7 +25,6 @@ Tensor = Any  # torch may be absent
 
 ACTIVATIONS = 64
 LAYERS = 8
-INPUTS = 4  # R'G'B', level of detail
 COLOURS = 3
 OPSET = 17
 
@@ -38,7 +37,7 @@ def outputs_of(kind: Kind, levels: int) -> int:
 def first_weights(kind: Kind, levels: int, seed: int) -> Weights:
     """Random weights (He et al. 2015); all but the last layer's are the same for both kinds."""
     rng = np.random.default_rng(seed)
-    channels = [INPUTS, *([ACTIVATIONS] * (LAYERS - 1)), outputs_of(kind, levels)]
+    channels = [inputs_of(levels), *([ACTIVATIONS] * (LAYERS - 1)), outputs_of(kind, levels)]
     found: Weights = []
     for layer in range(LAYERS):
         taken, given = channels[layer], channels[layer + 1]
@@ -53,8 +52,8 @@ def forward(weights: Sequence[tuple[Tensor, Tensor]], fed: Tensor) -> tuple[Tens
 
     Parameters
     ----------
-    fed : tensor of shape (N, 4, H, W)
-        H and W multiples of 8.
+    fed : tensor of shape (N, C, H, W)
+        See `seen_by`; H and W multiples of 8.
 
     Returns
     -------
@@ -145,7 +144,8 @@ def to_onnx(weights: Weights, facts: Facts) -> bytes:
         add("AveragePool", ("fine",), "maps", kernel_shape=block, strides=block)
         shape: list[str | int | None] = [1, count, "block_rows", "block_columns"]
         outputs.append(helper.make_tensor_value_info("maps", TensorProto.FLOAT, shape))
-    fed = helper.make_tensor_value_info("noisy", TensorProto.FLOAT, [1, INPUTS, "height", "width"])
+    taken: list[str | int | None] = [1, inputs_of(facts.levels), "height", "width"]
+    fed = helper.make_tensor_value_info("noisy", TensorProto.FLOAT, taken)
     graph = helper.make_graph(nodes, f"denoise-{facts.kind}", [fed], outputs, held)
     model = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="metamerlab"

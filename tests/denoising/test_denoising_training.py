@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.denoising.maps import maps_of
-from pipeline.denoising.network import DenoisingNetwork, Facts, network_input
+from pipeline.denoising.network import DenoisingNetwork, Facts, inputs_of, seen_by
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
@@ -64,11 +64,14 @@ def test_examples_are_noisy_pictures_and_clean_moments(pair, examples):
         noisy = pair.noisy(TRAINING.sampling, (x, y))
         wanted = maps_of(pair.clean, pools)
 
-        assert (one.fed == network_input(noisy, pools)[0]).all()
+        seen = seen_by(noisy, pools)
+        assert (one.fed == seen.planes[0]).all()
         assert (plain.fed == one.fed).all()
-        assert (plain.base == pair.clean.transpose(2, 0, 1)).all()
-        assert np.allclose(one.base, wanted.base.transpose(2, 0, 1), atol=1e-6)
-        assert np.allclose(one.maps, wanted.packed().transpose(2, 0, 1), atol=1e-6)
+        assert np.allclose(noisy + plain.base.transpose(1, 2, 0), pair.clean, atol=1e-6)
+        base = seen.own.base + one.base.transpose(1, 2, 0)
+        assert np.allclose(base, wanted.base, atol=1e-6)
+        maps = seen.own.packed() + one.maps.transpose(1, 2, 0)
+        assert np.allclose(maps, wanted.packed(), atol=1e-6)
 
 
 def test_a_flipped_example_is_the_example_of_the_flipped_picture(pair):
@@ -77,7 +80,7 @@ def test_a_flipped_example_is_the_example_of_the_flipped_picture(pair):
     geometry = Flat(40).of(edge, edge)
     pools = Pools(geometry, (20.0, 44.0), Pooling())
     maps = maps_of(clean, pools)
-    noisy = network_input(clean, pools)[0]
+    noisy = seen_by(clean, pools).planes[0]
     one = Example(noisy, maps.base.transpose(2, 0, 1), maps.packed().transpose(2, 0, 1))
 
     turned = one.crop(0, 0, edge, (True, True))
@@ -86,13 +89,13 @@ def test_a_flipped_example_is_the_example_of_the_flipped_picture(pair):
     expected = maps_of(clean[::-1, ::-1], there)
     assert np.allclose(turned.base, expected.base.transpose(2, 0, 1), atol=1e-9)
     assert np.allclose(turned.maps, expected.packed().transpose(2, 0, 1), atol=1e-9)
-    assert np.allclose(turned.fed[3], network_input(clean, there)[0, 3], atol=1e-6)
+    assert np.allclose(turned.fed, seen_by(clean[::-1, ::-1], there).planes[0], atol=1e-6)
 
 
 def test_a_step_draws_the_same_crops_again_and_the_next_one_others(examples):
     one, again, other = (batch_of(examples["moments"], TRAINING, step) for step in (4, 4, 5))
 
-    assert one.fed.shape == (2, 4, 32, 32)
+    assert one.fed.shape == (2, inputs_of(5), 32, 32)
     assert one.maps.shape == (2, 25, 8, 8)
     assert (one.fed == again.fed).all()
     assert (one.maps == again.maps).all()
@@ -120,9 +123,10 @@ def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
         path.write_bytes(unet.to_onnx(weights, Facts(kind)))
         network = DenoisingNetwork(path)
         layers = [tuple(torch.from_numpy(part) for part in pair_of) for pair_of in weights]
-        fed = torch.from_numpy(network_input(pair.clean, pools))
+        seen = seen_by(pair.clean, pools)
+        fed = torch.from_numpy(seen.planes)
         expected = [part for part in unet.forward(layers, fed) if part is not None]
-        found = network._run(pair.clean, pools)
+        found = network._run(seen)
 
         assert len(found) == len(expected)
         for ours, theirs in zip(found, expected, strict=True):
@@ -137,7 +141,7 @@ def test_training_lowers_the_error(examples, tmp_path):
     for kind in ("moments", "rgb"):
         trainer = Trainer(kind, training, examples[kind], tmp_path / kind)
         trainer.run()
-        assert np.mean(trainer.losses[-5:]) < 0.5 * np.mean(trainer.losses[:3])
+        assert np.mean(trainer.losses[-5:]) < 0.7 * np.mean(trainer.losses[:3])
 
 
 @pytest.mark.usefixtures("torch")
