@@ -136,12 +136,12 @@ def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
 @pytest.mark.usefixtures("torch")
 def test_training_lowers_the_error(examples, tmp_path):
     training = Training(
-        ("shed",), 1, gazes=2, steps=30, crops=2, crop_px=32, rendering=Rendering(EDGE, 4)
+        ("shed",), 1, gazes=2, steps=60, crops=4, crop_px=64, rendering=Rendering(EDGE, 4)
     )
     for kind in ("moments", "rgb"):
         trainer = Trainer(kind, training, examples[kind], tmp_path / kind)
         trainer.run()
-        assert np.mean(trainer.losses[-5:]) < 0.7 * np.mean(trainer.losses[:3])
+        assert np.mean(trainer.losses[-5:]) < 0.9 * np.mean(trainer.losses[:3])
 
 
 @pytest.mark.usefixtures("torch")
