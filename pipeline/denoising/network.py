@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, maps_of
 from pipeline.denoising.samples import Sampling
-from pipeline.errors import InputError, MissingExtraError
+from pipeline.errors import InputError
 from pipeline.foveation.condition import check_picture
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
-from pipeline.methods.onnx_files import network_files
-from protocols.outside import reading, visible_line
+from pipeline.methods.onnx_files import one_line, open_session
+from protocols.outside import reading
 
 Kind = Literal["moments", "rgb"]
 Picture = NDArray[np.float32]
@@ -122,7 +122,7 @@ class DenoisingNetwork:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._session = _open(path)
+        self._session = open_session(path, "denoising needs")
         self.facts = _facts(path, self._session)
         with reading(path, "a denoising network", InputError):  # its names may be no text
             takes, gives = self._session.get_inputs(), self._session.get_outputs()
@@ -183,7 +183,7 @@ class DenoisingNetwork:
         except Exception as error:  # its own classes are not public
             raise InputError(
                 f"{self.path}: the network must run on {width} x {height} px"
-                f" (ONNX Runtime says: {_one_line(error)}); {_CURE}"
+                f" (ONNX Runtime says: {one_line(error)}); {_CURE}"
             ) from error
         shrunk = (1, BLOCK_PX)
         for values, by in zip(found, shrunk, strict=False):
@@ -249,28 +249,6 @@ def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> 
     return Seen(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
 
 
-def _open(path: Path) -> Any:
-    if not path.is_file():
-        raise FileNotFoundError(2, "No such file", str(path))
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingExtraError(
-            "denoising needs ONNX Runtime (it is not installed);"
-            " install it with: pip install 'metamerlab[onnx]'"
-        ) from error
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4  # what is wrong comes as an exception
-    options.use_deterministic_compute = True
-    network_files(path)  # refuses weights from outside its folder
-    try:
-        return onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
-    except Exception as error:  # its own classes are not public
-        raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
-
-
 def _facts(path: Path, session: Any) -> Facts:
     with reading(path, "a denoising network", InputError):
         text = session.get_modelmeta().custom_metadata_map.get(FACTS_KEY)
@@ -284,9 +262,5 @@ def _facts(path: Path, session: Any) -> Facts:
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"
-            f" ({_one_line(error)}); {_CURE}"
+            f" ({one_line(error)}); {_CURE}"
         ) from error
-
-
-def _one_line(error: Exception) -> str:
-    return visible_line(str(error) or type(error).__name__)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
-from pipeline.methods.onnx_files import network_files
-from protocols.outside import reading, visible_line
+from pipeline.methods.onnx_files import network_files, one_line, open_session
+from protocols.outside import reading
 
 _RANGES = {"0..1": (0.0, 1.0), "-1..1": (-1.0, 1.0)}
 _CURE = "export it as described in the documentation of the method onnx:FILE"
@@ -53,7 +53,7 @@ class OnnxNetwork:
         self.path = path
         self.value_range = value_range
         self.multiple_px = multiple_px
-        self._session = _open(path)
+        self._session = open_session(path, "methods of the kind onnx:FILE need")
         with reading(path, "an ONNX model", InputError):  # its names may be no text
             self._inputs = _understand(path, self._session)
 
@@ -89,7 +89,7 @@ class OnnxNetwork:
         except Exception as error:  # its own classes are not public
             raise InputError(
                 f"{self.path}: the network must run on {width + right} x {height + below} px"
-                f" (ONNX Runtime says: {_one_line(error)}); try another multiple_px"
+                f" (ONNX Runtime says: {one_line(error)}); try another multiple_px"
             ) from error
         wanted = (1, 3, height + below, width + right)
         if output.shape != wanted or output.dtype.kind != "f":
@@ -126,29 +126,6 @@ class _Inputs:
         }
 
 
-def _open(path: Path) -> Any:
-    if not path.exists():
-        raise FileNotFoundError(2, "No such file", str(path))
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise InputError(
-            "methods of the kind onnx:FILE need ONNX Runtime (it is not installed);"
-            " install it with: pip install 'metamerlab[onnx]'"
-        ) from error
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4  # what is wrong comes as an exception
-    # One order of summation on any number of cores: same input, same bytes.
-    options.use_deterministic_compute = True
-    network_files(path)  # refuses weights from outside its folder
-    try:
-        return onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )  # a second try would print to the terminal
-    except Exception as error:  # its own classes are not public
-        raise InputError(f"{path}: must be an ONNX model ({_one_line(error)})") from error
-
-
 def _understand(path: Path, session: Any) -> _Inputs:
     inputs = session.get_inputs()
     shapes = {item.name: tuple(item.shape or ()) for item in inputs}
@@ -177,7 +154,3 @@ def _understand(path: Path, session: Any) -> _Inputs:
         for axis in (2, 3)
     )
     return _Inputs(planes, height, width)
-
-
-def _one_line(error: Exception) -> str:
-    return visible_line(str(error) or type(error).__name__)

@@ -1,4 +1,4 @@
-"""Which files an ONNX network consists of: its weights may lie beside it.
+"""Opening ONNX networks, and which files one consists of: its weights may lie beside it.
 
 The format is a protocol buffer. Only what leads to tensors is read, by the numbers of the fields
 in `onnx.proto` (ONNX 1.16); everything else is skipped.
@@ -9,9 +9,10 @@ from __future__ import annotations
 import os.path
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from pipeline.errors import InputError
-from protocols.outside import reading
+from pipeline.errors import InputError, MissingExtraError
+from protocols.outside import reading, visible_line
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
 _LEADS: dict[str, dict[int, str]] = {
@@ -25,6 +26,50 @@ _LEADS: dict[str, dict[int, str]] = {
     "tensor": {13: "entry"},
 }
 _DEEPEST = 64
+
+
+def open_session(path: Path, who_needs: str) -> Any:
+    """Open a network with ONNX Runtime, on the CPU.
+
+    Parameters
+    ----------
+    who_needs : str
+        Begins the message where ONNX Runtime is missing: "denoising needs".
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    MissingExtraError
+        If ONNX Runtime is not installed.
+    InputError
+        If the file is no network, or names weights outside its folder.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{who_needs} ONNX Runtime (it is not installed);"
+            " install it with: pip install 'metamerlab[onnx]'"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # what is wrong comes as an exception
+    # One order of summation on any number of cores: same input, same bytes.
+    options.use_deterministic_compute = True
+    network_files(path)  # refuses weights from outside its folder
+    try:
+        return onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )  # a second try would print to the terminal
+    except Exception as error:  # its own classes are not public
+        raise InputError(f"{path}: must be an ONNX model ({one_line(error)})") from error
+
+
+def one_line(error: Exception) -> str:
+    """What a library says, on one line, without control characters."""
+    return visible_line(str(error) or type(error).__name__)
 
 
 def network_files(path: Path) -> list[Path]:
