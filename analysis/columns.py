@@ -14,7 +14,7 @@ SESSION_COLUMNS = (
     *SITTING_COLUMNS,
     Column("slot", "integer", "", "Counterbalancing slot"),
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
-    Column("status", "text", "", "completed, unfinished, or why the sitting ended"),
+    Column("status", "text", "", "completed, unfinished, or why the session ended"),
     Column("planned", "integer", "trials", "Main trials planned"),
     Column("decided", "integer", "trials", "Main trials decided"),
     Column("attempts", "integer", "", "Attempts at main trials, void ones included"),
@@ -24,8 +24,8 @@ SESSION_COLUMNS = (
     Column("gaze_lost_share", "share", "", "Mean share of watched time without gaze data"),
     Column("gaze_violations", "integer", "", "Gaze violations in main attempts"),
     Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot in main attempts"),
-    Column("accuracy_deg", "number", "deg", "Worst accuracy of the sitting's calibrations"),
-    Column("resumed", "integer", "", "How often the sitting was resumed"),
+    Column("accuracy_deg", "number", "deg", "Worst accuracy of the session's calibrations"),
+    Column("resumed", "integer", "", "How often the session was resumed"),
     Column(
         "damaged_lines",
         "integer",
@@ -41,10 +41,10 @@ SESSION_COLUMNS = (
     Column("protocol_sha256", "text", "", "Hash of the protocol"),
     Column("stimuli_sha256", "text", "", "Hash of what decides the pixels"),
     Column("manifest_sha256", "text", "", "Hash of the clips' manifest"),
-    Column("plan_sha256", "text", "", "Hash of the sitting's trial list"),
+    Column("plan_sha256", "text", "", "Hash of the session's trial list"),
     Column("journal_sha256", "text", "", "Hash of the journal file"),
-    Column("revision", "text", "", "Version and git revision that recorded the sitting"),
-    Column("excluded", "text", "", "Rule that leaves the sitting out; empty: kept"),
+    Column("revision", "text", "", "Version and git revision that recorded the session"),
+    Column("excluded", "text", "", "Rule that leaves the session out; empty: kept"),
 )
 
 

@@ -1,4 +1,4 @@
-"""The journal of one sitting: JSON lines, one event each, append-only, the only truth.
+"""The journal of one session: JSON lines, one event each, append-only, the only truth.
 
 Every event says its number `n` (0, 1, 2, ... without gaps), when it happened on the session's
 monotonic clock (`t_s`, seconds since the program opened the journal; it starts again at 0 when a

@@ -51,7 +51,7 @@ def report_sessions(
     figure_files: bool = True,
     progress: Progress | None = None,
 ) -> ReportPaths:
-    """Analyse every sitting below `folder` and write a report into `out`.
+    """Analyse every session below `folder` and write a report into `out`.
 
     Raises
     ------

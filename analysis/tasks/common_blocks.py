@@ -1,4 +1,4 @@
-"""Blocks that every task with trials in a row has: change over the sitting, reaction times."""
+"""Blocks that every task with trials in a row has: change over the session, reaction times."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from analysis.tasks.blocks import Block, Cautions, Paragraph, Picture, Table
 
 
 def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
-    """Return the figure and the table of changes over the sitting."""
+    """Return the figure and the table of changes over the session."""
     return (
         Picture("learning"),
         Table.of(

@@ -1,6 +1,6 @@
 """The sections of a protocol that choose levels or pairs from the answers so far.
 
-Every choice is a pure function of (protocol, plan, journal so far): a sitting that was killed
+Every choice is a pure function of (protocol, plan, journal so far): a session that was killed
 goes on as it would have.
 """
 

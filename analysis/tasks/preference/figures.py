@@ -77,7 +77,7 @@ def report_figures(
             made.append(
                 ReportFigure(
                     "learning",
-                    f"Choices of {label(method)} over {label(against)} along the sitting; thin"
+                    f"Choices of {label(method)} over {label(against)} along the session; thin"
                     " lines: participants; band: 95 % t limits.",
                     lambda width: learning_plot(
                         rows,

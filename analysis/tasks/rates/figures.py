@@ -81,7 +81,7 @@ def rate_figures(
         made.append(
             ReportFigure(
                 "learning",
-                "Right answers along the sitting; thin lines: participants; band: 95 % t limits.",
+                "Right answers along the session; thin lines: participants; band: 95 % t limits.",
                 lambda width: learning_plot(
                     rows,
                     "right",

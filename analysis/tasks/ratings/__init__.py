@@ -153,7 +153,7 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
             made.append(
                 ReportFigure(
                     "learning",
-                    "Ratings, in steps of the scale, along the sitting; thin lines: participants;"
+                    "Ratings, in steps of the scale, along the session; thin lines: participants;"
                     " band: 95 % t limits.",
                     lambda width: learning_plot(
                         rows,
