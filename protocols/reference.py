@@ -106,9 +106,8 @@ def reference_text(name: str) -> str:
     return "\n".join([
         f"# Reference: {schema['title']}",
         "",
-        f"Made by `metamerlab protocol schema {name} --markdown` from the classes that the program"
-        " itself reads. A key without a default is required. A key without an entry here is"
-        " refused.",
+        f"Made by `metamerlab protocol schema {name} --markdown`. Keys without a default are"
+        " required. Unknown keys are refused.",
         *(["", *(f"- *{word}*: {_MEANINGS[word]}" for word in used)] if used else []),
         *body,
     ]).rstrip() + "\n"  # fmt: skip
