@@ -18,9 +18,9 @@ from analysis.csv_table import (
 )
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.from_csv.found import Found, limits, number, unique
-from analysis.plots import reaction_plot
+from analysis.plots import reaction_plot, sized
 from analysis.rates import Difference
-from analysis.reaction import ReactionTimes, reaction_times
+from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.wording import p_number, p_text
 from analysis.trials_csv import analysed_rows
@@ -94,11 +94,7 @@ def reaction_of_csv(
         notes += [f"{one.condition}: {note}" for note in one.warnings]
     result = ReactionFound(summary, model, diffusion)
     simulated = "simulated" in rows and bool((rows["simulated"].astype(str) == "1").any())
-    medians = {
-        name: [float(v) for v in part.groupby("participant")["rt_s"].median()]
-        for name, part in conditions(rows, columns)
-    }
-    named = {one.condition: name for one, name in zip(summary, names, strict=True)}
+    medians = participant_medians(rows, by, summary)
     people = rows["participant"].nunique()
     return Found(
         title=f"{len(rows)} reaction times of {people} participant{'s' * (people != 1)}"
@@ -107,14 +103,7 @@ def reaction_of_csv(
         sentences=_sentences(result),
         notes=unique(notes),
         tables=_tables(result),
-        figures={
-            "reaction": lambda width: reaction_plot(
-                summary,
-                {condition: medians[name] for condition, name in named.items()},
-                width_in=width,
-                simulated=simulated,
-            )
-        },
+        figures={"reaction": sized(reaction_plot, summary, medians, simulated=simulated)},
         result=result,
     )
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from analysis.plots import sized
 from analysis.plots.sequential import bounds_plot
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range
@@ -55,11 +56,11 @@ def look_figures(found: Look | None, *, simulated: bool) -> Sequence[ReportFigur
             "looks",
             f"p at which each planned look stops the study ({found.plan.rule}); dashed: alpha"
             " without looks; star: this study.",
-            lambda width: bounds_plot(
+            sized(
+                bounds_plot,
                 found.plan,
                 people=stands.participants,
                 p=stands.p,
-                width_in=width,
                 simulated=simulated,
             ),
         ),
