@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,6 +23,14 @@ if TYPE_CHECKING:
 LOOK = "To look at"
 """Panel of what is made to be looked at."""
 FILE_ENDINGS = (".png", ".exr")
+
+
+def panel_option(panel: str) -> Callable[..., Any]:
+    """`typer.Option` of what help lists under a heading of its own."""
+    return partial(typer.Option, rich_help_panel=panel)
+
+
+look_option = panel_option(LOOK)
 
 
 def gaze_option(default: str) -> Any:
@@ -50,6 +59,8 @@ FovOption = Annotated[
         show_default=False,
     ),
 ]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]
+NumpyOption = Annotated[bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")]
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -9,12 +9,13 @@ import typer
 
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
-    LOOK,
     DisplayOption,
     FovOption,
+    SeedOption,
     SettingsOption,
     check_file,
     gaze_option,
+    look_option,
     read_parameters,
     renderer,
 )
@@ -75,16 +76,13 @@ def show(
     ),
     baked: Annotated[
         Path | None,
-        typer.Option(
-            help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]",
-            show_default=False,
-        ),
+        typer.Option(help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]"),
     ] = None,
     gaze: Annotated[str | None, gaze_option("where the scene says")] = None,
     display: DisplayOption = None,
     fov: FovOption = None,
     settings: SettingsOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: SeedOption = 0,
     size_px: Annotated[
         int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")
     ] = 768,
@@ -93,10 +91,7 @@ def show(
     ] = 0.0,
     animate: Annotated[
         Path | None,
-        typer.Option(
-            help="Animation (.webp, or .png for APNG) of the turning globes.",
-            rich_help_panel=LOOK,
-        ),
+        look_option(help="Animation (.webp, or .png for APNG) of the turning globes."),
     ] = None,
 ) -> None:
     """Draw a scene three times: as it is, with a foveated blur, and with noise for what it lost.
