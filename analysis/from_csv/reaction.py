@@ -9,8 +9,8 @@ import pandas as pd
 
 from analysis.cells import conditions
 from analysis.csv_table import (
-    IMPORT_HINT,
     flag_column,
+    need_columns,
     read_table,
     renamed,
     seconds_column,
@@ -112,12 +112,7 @@ def _read(path: Path, mapping: Mapping[str, str], by: str | None) -> pd.DataFram
     table = analysed_rows(path, renamed(path, read_table(path), mapping, None))
     wanted = ["participant", "rt_s", *([by] if by is not None else [])]
     missing = [name for name in wanted if name not in table]
-    if missing:
-        raise StudyError(
-            f"{path}: must have the columns {', '.join(missing)}"
-            f" (found: {', '.join(map(str, table.columns))}); {IMPORT_HINT} {missing[0]}=COLUMN"
-            f"{did_you_mean(missing[0], list(map(str, table.columns)))}"
-        )
+    need_columns(path, table, missing)
     rows = pd.DataFrame(index=table.index)
     rows["participant"] = text_column(path, table, "participant")
     rows["rt_s"] = seconds_column(path, table, "rt_s")
