@@ -12,7 +12,7 @@ from scipy.special import expit, log_expit, logsumexp
 
 from analysis.bootstrap import expanded_tail
 from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.contrasts import paired, pairs_of
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.numeric import numeric_hessian
 from analysis.rates import Difference
@@ -348,36 +348,16 @@ def critical_scalings(
 
 
 def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:
-    names = list(own)
-    found = []
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            both = sorted(set(own[first]) & set(own[second]))
-            gaps = np.array([own[first][who] - own[second][who] for who in both])
-            if gaps.size < 2:
-                continue
-            df = gaps.size - 1
-            error = float(gaps.std(ddof=1) / np.sqrt(gaps.size))
-            reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
-            mean = float(gaps.mean())
-            p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
-            found.append(
-                Difference(
-                    measure="ln s_c",
-                    first=first,
-                    second=second,
-                    difference=mean,
-                    standard_error=error,
-                    lower=mean - reach,
-                    upper=mean + reach,
-                    level=level,
-                    df=float(df),
-                    p=p,
-                    p_adjusted=p,
-                )
-            )
-    adjusted = holm(np.array([one.p for one in found])) if found else np.zeros(0)
-    return tuple(replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True))
+    gaps = []
+    for first, second in pairs_of(own, None):
+        both = sorted(set(own[first]) & set(own[second]))
+        if len(both) > 1:
+            apart = np.array([own[first][who] - own[second][who] for who in both])
+            gaps.append(((first, second), apart))
+    return tuple(
+        Difference(measure="ln s_c", level=level, df=float(df), **vars(gap))
+        for gap, df in paired(gaps, level)
+    )
 
 
 def _bootstrap(

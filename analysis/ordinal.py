@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
-from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.cells import checked, grid, numbered
+from analysis.contrasts import Pair, pairs_of, wald
 from analysis.numeric import numeric_hessian
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -240,7 +239,7 @@ def rating_model(
         raise ValueError(f"column {rating!r} must hold one of {known} (found {unknown[0]!r})")
     used = [name for name in known if (texts == name).any()]
     y = _codes(texts, used)
-    places, parts = grid(rows), conditions(rows, by)
+    places, (parts, condition) = grid(rows), numbered(rows, by)
     names = [name for name, _ in parts]
     people = len(places.participants)
     if people < 2 or len(names) < 2 or len(used) < 2:
@@ -248,11 +247,7 @@ def rating_model(
             "trials must hold two participants, two conditions and two different ratings at least"
             f" (found {people}, {len(names)} and {len(used)})"
         )
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
-    condition = np.zeros(len(rows), dtype=np.int64)
-    for place, (_, part) in enumerate(parts):
-        condition[part.index.to_numpy()] = place
+    pairs = pairs_of(names, reference)
     design = _indicator(condition, len(names))[:, 1:]
     effects = {
         "participant": _indicator(places.person, people),
@@ -270,7 +265,7 @@ def rating_model(
         categories=tuple(used),
         thresholds=tuple(map(float, fit.theta)),
         conditions=_rated(parts, used, fit, people - 1, level, y),
-        contrasts=_contrasts(names, fit, people - 1, level, reference, link),
+        contrasts=_contrasts(names, pairs, fit, people - 1, level, link),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
@@ -318,8 +313,7 @@ def paired_ratings(
             "decisions must hold two participants, two methods and two different ratings at least"
             f" (found {len(people)}, {len(names)} and {len(used)})"
         )
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    pairs = pairs_of(names, reference)
     place = {name: k for k, name in enumerate(names)}
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
     gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
@@ -334,7 +328,7 @@ def paired_ratings(
         categories=tuple(used),
         thresholds=tuple(map(float, fit.theta)),
         conditions=_rated(parts, used, fit, len(people) - 1, level, y),
-        contrasts=_contrasts(names, fit, len(people) - 1, level, reference, link),
+        contrasts=_contrasts(names, pairs, fit, len(people) - 1, level, link),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
@@ -473,40 +467,26 @@ def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:
 
 def _contrasts(
     names: Sequence[str],
+    pairs: Sequence[Pair],
     fit: CumulativeFit,
     df: int,
     level: float,
-    reference: str | None,
     link: OrdinalLink,
 ) -> tuple[RatingDifference, ...]:
-    value, covariance = _places(fit)
-    place = {name: k for k, name in enumerate(names)}
-    pairs = (
-        list(combinations(names, 2))
-        if reference is None
-        else [(name, reference) for name in names if name != reference]
-    )
-    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
-    gap = value[first] - value[second]
-    variance = covariance[first, first] + covariance[second, second]
-    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
-    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
-    adjusted = holm(p)
     return tuple(
         RatingDifference(
-            first=one,
-            second=other,
-            difference=float(gap[k]),
-            lower=float(gap[k] - reach * error[k]),
-            upper=float(gap[k] + reach * error[k]),
+            first=gap.first,
+            second=gap.second,
+            difference=gap.difference,
+            lower=gap.lower,
+            upper=gap.upper,
             level=level,
             df=float(df),
-            p=float(p[k]),
-            p_adjusted=float(adjusted[k]),
-            superiority=superiority(float(gap[k]), link),
+            p=gap.p,
+            p_adjusted=gap.p_adjusted,
+            superiority=superiority(gap.difference, link),
         )
-        for k, (one, other) in enumerate(pairs)
+        for gap in wald(names, pairs, *_places(fit), df=df, level=level)
     )
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -11,6 +10,7 @@ from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.contrasts import pairs_of
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -205,15 +205,8 @@ def contrasts(
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
     """Compare conditions counted on one grid; each participant is their own control."""
-    if reference is not None and reference not in moved:
-        raise ValueError(f"reference must be one of {list(moved)} (got {reference!r})")
-    pairs = (
-        list(combinations(moved, 2))
-        if reference is None
-        else [(name, reference) for name in moved if name != reference]
-    )
     found = []
-    for first, second in pairs:
+    for first, second in pairs_of(moved, reference):
         one, other = moved[first], moved[second]
         gap = two_way_influence(
             np.asarray(one.value - other.value),
