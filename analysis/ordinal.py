@@ -202,7 +202,6 @@ def rating_model(
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
-    rating: str = "rating",
     categories: Sequence[str] | None = None,
     reference: str | None = None,
     link: OrdinalLink = "probit",
@@ -213,7 +212,7 @@ def rating_model(
     Parameters
     ----------
     trials : DataFrame, one row per rating
-        ``participant``, optionally ``scene``, the columns `by`, and `rating`.
+        ``participant``, optionally ``scene``, the columns `by`, and ``rating``.
     categories : sequence of str, optional
         All ratings as text, from the lowest; left out: numbers in order.
     reference : str, optional
@@ -231,12 +230,12 @@ def rating_model(
     several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose are left
     out: no threshold of theirs can be told.
     """
-    rows = checked(trials, (rating,), by)
-    texts = rows[rating].map(_text)
-    known = list(categories) if categories is not None else _numbers(texts, rating)
+    rows = checked(trials, ("rating",), by)
+    texts = rows["rating"].map(_text)
+    known = list(categories) if categories is not None else _numbers(texts)
     unknown = sorted(set(texts) - set(known))
     if unknown:
-        raise ValueError(f"column {rating!r} must hold one of {known} (found {unknown[0]!r})")
+        raise ValueError(f"column 'rating' must hold one of {known} (found {unknown[0]!r})")
     used = [name for name in known if (texts == name).any()]
     y = _codes(texts, used)
     places, (parts, condition) = grid(rows), numbered(rows, by)
@@ -260,25 +259,12 @@ def rating_model(
     fit = fit_cumulative(design, y, effects, link=link)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += _misfit(design, y, condition, link)
-    return RatingModel(
-        link=link,
-        categories=tuple(used),
-        thresholds=tuple(map(float, fit.theta)),
-        conditions=_rated(parts, used, fit, people - 1, level, y),
-        contrasts=_contrasts(names, pairs, fit, people - 1, level, link),
-        sd=fit.sd,
-        log_likelihood=fit.log_likelihood,
-        level=level,
-        ratings=len(rows),
-        participants=people,
-        warnings=tuple(notes),
-    )
+    return _model(parts, pairs, used, y, fit, people, link, level, notes)
 
 
 def paired_ratings(
     decisions: pd.DataFrame,
     *,
-    rating: str = "rating",
     reference: str | None = None,
     link: OrdinalLink = "probit",
     level: float = 0.95,
@@ -288,7 +274,7 @@ def paired_ratings(
     Parameters
     ----------
     decisions : DataFrame, one row per comparison
-        ``participant``, ``first``, ``second``, and `rating`: a number, the larger the more the
+        ``participant``, ``first``, ``second``, and ``rating``: a number, the larger the more the
         first is better; 0 where neither is, such as -1, 0, 1.
 
     Raises
@@ -302,9 +288,9 @@ def paired_ratings(
     cumulative-link model in the difference of two places. Random is a participant's liking of
     each method. Thresholds that are not symmetric are a bias to one of the two places.
     """
-    rows = checked(decisions, ("first", "second", rating))
-    texts = rows[rating].map(_text)
-    used = _numbers(texts, rating)
+    rows = checked(decisions, ("first", "second", "rating"))
+    texts = rows["rating"].map(_text)
+    used = _numbers(texts)
     y = _codes(texts, used)
     names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
     people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
@@ -323,18 +309,49 @@ def paired_ratings(
     own = own[:, np.any(own != 0.0, axis=0)]
     fit = fit_cumulative(gap[:, 1:], y, {"participant x method": own}, link=link)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
+    notes = _notes(fit, len(people), [])
+    return _model(parts, pairs, used, y, fit, len(people), link, level, notes)
+
+
+def _model(
+    parts: Sequence[tuple[str, pd.DataFrame]],
+    pairs: Sequence[Pair],
+    used: Sequence[str],
+    y: Whole,
+    fit: CumulativeFit,
+    people: int,
+    link: OrdinalLink,
+    level: float,
+    notes: Sequence[str],
+) -> RatingModel:
+    df = people - 1
+    gaps = wald([name for name, _ in parts], pairs, *_places(fit), df=df, level=level)
     return RatingModel(
         link=link,
         categories=tuple(used),
         thresholds=tuple(map(float, fit.theta)),
-        conditions=_rated(parts, used, fit, len(people) - 1, level, y),
-        contrasts=_contrasts(names, pairs, fit, len(people) - 1, level, link),
+        conditions=_rated(parts, used, fit, df, level, y),
+        contrasts=tuple(
+            RatingDifference(
+                first=gap.first,
+                second=gap.second,
+                difference=gap.difference,
+                lower=gap.lower,
+                upper=gap.upper,
+                level=level,
+                df=float(df),
+                p=gap.p,
+                p_adjusted=gap.p_adjusted,
+                superiority=superiority(gap.difference, link),
+            )
+            for gap in gaps
+        ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
-        ratings=len(rows),
-        participants=len(people),
-        warnings=tuple(_notes(fit, len(people), [])),
+        ratings=y.size,
+        participants=people,
+        warnings=tuple(notes),
     )
 
 
@@ -388,11 +405,11 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def _numbers(texts: pd.Series, rating: str) -> list[str]:
+def _numbers(texts: pd.Series) -> list[str]:
     numbers = pd.to_numeric(texts, errors="coerce")
     if not bool(np.isfinite(numbers.astype(float)).all()):
         raise ValueError(
-            f"column {rating!r} must hold numbers, or its categories be given from the lowest on"
+            "column 'rating' must hold numbers, or its categories be given from the lowest on"
         )
     ordered = pd.Series(numbers.to_numpy(), index=texts.to_numpy()).sort_values()
     return list(dict.fromkeys(ordered.index))
@@ -463,31 +480,6 @@ def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:
     covariance = np.zeros((size + 1, size + 1))
     covariance[1:, 1:] = fit.covariance[top : top + size, top : top + size]
     return value, covariance
-
-
-def _contrasts(
-    names: Sequence[str],
-    pairs: Sequence[Pair],
-    fit: CumulativeFit,
-    df: int,
-    level: float,
-    link: OrdinalLink,
-) -> tuple[RatingDifference, ...]:
-    return tuple(
-        RatingDifference(
-            first=gap.first,
-            second=gap.second,
-            difference=gap.difference,
-            lower=gap.lower,
-            upper=gap.upper,
-            level=level,
-            df=float(df),
-            p=gap.p,
-            p_adjusted=gap.p_adjusted,
-            superiority=superiority(gap.difference, link),
-        )
-        for gap in wald(names, pairs, *_places(fit), df=df, level=level)
-    )
 
 
 def superiority(gap: float, link: OrdinalLink = "probit") -> float:
