@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -224,20 +224,15 @@ def check_folder(folder: Path) -> None:
 def renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
     """A context where there is OpenGL; without it numpy works, and it is said."""
     from pipeline.errors import GLUnavailableError
-    from pipeline.gl.context import create_context, release_context
+    from pipeline.gl.context import lent_context
 
-    if numpy_only:
-        yield None
-        return
-    try:
-        ctx = create_context()
-    except GLUnavailableError:
-        console.print(
-            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
-        )
-        yield None
-        return
-    try:
+    with ExitStack() as lent:
+        ctx = None
+        if not numpy_only:
+            try:
+                ctx = lent.enter_context(lent_context())
+            except GLUnavailableError:
+                console.print(
+                    "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
+                )
         yield ctx
-    finally:
-        release_context(ctx)

@@ -9,7 +9,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -23,6 +22,7 @@ from study_app.cli.one_picture import (
     panel_option,
     print_methods,
 )
+from study_app.cli.options import one_of
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
     from stimuli.one_frame import Choice, Filled
-    from stimuli.one_picture import Nearer
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
@@ -219,10 +218,12 @@ def warp(
         --camera 518,519,325.5,253.5 --pose pose.txt:1 --target-pose pose.txt:2
     """
     from pipeline.warp.settings import WarpSettings
+    from stimuli.one_picture import NEARER
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
+        first = one_of("--nearer", nearer, NEARER)
         choices = _choices(methods, settings, compare is not None)
         check_outputs({"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))}, [steps])
         loaded = load(
@@ -232,7 +233,14 @@ def warp(
                 disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
             ),
             PictureOptions(
-                flow, depth, depth_scale, _nearer(nearer), camera, pose, target_pose, parallax
+                flow,
+                depth,
+                depth_scale,
+                one_of("--nearer", nearer, NEARER),
+                camera,
+                pose,
+                target_pose,
+                parallax,
             ),
             truth,
         )
@@ -250,22 +258,19 @@ def _run(
     compare: Path | None,
     steps: Path | None,
 ) -> None:
-    from pipeline.gl.context import create_context, describe, release_context
+    from pipeline.gl.context import describe, lent_context
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
 
     console = PlainConsole(soft_wrap=True)
-    ctx = create_context()
-    try:
+    with lent_context() as ctx:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth
             )
-    finally:
-        release_context(ctx)
     _print_results(console, warped, fills, settings.rim_px)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_colour(out, fills[0].colour)
@@ -290,15 +295,6 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
         sheet=compare,
     )  # fmt: skip
     return [Choice(name, parameters) for name, parameters in chosen]
-
-
-def _nearer(text: str) -> Nearer:
-    from stimuli.one_picture import NEARER
-
-    for choice in NEARER:
-        if text == choice:
-            return choice
-    raise StudyError(f"--nearer must be {' or '.join(NEARER)} (got {text!r})")
 
 
 def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:
