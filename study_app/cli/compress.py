@@ -25,9 +25,7 @@ from study_app.cli.terminal import PlainConsole
 
 
 def compress(
-    picture: Annotated[
-        Path, typer.Argument(help="A picture, a folder of frames, or a video.", show_default=False)
-    ],
+    picture: Annotated[Path, typer.Argument(help="A picture, a folder of frames, or a video.")],
     out: Annotated[
         Path, typer.Option(help="The file to write, .metamer; replaced if there.")
     ] = Path("picture.metamer"),
@@ -114,7 +112,7 @@ def compress(
 
 
 def decompress(
-    file: Annotated[Path, typer.Argument(help="A .metamer file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="A .metamer file.")],
     out: Annotated[
         Path,
         typer.Option(help="The picture to write, .png or .exr; for a clip a folder of frames."),

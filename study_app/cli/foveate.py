@@ -64,8 +64,7 @@ def foveate(
         Path,
         typer.Argument(
             help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...; or a folder of frames;"
-            " or a video.",
-            show_default=False,
+            " or a video."
         ),
     ],
     out: Annotated[

@@ -39,7 +39,6 @@ def gaze_option(default: str) -> Any:
         metavar="X,Y",
         help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
         rf" right of and below the middle (5deg,-3deg). \[default: {default}]",
-        show_default=False,
     )
 
 
@@ -48,7 +47,6 @@ DisplayOption = Annotated[
     str | None,
     typer.Option(
         help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml file.",
-        show_default=False,
     ),
 ]
 FovOption = Annotated[
@@ -56,7 +54,6 @@ FovOption = Annotated[
     typer.Option(
         metavar="DEG",
         help=r"Visual angle of the picture's width, instead of a display. \[default: 40]",
-        show_default=False,
     ),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]
@@ -76,7 +73,6 @@ def method_option(what: str, default: str) -> Any:
         "-m",
         help=f"{what}; the first one makes OUT. May be given more than once for"
         rf" --compare. \[default: {default}]",
-        show_default=False,
     )
 
 

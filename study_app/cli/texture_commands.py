@@ -38,9 +38,7 @@ app = typer.Typer(
 
 @app.command()
 def bake(
-    texture: Annotated[
-        Path, typer.Argument(help="A picture of 8 or 16 bits a channel.", show_default=False)
-    ],
+    texture: Annotated[Path, typer.Argument(help="A picture of 8 or 16 bits a channel.")],
     out: Annotated[
         Path, typer.Option(help="The file to write, .moments; replaced if there.")
     ] = Path("texture.moments"),
@@ -70,7 +68,7 @@ def bake(
 
 @app.command()
 def show(
-    scene: Annotated[str, typer.Argument(help="planet or spheres.", show_default=False)],
+    scene: Annotated[str, typer.Argument(help="planet or spheres.")],
     out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
         "texture.png"
     ),

@@ -52,7 +52,7 @@ def _print_methods(console: Console) -> None:
 
 
 def warp(
-    source: Annotated[str, typer.Argument(help=_SOURCE_HELP, show_default=False)],
+    source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
     out: Annotated[
         Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
     ] = Path("filled.png"),
@@ -232,16 +232,7 @@ def warp(
             PairOptions(
                 disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
             ),
-            PictureOptions(
-                flow,
-                depth,
-                depth_scale,
-                one_of("--nearer", nearer, NEARER),
-                camera,
-                pose,
-                target_pose,
-                parallax,
-            ),
+            PictureOptions(flow, depth, depth_scale, first, camera, pose, target_pose, parallax),
             truth,
         )
         settled = asked or loaded.settings
