@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.columns import frame_of
 from analysis.detection import YesNoResults
 from analysis.from_csv.found import Found, limits, number, unique
 from analysis.plots import d_prime_plot, detection_plot, sized
@@ -84,9 +85,7 @@ def detection_of_csv(
         notes=unique(notes),
         tables={
             "conditions.csv": _conditions(found),
-            "comparisons.csv": pd.DataFrame(
-                [vars(one) for one in contrasts], columns=list(Difference.__dataclass_fields__)
-            ),
+            "comparisons.csv": frame_of(Difference, contrasts),
         },
         figures=figures,
         result=DetectionFound(found),

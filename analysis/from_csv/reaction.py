@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.cells import conditions
+from analysis.columns import frame_of
 from analysis.csv_table import (
     flag_column,
     need_columns,
@@ -174,10 +175,7 @@ def _tables(result: ReactionFound) -> dict[str, pd.DataFrame]:
     tables = {}
     if result.model is not None:
         tables["times.csv"] = pd.DataFrame([vars(one) for one in result.model.times])
-        tables["ratios.csv"] = pd.DataFrame(
-            [vars(one) for one in result.model.ratios],
-            columns=list(TimeRatio.__dataclass_fields__),
-        )
+        tables["ratios.csv"] = frame_of(TimeRatio, result.model.ratios)
     if result.diffusion is not None:
         tables["diffusion.csv"] = pd.DataFrame(
             [
@@ -187,8 +185,5 @@ def _tables(result: ReactionFound) -> dict[str, pd.DataFrame]:
                 for one in result.diffusion.people
             ]
         )
-        tables["diffusion_comparisons.csv"] = pd.DataFrame(
-            [vars(one) for one in result.diffusion.contrasts],
-            columns=list(Difference.__dataclass_fields__),
-        )
+        tables["diffusion_comparisons.csv"] = frame_of(Difference, result.diffusion.contrasts)
     return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}
