@@ -25,6 +25,7 @@ uniform sampler2D coarse;  // chosen, linear
 #if NOISE
 #constant LEVELS
 #constant BENT             // 1: Cb and Cr have skewness
+#constant SMALLEST_VARIANCE  // added to chroma's
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
 // Signed bytes, four a word; bands level by level, high, along x, along y. On the screen a word is a
@@ -49,10 +50,12 @@ ivec2 wrapped(ivec2 texel) {
 
 #if BENT
 // Twin: bent() in reference.py.
-vec4 bent(vec4 chroma, float bend, float mean) {
-    vec4 turned = bend * chroma;
-    vec4 bowed = mix(vec4(-0.25 / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
-    return (bowed - mean) * inversesqrt(1.0 + 2.0 * bend * mean);
+vec4 bent(vec4 chroma, float bend, float variance) {
+    float deviation = sqrt(variance + SMALLEST_VARIANCE);
+    vec4 turned = (bend / deviation) * chroma;
+    // Held where it would turn back.
+    vec4 bowed = mix(vec4(-0.25 * deviation / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
+    return (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
 }
 #endif
 
@@ -123,8 +126,9 @@ void main() {
     vec4 luma = vec4(0.0), blue_chroma = vec4(0.0), red_chroma = vec4(0.0);  // of 2x2 pixels
     vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
     vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
-#if LEVELS > 4
-    vec4 more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
+    vec4 more_red = vec4(0.0);
+#if LEVELS + 2 * BENT > 4
+    more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
 #endif
 #if CARRIED
     Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
@@ -142,6 +146,17 @@ void main() {
 #define BAND(band) unpackSnorm4x8(words[(band) / 4][(band) % 4])
 #define SHAPED(level) (w.x * BAND(3 * level) + w.y * BAND(3 * level + 1) + w.z * BAND(3 * level + 2))
 #endif
+#if BENT
+    float blue_variance = 0.0, red_variance = 0.0;
+#define ADD_VARIANCE(w, slope)                                     \
+    {                                                              \
+        float variance = dot(w.xyz, w.xyz);                        \
+        blue_variance += variance * w.a * w.a;                     \
+        red_variance += variance * (slope) * (slope);              \
+    }
+#else
+#define ADD_VARIANCE(w, slope)
+#endif
 #define ADD_LEVEL(level, slope)                                      \
     {                                                                \
         vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);   \
@@ -149,6 +164,7 @@ void main() {
         luma += shaped;                                              \
         blue_chroma += w.a * shaped;                                 \
         red_chroma += (slope) * shaped;                              \
+        ADD_VARIANCE(w, slope)                                       \
     }
     ADD_LEVEL(0, red.x)
 #if LEVELS > 1
@@ -170,9 +186,9 @@ void main() {
     blue_chroma *= NOISE_SCALE;
     red_chroma *= NOISE_SCALE;
 #if BENT
-    vec4 bend = textureLod(weights, vec3(at, float(LEVELS + (LEVELS + 3) / 4)), 0.0);
-    blue_chroma = bent(blue_chroma, bend.x, bend.y);
-    red_chroma = bent(red_chroma, bend.z, bend.w);
+#define SLOT(i) ((i) < 4 ? red[(i) % 4] : more_red[(i) % 4])
+    blue_chroma = bent(blue_chroma, SLOT(LEVELS), blue_variance);
+    red_chroma = bent(red_chroma, SLOT(LEVELS + 1), red_variance);
 #endif
     mat3 colour = noise_scale * RGB_FROM_YCBCR;
     store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));
