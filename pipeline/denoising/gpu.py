@@ -19,7 +19,7 @@ from pipeline.foveation.gpu import (
     halved,
     screen_noise,
 )
-from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
+from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
@@ -61,7 +61,7 @@ class DenoisePass(PicturePass):
                 LEVELS=levels,
                 NOISE_ROWS=edge,
                 NOISE_COLUMNS=edge,
-                NOISE_SCALE=MOST_STEPS * GRAIN,
+                NOISE_SCALE=GRAIN,
             ),
         )
         self._finish["noise_scale"] = 1.0

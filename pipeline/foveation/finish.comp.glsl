@@ -40,7 +40,10 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 
 #constant NOISE_ROWS     // of texels: a power of two, or so many that no pixel lies beyond
 #constant NOISE_COLUMNS
-#constant NOISE_SCALE    // what the largest byte stands for
+#constant NOISE_SCALE    // of a step
+
+// A word's bytes.
+vec4 steps_of(uint word) { return vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24); }
 
 // Within the noise, which goes on at its borders.
 ivec2 wrapped(ivec2 texel) {
@@ -86,8 +89,8 @@ Carried carried_at(Spot spot) {
         uvec4 at_d = texelFetch(noise, ivec3(d, layer), 0);
         for (int word = 0; word < 4; ++word)
             bands.of[4 * layer + word] =
-                spot.share.x * unpackSnorm4x8(at_a[word]) + spot.share.y * unpackSnorm4x8(at_b[word])
-              + spot.share.z * unpackSnorm4x8(at_c[word]) + spot.share.w * unpackSnorm4x8(at_d[word]);
+                spot.share.x * steps_of(at_a[word]) + spot.share.y * steps_of(at_b[word])
+              + spot.share.z * steps_of(at_c[word]) + spot.share.w * steps_of(at_d[word]);
     }
     return bands;
 }
@@ -143,7 +146,7 @@ void main() {
     uvec4 words[(3 * LEVELS + 3) / 4];
     for (int layer = 0; layer < words.length(); ++layer)
         words[layer] = texelFetch(noise, ivec3(place, layer), 0);
-#define BAND(band) unpackSnorm4x8(words[(band) / 4][(band) % 4])
+#define BAND(band) steps_of(words[(band) / 4][(band) % 4])
 #define SHAPED(level) (w.x * BAND(3 * level) + w.y * BAND(3 * level + 1) + w.z * BAND(3 * level + 2))
 #endif
 #if BENT

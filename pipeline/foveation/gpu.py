@@ -29,7 +29,6 @@ from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
-    MOST_STEPS,
     carried_noise,
     check_seed,
     noise_tile,
@@ -505,7 +504,7 @@ class MetamerPass(FoveationPass):
             CARRIED=carried,
             NOISE_ROWS=rows,
             NOISE_COLUMNS=columns,
-            NOISE_SCALE=MOST_STEPS * GRAIN,
+            NOISE_SCALE=GRAIN,
         )
         shader = self._compile("finish", **constants)
         shader["noise_scale"] = self.settings.noise

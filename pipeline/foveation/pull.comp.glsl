@@ -129,6 +129,6 @@ void main() {
     imageStore(coarse_powers, ivec3(texel, 1), cubed);
 #elif POWERS == 2
     imageStore(coarse_powers, ivec3(texel, 0), LAYER(fine_powers, 0));
-    imageStore(coarse_powers, ivec3(texel, 1), LAYER(fine_powers, 1));
+    imageStore(coarse_powers, ivec3(texel, 1), vec4(LAYER(fine_powers, 1).xy, 0.0, 0.0));
 #endif
 }
