@@ -53,6 +53,13 @@ VARIANTS: dict[str, dict[str, Any]] = {  # --variants: what noise and depth are 
     "half-noise": {"method": "metameric", "parameters": {"noise": 0.5}},
     "no-depth": {"method": "metameric", "parameters": {"depth_threshold": 1.0}},
 }
+RECIRCULATED: dict[str, dict[str, Any]] = {  # may be named in --methods
+    f"recirculated-{round(100 * weight)}": {
+        "method": "weighted-pull-push",
+        "parameters": {"recirculate": weight},
+    }
+    for weight in (0.25, 0.5, 1.0)
+}
 VARIANT_METRICS = ("fvvdp-1.0", "fvvdp", "hf-ratio", "statistics")
 METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background-extension")
 SIZE = {"name": "medium", "hole_share": 0.05}
@@ -87,7 +94,7 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         for scene in scenes
     ]
     stimuli["sizes"] = [SIZE]
-    stimuli["methods"] = [{"name": name, **VARIANTS.get(name, {})} for name in methods]
+    stimuli["methods"] = [{"name": name, **(VARIANTS | RECIRCULATED).get(name, {})} for name in methods]
     stimuli["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
