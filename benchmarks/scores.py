@@ -94,7 +94,9 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         for scene in scenes
     ]
     stimuli["sizes"] = [SIZE]
-    stimuli["methods"] = [{"name": name, **(VARIANTS | RECIRCULATED).get(name, {})} for name in methods]
+    stimuli["methods"] = [
+        {"name": name, **(VARIANTS | RECIRCULATED).get(name, {})} for name in methods
+    ]
     stimuli["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
