@@ -388,10 +388,11 @@ def test_a_file_name_that_is_too_long_is_a_missing_file(tmp_path):
 def test_a_link_that_leads_to_itself_is_one_message(tmp_path):
     loop = tmp_path / "loop.png"
     loop.symlink_to(loop)
+    (tmp_path / "out.png").write_bytes(b"an older one, which must not be the same file")
     asked = ["denoise", "run", loop, "--gaze", "1,1", "--out", tmp_path / "out.png"]
     done = CliRunner().invoke(app, [str(word) for word in asked])
     assert done.exit_code == 2
-    assert "loop.png: too many levels of symbolic links" in done.output.replace("\n", " ")
+    assert "too many levels of symbolic links" in " ".join(done.output.split())
 
 
 def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
