@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-SESSIONS_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
+SESSIONS_PROTOCOL_HELP = "File of the study that was run (.toml), or a shipped study's name."
 
 ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+    Path, typer.Argument(help="The study's file (.toml), or the name of a shipped study.")
 ]
 DisplayOption = Annotated[
     str | None, typer.Option(help="A display other than the protocol's: a name or a .toml file.")

@@ -36,10 +36,11 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
-    "A file of RGBZ and flow (.exr); a picture with motion (--flow) or with depth and two poses"
-    " (--depth); an image of a stereo pair (with --disparity); or a built-in pair: motorcycle."
+    "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
+    " two poses (--depth); an image of a stereo pair (with --disparity); or a built-in pair:"
+    " motorcycle."
 )
-_FILE = "File of RGBZ and flow"
+_FILE = "File of colour, depth and flow"
 _PICTURE = "Picture with motion, or with depth and two poses"
 _STEREO = "Stereo pair"
 
