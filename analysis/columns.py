@@ -3,7 +3,8 @@
 Common columns come first, then those of the task's condition and answer.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import pandas as pd
 
@@ -78,6 +79,11 @@ def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.Data
             else:
                 table[column.name] = values.where(values.notna(), "").astype(str)
     return table
+
+
+def frame_of(kind: type[Any], results: Iterable[object]) -> pd.DataFrame:
+    """Return results of a dataclass as a table: a column per field, also where there are none."""
+    return pd.DataFrame([vars(one) for one in results], columns=list(kind.__dataclass_fields__))
 
 
 def tables_of(study: StudyProtocol) -> dict[str, tuple[Column, ...]]:

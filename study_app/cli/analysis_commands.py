@@ -177,8 +177,7 @@ def power(
         Path | None,
         typer.Argument(
             help="The study's file (.toml), or the name of a shipped study; left out: --pairs,"
-            " --scenes, --repeats and --people say the design.",
-            show_default=False,
+            " --scenes, --repeats and --people say the design."
         ),
     ] = None,
     pair_count: Annotated[
