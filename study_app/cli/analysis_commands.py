@@ -176,7 +176,7 @@ def power(
     protocol: Annotated[
         Path | None,
         typer.Argument(
-            help="Protocol file (.toml), or the name of a shipped study; left out: --pairs,"
+            help="The study's file (.toml), or the name of a shipped study; left out: --pairs,"
             " --scenes, --repeats and --people say the design."
         ),
     ] = None,

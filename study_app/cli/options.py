@@ -11,10 +11,10 @@ import typer
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 
-SESSIONS_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
+SESSIONS_PROTOCOL_HELP = "File of the study that was run (.toml), or a shipped study's name."
 
 ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+    Path, typer.Argument(help="The study's file (.toml), or the name of a shipped study.")
 ]
 DisplayOption = Annotated[
     str | None, typer.Option(help="A display other than the protocol's: a name or a .toml file.")

@@ -210,7 +210,7 @@ def bayes(
         typer.Option(
             min=0.001,
             max=0.499,
-            help="Half the region of practical equivalence (ROPE), from one half.",
+            help="Shares up to this far from one half count as practically equal.",
         ),
     ] = 0.1,
     columns: MapOption = None,
@@ -218,7 +218,7 @@ def bayes(
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Compute posteriors of preferences: credible limits, ROPE, influence of the prior.
+    """Compute posteriors of preferences: credible limits, equality, influence of the prior.
 
     Needs participant, first, second, and chosen or chose_first, and scene if there are several. A
     hierarchical logit model is sampled under three priors. Needs the extra `bayes`.

@@ -37,10 +37,11 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
-    "A file of RGBZ and flow (.exr); a picture with motion (--flow) or with depth and two poses"
-    " (--depth); an image of a stereo pair (with --disparity); or a built-in pair: motorcycle."
+    "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
+    " two poses (--depth); an image of a stereo pair (with --disparity); or a built-in pair:"
+    " motorcycle."
 )
-_file_option = panel_option("File of RGBZ and flow")
+_file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion, or with depth and two poses")
 _stereo_option = panel_option("Stereo pair")
 

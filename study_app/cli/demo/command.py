@@ -45,7 +45,7 @@ def demo(
         bool, typer.Option("--fresh", help="Throw an earlier demonstration there away first.")
     ] = False,
     seed: Annotated[
-        int, typer.Option(min=0, help="Of noise and observers; same seed, same results.")
+        int, typer.Option(min=0, help="Seed of noise and observers: same seed, same results.")
     ] = 0,
 ) -> None:
     """See the whole chain at work: clips, sessions, report.
