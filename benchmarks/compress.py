@@ -12,7 +12,7 @@ import argparse
 import json
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from rich.table import Table
 
 from benchmarks.foveate_quality import cut, jod_of
 from benchmarks.machine import conditions
-from benchmarks.output import file_to_write, write_record
+from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.compression.codec import Settings, compress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
@@ -44,6 +44,7 @@ BUILT_IN = ("garden", "castle", "colonnade", "thicket", "notices")
 EDGE_PX = 1024
 WIDTH_DEG = 40.0
 SHEET_PX = 1400
+PART = PagePart("compression table")
 
 Picture = NDArray[np.float32]
 
@@ -75,6 +76,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--sheet", type=file_to_write, help="of the first picture at --sheet-kb")
     parser.add_argument("--sheet-kb", type=float, default=41)
     parser.add_argument("--plot", type=file_to_write)
+    parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
     parser.add_argument("--time", action="store_true", help="time decoding beside a metamer, too")
     parser.add_argument("--of", type=Path, help="show what an earlier --json holds, and stop")
     arguments = parser.parse_args(argv)
@@ -108,6 +110,48 @@ def _show(found: list[Result], arguments: argparse.Namespace) -> None:
         Console().print(_table(found, size_kb))
     if arguments.plot is not None:
         _plot(found, arguments.plot)
+    if arguments.docs is not None:
+        PART.replace(arguments.docs, markdown(found, arguments.sizes))
+
+
+def markdown(found: list[Result], sizes_kb: Sequence[float]) -> str:
+    """Means over pictures: of one size in columns, of several sizes in cells.
+
+    A dash: not every picture has a file so small.
+    """
+    pictures = len({one.picture for one in found})
+
+    def means(codec: str, kind: str, size_kb: float) -> list[str]:
+        same = [
+            one for one in found if (one.codec, one.kind, one.asked_kb) == (codec, kind, size_kb)
+        ]
+        if len(same) < pictures:
+            return ["-"] * 4
+        jods = [one.jod for one in same if one.jod is not None]
+        return [
+            f"{np.mean([one.size_kb for one in same]):.1f}",
+            f"{np.mean([one.distance for one in same]):.3f}".removeprefix("0"),
+            f"{np.mean([one.fovea_psnr_db for one in same]):.1f}",
+            f"{np.mean(jods):.2f}" if len(jods) == pictures else "-",
+        ]
+
+    single = len(sizes_kb) == 1
+    heads = (
+        ("kB", "statistics distance", "fovea, dB", "FovVideoVDP, JOD")
+        if single
+        else [f"{size:g} kB" for size in sizes_kb]
+    )
+    lines = [f"| file | {' | '.join(heads)} |", f"| --- |{' ---: |' * len(heads)}"]
+    for codec in dict.fromkeys(one.codec for one in found):
+        for kind in KINDS:
+            cells = [means(codec, kind, size) for size in sizes_kb]
+            shown = (
+                cells[0]
+                if single
+                else ["-" if "-" in cell[:3] else ", ".join(cell[1:]) for cell in cells]
+            )
+            lines.append(f"| {kind} {codec.upper()} | {' | '.join(shown)} |")
+    return "\n".join(lines)
 
 
 def _write(

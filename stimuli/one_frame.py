@@ -110,12 +110,17 @@ def comparison(
     if truth is not None:
         tiles.append(("truth", pictures.of_colour(truth)))
     for fill in fills:
-        label = fill.choice.label
-        quality = fill.quality or fill.quality_all
-        if quality is not None:
-            label += (
-                f"\nPSNR {quality.psnr_db:.2f} dB, SSIM {quality.ssim:.3f},"
-                f" band error {quality.band_error:.3f}"
-            )
+        label = fill.choice.label + quality_words(fill)
         tiles.append((label, pictures.of_colour(fill.colour)))
     return pictures.sheet(tiles)
+
+
+def quality_words(fill: Filled) -> str:
+    """A line for a label; empty where nothing was measured."""
+    quality = fill.quality or fill.quality_all
+    if quality is None:
+        return ""
+    return (
+        f"\nPSNR {quality.psnr_db:.2f} dB, SSIM {quality.ssim:.3f},"
+        f" band error {quality.band_error:.3f}"
+    )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
+from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
 from protocols.recipes.warped_clips import TrueView
 
 FADE_DEG = 1.0
@@ -29,8 +29,15 @@ def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> 
         edge / 2 + distance_px * math.tan(math.radians(angle))
         for edge, angle in zip(size_px, (view.x_deg, view.y_deg), strict=True)
     )
-    away = eccentricity_deg(geometry, (dot_px[0], dot_px[1]), *pixel_centres(geometry))
-    way = ((away - view.within_deg) / FADE_DEG).clip(0, 1)
+    return share_around(geometry, (dot_px[0], dot_px[1]), view.within_deg)
+
+
+def share_around(
+    geometry: Geometry, gaze_px: tuple[float, float], within_deg: float
+) -> NDArray[np.float32]:
+    """Return the same around a gaze in pixels: (H, W, 1)."""
+    away = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
+    way = ((away - within_deg) / FADE_DEG).clip(0, 1)
     share = 1 - way * way * (3 - 2 * way)
     return np.asarray(share[..., None], np.float32)
 

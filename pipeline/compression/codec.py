@@ -26,7 +26,7 @@ from pipeline.compression.lost import (
     mean_of_maps,
     noise_of,
 )
-from pipeline.compression.resample import from_cells, to_cells
+from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
 from pipeline.foveation.condition import check_picture
 from pipeline.foveation.noise_plane import check_seed
@@ -123,8 +123,9 @@ class _Work:
         self, grid: PolarGrid, frames: Sequence[NDArray[np.float32]], settings: Settings
     ) -> None:
         self._grid, self._frames, self._settings = grid, frames, settings
-        self._cells = [to_bytes(to_cells(frame.astype(np.float64), grid)) for frame in frames]
+        self._cells = [to_bytes(fitted_cells(frame.astype(np.float64), grid)) for frame in frames]
         self._maps = map_grids(grid, MOST_LEVELS if settings.statistics else 0)
+        self._coded: dict[int, tuple[bytes, ...]] = {}
 
     def at_quality(self, quality: int) -> Compressed:
         """Code bases at a quality, and maps of what these lack."""
@@ -173,9 +174,11 @@ class _Work:
         )
 
     def _bases(self, quality: int) -> tuple[bytes, ...]:
-        return tuple(
-            image_codecs.encode(cells, self._settings.codec, quality) for cells in self._cells
-        )
+        if quality not in self._coded:
+            self._coded[quality] = tuple(
+                image_codecs.encode(cells, self._settings.codec, quality) for cells in self._cells
+            )
+        return self._coded[quality]
 
     def _statistics(
         self, bases: Sequence[bytes], frames: Sequence[NDArray[np.float32]]

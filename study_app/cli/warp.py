@@ -9,9 +9,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
+    DisplayOption,
+    FovOption,
+    GazeOption,
     SeedOption,
     SettingsOption,
     check_outputs,
@@ -23,17 +27,18 @@ from study_app.cli.one_picture import (
     print_methods,
 )
 from study_app.cli.options import one_of
-from study_app.cli.terminal import PlainConsole
+from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
     from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
-    from stimuli.one_frame import Choice, Filled
+    from stimuli.one_frame import Choice
+    from stimuli.upsampled import Eye
+    from study_app.cli.warp_source import Loaded
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
@@ -44,6 +49,7 @@ _SOURCE_HELP = (
 _file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion, or with depth and two poses")
 _stereo_option = panel_option("Stereo pair")
+_gaze_option = panel_option("True view around the gaze")
 
 
 def _print_methods(console: Console) -> None:
@@ -182,6 +188,17 @@ def warp(
             " --right is the left image.",
         ),
     ] = False,
+    true_within: Annotated[
+        float | None,
+        _gaze_option(
+            metavar="DEG",
+            help="Show the true view this far around the gaze, as a foveated display does whose"
+            " periphery is filled up by warping. Fills are measured outside.",
+        ),
+    ] = None,
+    gaze: GazeOption = None,
+    display: DisplayOption = None,
+    fov: FovOption = None,
     steps: Annotated[
         Path | None,
         look_option(
@@ -192,7 +209,7 @@ def warp(
         Path | None,
         look_option(
             help="One labelled sheet with the fills side by side: those of --method, or of all"
-            " methods."
+            " methods. With --true-within also crops of fovea and periphery.",
         ),
     ] = None,
 ) -> None:
@@ -208,6 +225,9 @@ def warp(
         metamerlab warp frame.exr filled.png --steps steps/
 
         metamerlab warp motorcycle --compare sheet.png
+
+        metamerlab warp motorcycle --true-within 5 --gaze 300,250 -m metameric -m push-pull
+        --compare sheet.png
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
 
@@ -237,7 +257,8 @@ def warp(
             truth,
         )
         settled = asked or loaded.settings
-        _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps)
+        eye = _eye(loaded, true_within, gaze, display, fov)
+        _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps, eye)
 
 
 def _run(
@@ -249,31 +270,41 @@ def _run(
     out: Path,
     compare: Path | None,
     steps: Path | None,
+    eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe, lent_context
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
+    from stimuli.upsampled import periphery, upsampled, upsampled_sheet
 
     console = PlainConsole(soft_wrap=True)
     with lent_context() as ctx:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
-                ctx, frame, choices, seed=seed, settings=settings, truth=truth
-            )
-    _print_results(console, warped, fills, settings.rim_px)
+                ctx, frame, choices, seed=seed, settings=settings, truth=truth,
+                truth_mask=None if eye is None else periphery(eye),
+            )  # fmt: skip
+    _print_results(console, warped, fills, settings.rim_px, eye)
+    plain = fills
+    if eye is not None and truth is not None:
+        fills = upsampled(fills, truth, eye)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_colour(out, fills[0].colour)
     console.print(f"wrote {out} ({fills[0].choice.label})")
     if compare is not None:
         compare.parent.mkdir(parents=True, exist_ok=True)
-        pictures.save_picture(compare, comparison(warped, fills, truth))
+        if eye is not None and truth is not None:
+            sheet = upsampled_sheet(warped, fills, truth, eye)
+        else:
+            sheet = comparison(warped, fills, truth)
+        pictures.save_picture(compare, sheet)
         console.print(f"wrote {compare} ({len(fills)} methods)")
     if steps is not None:
         with console.status("writing every step ..."):
-            written = write_steps(steps, frame, warped, fills, seed=seed)
+            written = write_steps(steps, frame, warped, plain, seed=seed)
         console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
 
 
@@ -289,16 +320,44 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
     return [Choice(name, parameters) for name, parameters in chosen]
 
 
-def _print_results(console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int) -> None:
+def _eye(
+    loaded: Loaded,
+    within_deg: float | None,
+    gaze: str | None,
+    display: str | None,
+    fov_deg: float | None,
+) -> Eye | None:
+    from pipeline.foveation.geometry import FlatGeometry
+    from stimuli.foveated.looking import look_at, read_gaze
+    from stimuli.upsampled import Eye
+
+    if within_deg is None:
+        for name, given in (("--gaze", gaze), ("--display", display), ("--fov", fov_deg)):
+            if given is not None:
+                raise StudyError(f"{name} says where the true view is shown: give --true-within")
+        return None
+    if loaded.truth is None:
+        raise StudyError(
+            "--true-within needs the true view: give --truth, or --right with a stereo pair"
+        )
+    height, width = loaded.truth.shape[:2]
+    looking = look_at((height, width), display=display, fov_deg=fov_deg)
+    assert isinstance(looking.geometry, FlatGeometry)
+    say(looking.words)
+    return Eye(looking.geometry, read_gaze(gaze, looking.geometry), within_deg)
+
     height, width = warped.size
     holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
     console.print(f"{width} x {height} px, {holes}")
+    every = [(fill.choice, fill.quality_all) for fill in fills]
+    if eye is not None:
+        _print_quality(console, "inside holes where nothing of the true view is shown", every)
+        return None
     _print_quality(console, "inside the holes that do not touch the border",
                    [(fill.choice, fill.quality) for fill in fills])  # fmt: skip
-    _print_quality(console, "inside all holes",
-                   [(fill.choice, fill.quality_all) for fill in fills])  # fmt: skip
+    _print_quality(console, "inside all holes", every)
 
 
 def _print_quality(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from skimage import data
 
+from benchmarks.compress import Result, markdown
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import file_format, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, unpack
@@ -193,3 +194,13 @@ def test_impossible_requests_are_refused(change, message):
 def test_impossible_settings_are_refused(change):
     with pytest.raises(InputError):
         Settings(**change)
+
+
+def test_the_benchmarks_table_holds_means_and_a_dash_where_a_picture_has_no_such_file():
+    def one(picture, kind, asked_kb, distance):
+        return Result(picture, "jpeg", kind, asked_kb, 9.0, 50, distance, 30.0, 8.0)
+
+    found = [one("a", "plain", 9, 0.1), one("b", "plain", 9, 0.3), one("a", "plain", 5, 0.1)]
+    assert "| plain JPEG | 9.0 | .200 | 30.0 | 8.00 |" in markdown(found, [9])
+    assert "| plain JPEG | - | .200, 30.0, 8.00 |" in markdown(found, [5, 9])
+    assert "| metameric JPEG | - | - |" in markdown(found, [5, 9])

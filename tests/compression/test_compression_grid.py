@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from pipeline.compression.grid import TURN, Density, PolarGrid
-from pipeline.compression.resample import from_cells, linear, to_cells
+from pipeline.compression.resample import fitted_cells, from_cells, linear, to_cells
 
 GAZES = [(40.0, 30.0), (0.0, 0.0), (96.0, 20.0), (-30.0, 100.0), (50.0, -1.0), (95.9, 0.1)]
 
@@ -104,3 +104,21 @@ def test_linear_reads_pixels_at_their_centres():
     image = np.arange(12.0).reshape(3, 4, 1)
     found = linear(image, np.array([0.5, 1.0, 3.5]), np.array([0.5, 0.5, 2.5]))
     np.testing.assert_allclose(found[:, 0], [0, 0.5, 11])
+
+
+def test_fitted_cells_halve_the_error_of_means_even_on_white_noise(rng):
+    picture = rng.random((96, 128, 1))
+    grid = PolarGrid((128, 96), (60.3, 50.1), 200)
+    y, x = np.mgrid[:96, :128] + 0.5
+    near = np.hypot(x - 60.3, y - 50.1) < 28
+
+    def error(cells):
+        return np.square(from_cells(cells, grid) - picture)[near].mean()
+
+    assert error(fitted_cells(picture, grid)) < 0.5 * error(to_cells(picture, grid))
+
+
+@pytest.mark.parametrize("gaze_px", GAZES)
+def test_fitted_cells_keep_a_constant(gaze_px):
+    grid = PolarGrid((96, 64), gaze_px, 64)
+    np.testing.assert_allclose(fitted_cells(np.full((64, 96, 3), 0.25), grid), 0.25)

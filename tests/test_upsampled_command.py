@@ -1,0 +1,93 @@
+"""`metamerlab warp --true-within`: the true view around the gaze, and the sheet of it."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.errors import InputError
+from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
+from pipeline.frame import SourceFrame
+from pipeline.image_file import read_pixels
+from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
+from stimuli.upsampled import DOT, FRAMES, Eye, crops_of
+from study_app.cli import app
+
+HEIGHT, WIDTH = 72, 96
+GAZE = (30.0, 40.0)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
+
+
+@pytest.fixture
+def given(tmp_path, rng):
+    """A square before a wall that moves to the left, and a true view that the warp cannot know."""
+    colour = rng.uniform(0.3, 0.6, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    depth_m = np.full((HEIGHT, WIDTH), 4.0, np.float32)
+    depth_m[12:60, 24:72] = 2.0
+    flow_px = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    flow_px[12:60, 24:72, 0] = -10.0
+    save_warp_input(tmp_path / "frame.exr", WarpInput(SourceFrame(colour, depth_m), flow_px))
+    save_colour(tmp_path / "truth.png", rng.uniform(0, 1, colour.shape).astype(np.float32))
+    return tmp_path
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_the_true_view_is_shown_at_the_gaze_and_the_fill_beyond(given):
+    common = [given / "frame.exr", given / "out.png", "--truth", given / "truth.png", "-m"]
+    assert run(*common, "telea").exit_code == 0
+    plain, truth = (load_colour(given / name) for name in ("out.png", "truth.png"))
+    sheet = given / "sheet.png"
+    options = ["--true-within", 6, "--gaze", "30,40", "--fov", 30, "--compare", sheet]
+    done = run(*common, "telea", "-m", "navier-stokes", *options)
+
+    assert done.exit_code == 0, done.output
+    assert "inside holes where nothing of the true view is shown" in done.output
+    geometry = Flat(30.0).of(WIDTH, HEIGHT)
+    away = eccentricity_deg(geometry, GAZE, *pixel_centres(geometry))
+    shown = load_colour(given / "out.png")
+    assert np.array_equal(shown[away < 5.99], truth[away < 5.99])
+    assert np.array_equal(shown[away > 7.01], plain[away > 7.01])
+    drawn = np.asarray(read_pixels(sheet).data)
+    # A dot and a frame of the fovea in each of four tiles.
+    for colour in {DOT, *FRAMES}:
+        assert (drawn == colour).all(axis=-1).sum() >= 4 * 20
+
+
+def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
+    one = rng.integers(0, 255, (90, 120, 3), np.uint8)
+    other = one.copy()
+    other[60:72, 90:105] ^= 128  # far from the gaze
+    other[20:35, 20:40] = 255 - other[20:35, 20:40]  # near it: not looked for
+    eye = Eye(Flat(40.0).of(120, 90), (30.0, 27.0), 6)
+    fovea, first, _ = crops_of([one, other], eye.share()[..., 0] == 0, eye.gaze_px)
+
+    assert (fovea.x + fovea.width / 2, fovea.y + fovea.height / 2) == pytest.approx((30, 27), abs=1)
+    assert first.x <= 90 <= first.x + first.width
+    assert first.y <= 60 <= first.y + first.height
+    corner, *_ = crops_of([one, other], eye.share()[..., 0] == 0, (0.0, 0.0))
+    assert (corner.x, corner.y) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--true-within", "5"], "--true-within needs the true view: give --truth"),
+        (["--gaze", "3,4"], "--gaze says where the true view is shown: give --true-within"),
+        (["--truth", "TRUTH", "--true-within", "5", "--gaze=-3,4"], "must lie on the picture"),
+        (["--truth", "TRUTH", "--true-within", "0"], "between 0 and 90 degrees (got 0)"),
+        (["--truth", "TRUTH", "--true-within", "nan"], "between 0 and 90 degrees (got nan)"),
+    ],
+)
+def test_what_contradicts_itself_is_refused_before_any_work(given, options, said):
+    words = [str(given / "truth.png") if word == "TRUTH" else word for word in options]
+    done = run(given / "frame.exr", given / "out.png", "-m", "telea", *words)
+    assert done.exit_code == 2
+    assert said in " ".join(done.stderr.split())
+    assert not (given / "out.png").exists()
+
+
+def test_an_eye_needs_a_gaze_on_the_picture():
+    with pytest.raises(InputError, match=r"got 100, 5"):
+        Eye(Flat(40.0).of(100, 80), (100.0, 5.0), 5)
