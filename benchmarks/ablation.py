@@ -28,7 +28,7 @@ from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.inpaint import reference as inpaint
-from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.inpaint.reference import Level, nearest_depth_m
 from pipeline.noise import tile
 from pipeline.noise.mixing import Mixing, fitted_mixing
 from pipeline.printed.reference import printed_fill
@@ -36,6 +36,7 @@ from pipeline.printed.settings import PrintedSettings
 from pipeline.quality import Quality, evaluate
 from pipeline.statistics import reference as statistics
 from pipeline.statistics.lacking import noise_variances
+from pipeline.statistics.reference import band_statistics
 from pipeline.synthesis import reference as synthesis
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
@@ -76,6 +77,21 @@ def _everywhere(hole: NDArray[np.bool_], *_: int) -> NDArray[np.bool_]:
     return np.ones_like(hole)
 
 
+def _magnitudes(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
+    """As `moments`, with E|X_0| for E[X_0^2] and E[sign(X_0) X_c] for E[X_0 X_c]."""
+    assert cross
+    second = np.sign(bands[..., :1]) * bands
+    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
+
+
+def _from_magnitudes(*args: Any, **options: Any) -> Level:
+    """As `band_statistics`: of normal coefficients, a moment is pi / 2 times a product of these."""
+    found = band_statistics(*args, **options)
+    values = found.values.reshape(*found.values.shape[:2], -1, 6).copy()
+    values[..., 3:] *= np.pi / 2 * values[..., 3:4].clip(0).copy()
+    return replace(found, values=values.reshape(found.values.shape))
+
+
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
     "0034 the base is not measured across outlines": (
         (statistics, "noise_variances", _outlines_measured),
@@ -108,6 +124,13 @@ VARIANTS = (
     Variant(
         "statistics that keep to a colour",
         patches=((synthesis, "inpainted_statistics", colour_edges.inpainted_statistics),),
+    ),
+    Variant(
+        "deviations from mean magnitudes",
+        patches=(
+            (statistics, "moments", _magnitudes),
+            (statistics, "band_statistics", _from_magnitudes),
+        ),
     ),
     Variant("statistics of the whole frame", patches=((statistics, "near_a_hole", _everywhere),)),
     Variant("texture background", MetamericSettings(texture="background")),

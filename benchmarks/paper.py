@@ -1,8 +1,9 @@
 """The method as printed beside today's and push-pull: `script/bench paper --help`.
 
 On stereo pairs, against the other photograph inside interior holes; on the built-in scenes, seen
-from four places around their camera, against the true view inside all holes. FovVideoVDP (in JOD,
-as a still, everything but the holes set to the truth) where it can be imported.
+from four places around their camera, against the true view inside all holes. FovVideoVDP or
+ColorVideoVDP (in JOD, as a still, everything but the holes set to the truth) where it can be
+imported.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -35,7 +37,7 @@ from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene, scene_names
 
-PART = PagePart("paper table")
+PARTS = {"fvvdp": PagePart("paper table"), "cvvdp": PagePart("cvvdp table")}
 METHODS = ("metameric-paper", "metameric", "push-pull", "push-pull-depth")
 SEED = 1
 MARGIN = 0.15  # of the width, around rendered views: nothing enters them
@@ -123,13 +125,47 @@ def fovvideovdp() -> Score | None:
     from stimuli.score.fovvideovdp import open_metric
     from stimuli.score.viewing import standard_fhd
 
-    metric = open_metric(standard_fhd(), None, foveated=False)
+    return _in_holes(open_metric(standard_fhd(), None, foveated=False))
 
+
+def colorvideovdp() -> Score | None:
+    """The same by the other metric; a process opens one of both."""
+    if importlib.util.find_spec("pycvvdp") is None:
+        return None
+    from stimuli.score.colorvideovdp import open_metric
+    from stimuli.score.viewing import standard_fhd
+
+    return _in_holes(open_metric(standard_fhd()))
+
+
+def _in_holes(metric: Any) -> Score:
     def score(filled: Colour, truth: Colour, mask: NDArray[np.bool_]) -> float:
         test = np.where(mask[..., None], filled, truth)
         return float(metric.predict(test, truth, dim_order="HWC")[0])
 
     return score
+
+
+METRICS = {"fvvdp": fovvideovdp, "cvvdp": colorvideovdp}
+
+
+def differences(results: dict[str, tuple[float, dict[str, Row]]]) -> str:
+    """Render as Markdown: JOD of the first method less each other's, by scene and on average."""
+    first, *others = next(iter(results.values()))[1]
+    lines = [
+        f"| JOD of {first} less that of | " + " | ".join(others) + " |",
+        "| --- |" + " ---: |" * len(others),
+    ]
+    rows = {scene: [_jod(row) for row in rows.values()] for scene, (_, rows) in results.items()}
+    rows["mean"] = np.mean(list(rows.values()), axis=0).tolist()
+    for scene, (own, *theirs) in rows.items():
+        cells = " | ".join(f"{own - jod:+.2f}" for jod in theirs)
+        lines.append(f"| {scene} | {cells} |")
+    return "\n".join(lines)
+
+
+def _jod(row: Row) -> float:
+    return np.nan if row.jod is None else row.jod
 
 
 def table(results: dict[str, tuple[float, dict[str, Row]]]) -> str:
@@ -172,10 +208,14 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), metavar=("W", "H"))
     parser.add_argument("--extent", type=float, default=0.04, help="in near depths (0.04)")
     parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
-    parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
+    parser.add_argument("--metric", choices=list(METRICS), default="fvvdp", help="of the JOD")
+    parser.add_argument("--docs", type=Path, help="page whose tables are replaced")
     parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
-    jod = fovvideovdp()
+    part = PARTS[arguments.metric]
+    if arguments.docs is not None:
+        part.page(str(arguments.docs))
+    jod = METRICS[arguments.metric]()
     ctx = create_context()
     results: dict[str, tuple[float, dict[str, Row]]] = {}
     try:
@@ -194,9 +234,10 @@ def main(argv: list[str]) -> int:
                     pictures.save_picture(arguments.sheets / f"{name}.png", sheet)
     finally:
         release_context(ctx)
-    print(table(results))
+    text = table(results) + ("" if jod is None else f"\n\n{differences(results)}")
+    print(text)
     if arguments.docs is not None:
-        PART.replace(arguments.docs, table(results))
+        part.replace(arguments.docs, text)
     record = {
         "version": package_version(), "revision": code_revision(), "renderer": renderer,
         "size_px": list(size_px), "extent": arguments.extent,

@@ -53,6 +53,13 @@ VARIANTS: dict[str, dict[str, Any]] = {  # --variants: what noise and depth are 
     "half-noise": {"method": "metameric", "parameters": {"noise": 0.5}},
     "no-depth": {"method": "metameric", "parameters": {"depth_threshold": 1.0}},
 }
+RECIRCULATED: dict[str, dict[str, Any]] = {  # may be named in --methods
+    f"recirculated-{round(100 * weight)}": {
+        "method": "weighted-pull-push",
+        "parameters": {"recirculate": weight},
+    }
+    for weight in (0.25, 0.5, 1.0)
+}
 VARIANT_METRICS = ("fvvdp-1.0", "fvvdp", "hf-ratio", "statistics")
 METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background-extension")
 SIZE = {"name": "medium", "hole_share": 0.05}
@@ -68,6 +75,8 @@ HEADINGS = {
     "6dof": "Six degrees of freedom",
 }
 RESULTS = Path(__file__).parent / "results" / "scores.json"
+BRIEF = ("fvvdp", "cvvdp", "psnr", "hf-ratio", "flicker", "statistics")
+BRIEF_PARTS = {name: PagePart(name) for name in ("clips", "recirculation")}
 PART, VARIANTS_PART = PagePart("scores"), PagePart("variants")
 
 
@@ -87,7 +96,9 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         for scene in scenes
     ]
     stimuli["sizes"] = [SIZE]
-    stimuli["methods"] = [{"name": name, **VARIANTS.get(name, {})} for name in methods]
+    stimuli["methods"] = [
+        {"name": name, **(VARIANTS | RECIRCULATED).get(name, {})} for name in methods
+    ]
     stimuli["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
@@ -155,6 +166,25 @@ def variants_text(results: dict[str, Results]) -> str:
     return "\n".join(parts)
 
 
+def brief(results: dict[str, Results]) -> str:
+    """Return one table: a row per clip, and a cell per method with the numbers of `BRIEF`."""
+    methods: Sequence[str] = ()
+    rows: dict[str, dict[str, list[str]]] = {}
+    for motion, found in results.items():
+        tables = {t.metric.name: t for t in all_tables(found) if t.region == HOLES}
+        for name in BRIEF:
+            table = tables[name]
+            methods = table.methods
+            for scene, values in table.rows:
+                row = rows.setdefault(f"mean, {motion}" if scene == "mean" else scene, {})
+                for method, value in zip(methods, values, strict=True):
+                    row.setdefault(method, []).append(table.text(value))
+    lines = ["| | " + " | ".join(methods) + " |", "| --- |" + " ---: |" * len(methods)]
+    for scene, row in rows.items():
+        lines.append(f"| {scene} | " + " | ".join(" / ".join(row[m]) for m in methods) + " |")
+    return "\n".join(lines)
+
+
 def luma_error(results: Results) -> str:
     """Return a table of the mean signed error of luma in holes: too bright is above 0."""
     methods = method_order(results)
@@ -190,13 +220,18 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--variants", action="store_true", help="metameric without noise, or without depth"
     )
+    parser.add_argument(
+        "--brief",
+        choices=list(BRIEF_PARTS),
+        help=f"one table of {', '.join(BRIEF)}, and the part of the document that it replaces",
+    )
     parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
     parser.add_argument(
         "--json", type=file_to_write, help=f"where to store the numbers, e.g. {RESULTS}"
     )
     arguments = parser.parse_args(argv)
     methods = list(VARIANTS) if arguments.variants else arguments.methods
-    part = VARIANTS_PART if arguments.variants else PART
+    part = VARIANTS_PART if arguments.variants else BRIEF_PARTS.get(arguments.brief, PART)
     if arguments.docs is not None:
         try:
             part.page(arguments.docs)
@@ -212,7 +247,9 @@ def main(argv: list[str]) -> int:
         )
         for motion in arguments.motions
     }
-    text = variants_text(results) if arguments.variants else document(results)
+    text = (variants_text if arguments.variants else brief if arguments.brief else document)(
+        results
+    )
     print(text)
     if arguments.docs is not None:
         part.replace(arguments.docs, text)

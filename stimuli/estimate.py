@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from stimuli.clip import ENCODERS
 from stimuli.footage import Footage, Shot
@@ -15,7 +15,11 @@ from stimuli.orders import Orders
 from stimuli.paths import make_path
 from stimuli.png import encode_frame
 
+if TYPE_CHECKING:
+    from stimuli.scenery import Scenery
+
 T = TypeVar("T")
+TRIED_PX = 512  # longer side of the frame that software draws to be timed
 
 
 @dataclass(frozen=True)
@@ -36,11 +40,14 @@ class Estimate:
 def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
     """Make one frame of the first scene by every method, time it, and multiply.
 
+    A renderer in software takes time in proportion to pixels, so there a smaller frame is made.
+
     Raises
     ------
     InputError, OSError
         As a build raises them for that scene.
     """
+    from pipeline.gl.context import describe
     from pipeline.methods.registry import create_method
     from stimuli.worker import Bench
 
@@ -53,7 +60,9 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         opened_s = time.perf_counter() - started
         path = make_path(orders.scene(first).camera, clips.frames, clips.fps)
         extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
-        shot = Shot(path, orders.render_px, extent, clips.margin_share)
+        renderer = describe(bench.ctx)
+        tried = _tried_px(orders, scenery, renderer.software)
+        shot = Shot(path, tried, extent, clips.margin_share)
         footage = Footage(bench.ctx, scenery, shot, probe=[0])
         frame = min(1, shot.frames - 1)
         footage.warped(frame)  # compiles, as the first fill does
@@ -75,15 +84,15 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
             started = time.perf_counter()
             frame_bytes = max(frame_bytes, len(encode_frame(colour, clips.bit_depth)))
             encode_s = (time.perf_counter() - started) / ENCODERS
-            times[name.method] = max(frame_s, encode_s)
+            times[name.method] = max(frame_s, encode_s) * _pixels(orders.render_px) / _pixels(tried)
         footage.release()
-        renderer = str(bench.ctx.info["GL_RENDERER"])
     finally:
         bench.release()
     frames = len(orders.clip_names) * clips.frames
-    width, height = orders.shown_px
+    pixels = _pixels(orders.shown_px)
+    frame_bytes = frame_bytes * pixels // _pixels(tried)
     if clips.exr:
-        frame_bytes += 3 * 4 * width * height
+        frame_bytes += 3 * 4 * pixels
     scenes = {name.scene for name in orders.clip_names}
     surveys = {(name.scene, name.size) for name in orders.clip_names}
     usual_s = sum(times.values()) / len(times)
@@ -93,11 +102,11 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
     return Estimate(
         clips=len(orders.clip_names),
         frames=frames,
-        size_px=(width, height),
+        size_px=orders.shown_px,
         disk_bytes=round(1.05 * frames * frame_bytes),
         free_bytes=shutil.disk_usage(there).free,
         time_s=total_s / max(workers, 1),
-        renderer=renderer,
+        renderer=renderer.name,
         measured=f"one frame of {first.scene} by every method, and opening it",
     )
 
@@ -107,3 +116,17 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     started = time.perf_counter()
     result = work()
     return result, time.perf_counter() - started
+
+
+def _tried_px(orders: Orders, scenery: Scenery, software: bool) -> tuple[int, int]:
+    """Width and height of the frame that is timed; files may fit the whole size alone."""
+    width, height = orders.render_px
+    of_files = any(":" in method.registry_name for method in orders.protocol.warped.methods)
+    if not software or of_files or scenery.own_margin_px(orders.render_px) is not None:
+        return width, height
+    share = min(1.0, TRIED_PX / max(width, height))
+    return max(1, round(share * width)), max(1, round(share * height))
+
+
+def _pixels(size_px: tuple[int, int]) -> int:
+    return size_px[0] * size_px[1]

@@ -280,7 +280,7 @@ def test_list_names_every_method_without_a_source():
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "belong to stereo pairs"),
-        (["-m", "telea", "--disparity", "d.png", "--clip"], "belong to files of RGBZ"),
+        (["-m", "telea", "--disparity", "d.png", "--clip"], "belong to files of colour"),
         (["-m", "telea", "--rim-px", "5"], "rim_px must be a whole number from 0 to 4 (got 5)"),
         (["-m", "telea", "--rim-px", "-1"], "rim_px must be a whole number from 0 to 4 (got -1)"),
     ],

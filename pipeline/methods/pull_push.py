@@ -2,10 +2,15 @@
 
 from typing import ClassVar
 
+import moderngl
+
+from pipeline.errors import InputError
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.on_gpu import OnGpu
 from pipeline.pushpull.gpu import PushPullPass, PyramidPass
+from pipeline.shiftmap.plate_gpu import PlateTextures
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
+from pipeline.weighted_pullpush.recirculation_gpu import RecirculationPass
 
 
 class _ColourOnly(OnGpu[PyramidPass]):
@@ -27,6 +32,38 @@ class PushPull(_ColourOnly):
 
 
 class WeightedPullPush(_ColourOnly):
-    """Pull-push with squared weights, on the GPU; see `pipeline.weighted_pullpush`."""
+    """Pull-push with squared weights, on the GPU; see `pipeline.weighted_pullpush`.
+
+    Parameters
+    ----------
+    recirculate : float
+        For clips: how much what a place of the background showed last weighs beside a known pixel,
+        from 0 (every frame by itself) to 1; see `Recirculation`.
+    """
 
     pass_type = WeightedPullPushPass
+
+    def __init__(self, ctx: moderngl.Context, *, recirculate: float = 0.0) -> None:
+        super().__init__(ctx)
+        if not 0 <= recirculate <= 1:
+            raise InputError(f"recirculate must lie in 0..1 (got {recirculate})")
+        self._weight = recirculate
+        self._returning: dict[tuple[int, int], RecirculationPass] = {}
+        if recirculate:
+            self.new_plate = self._new_plate  # what tells a `PlateMethod`
+
+    def release(self) -> None:
+        """Free textures and shaders; plates are their users'."""
+        super().release()
+        for held in self._returning.values():
+            held.release()
+        self._returning.clear()
+
+    def _new_plate(self) -> PlateTextures:
+        return PlateTextures(self._ctx, self._settle)
+
+    def _settle(self, frame: FrameTextures, plate: PlateTextures) -> None:
+        if frame.size not in self._returning:
+            made = RecirculationPass(self._ctx, frame.size, self._weight)
+            self._returning[frame.size] = made
+        self._returning[frame.size](frame, plate)

@@ -53,6 +53,7 @@ class PyramidPass(Pass):
         """Fill `image` (rgb, weight; rgba32f) into `filled` (the same texture will do).
 
         Weights and colours must be finite, weights at least 0, also where nothing is known.
+        Weights stay as they are.
         Where no pixel at all is known the result is zero.
 
         Raises
@@ -67,14 +68,12 @@ class PyramidPass(Pass):
             self._down.run_over(coarse.size, fine=fine, coarse=coarse)
         for index, (fine, coarse) in reversed(list(enumerate(pairwise(levels)))):
             result = fine if index else filled
+            self._up["keeps_weight"] = index == 0
             self._up.run_over(result.size, fine=fine, coarse=coarse, filled=result)
 
 
 class PushPullPass(PyramidPass):
-    """Classic push-pull; weights are confidences in [0, 1]. Twin: reference.py.
-
-    The confidence of the result is 1 where the confidences of `image` are 0 or 1.
-    """
+    """Classic push-pull; weights are confidences in [0, 1]. Twin: reference.py."""
 
     down = "pushpull/pull.comp.glsl"
     up = "pushpull/push.comp.glsl"

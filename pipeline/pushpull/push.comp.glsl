@@ -11,11 +11,14 @@ uniform sampler2D fine;                     // W x H
 uniform sampler2D coarse;                   // ceil(W / 2) x ceil(H / 2), complete
 layout(rgba32f) uniform writeonly image2D filled;  // W x H; may be `fine` itself
 
+uniform bool keeps_weight;  // the last step: weights still tell what was known
+
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, imageSize(filled)))) return;
 
     vec4 texel = texelFetch(fine, pixel, 0);
+    float weight = texel.a;
     if (texel.a < 1.0) {
         // Bilinear by hand: texture units interpolate with as few as 8 bits.
         ivec2 last = textureSize(coarse, 0) - 1;
@@ -28,5 +31,6 @@ void main() {
         float rest = 1.0 - texel.a;
         texel = vec4(texel.a * texel.rgb + rest * below.rgb, texel.a + rest * below.a);
     }
+    if (keeps_weight) texel.a = weight;
     imageStore(filled, pixel, texel);
 }

@@ -60,17 +60,29 @@ class ShiftMapPlate:
         result = np.where(hole[..., None], filled, warped.colour)
         if not hole.any():
             return result
+        kept, colour = self.recall(warped)
+        result[hole] = np.where(kept[:, None], colour, result[hole])
+        self.keep(warped, result)
+        return result
+
+    def recall(self, warped: WarpedFrame) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """Which of a view's hole pixels, (N,), were filled before, and their colours, (N, 3)."""
         if not self._depth_m.size:
             self._begin(warped.size)
-        pixel = np.argwhere(hole)
-        motion = np.rint(SUBPIXELS * warped.flow_px[hole][:, ::-1]).astype(np.int64)
-        place = SUBPIXELS * (pixel + self._margin) - motion
-        depth_m = warped.depth_m[hole]
-        share, steps = self._read(place, depth_m)
-        kept = (steps / COLOUR_STEPS).astype(np.float32)
-        result[hole] = np.where((share > READ_SHARE)[:, None], kept, result[hole])
-        self._keep(result, hole, pixel, place, depth_m)
-        return result
+        _, place = self._places(warped)
+        share, steps = self._read(place, warped.depth_m[warped.hole])
+        return share > READ_SHARE, (steps / COLOUR_STEPS).astype(np.float32)
+
+    def keep(self, warped: WarpedFrame, shown: NDArray[np.float32], *, again: bool = False) -> None:
+        """Keep what a view shows in its holes: where nothing was kept, or `again` everywhere."""
+        pixel, place = self._places(warped)
+        self._keep(shown, warped.hole, pixel, place, warped.depth_m[warped.hole], again=again)
+
+    def _places(self, warped: WarpedFrame) -> tuple[Ints, Ints]:
+        """Hole pixels, (N, 2), and where they lie in the plate, in parts of a pixel."""
+        pixel = np.argwhere(warped.hole)
+        motion = np.rint(SUBPIXELS * warped.flow_px[warped.hole][:, ::-1]).astype(np.int64)
+        return pixel, SUBPIXELS * (pixel + self._margin) - motion
 
     def _begin(self, size: tuple[int, int]) -> None:
         self._margin = margin_px(size)
@@ -96,8 +108,10 @@ class ShiftMapPlate:
         pixel: Ints,
         place: Ints,
         depth_m: NDArray[np.float32],
+        *,
+        again: bool,
     ) -> None:
-        """Write texels that have nothing yet, each from the hole pixels around its centre.
+        """Write texels that may be written, each from the hole pixels around its centre.
 
         A pixel writes the texel nearest to its place; of several the first in row order does.
         """
@@ -110,7 +124,8 @@ class ShiftMapPlate:
             share = np.where(shown & hole[there], share, 0)
             total += share
             summed += share[:, None] * steps[there]
-        new = np.flatnonzero(inside & (self._depth_m[at] == 0) & (total > WRITE_SHARE))
+        free = again | (self._depth_m[at] == 0)
+        new = np.flatnonzero(inside & free & (total > WRITE_SHARE))
         flat = np.ravel_multi_index((at[0][new], at[1][new]), self._depth_m.shape)
         new = new[np.unique(flat, return_index=True)[1]]
         here = at[0][new], at[1][new]

@@ -1,9 +1,13 @@
 """What was filled once stays, on the GPU. Twin: plate.py."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+
 import moderngl
 import numpy as np
 
 from pipeline.frame_textures import FrameTextures
+from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.shiftmap.plate import COLOUR_STEPS, READ_SHARE, WRITE_SHARE, margin_px
@@ -13,8 +17,8 @@ ROW = 64  # work-group size, pixels in a row
 NOBODY = 0xFFFFFFFF  # claims a texel
 
 
-class PlatePass(Pass):
-    """Settle frames on plates, in place; two dispatches.
+class KeepingPass(Pass, ABC):
+    """Settle frames on plates, in place. How is up to a subclass; keeping is the last dispatch.
 
     Parameters
     ----------
@@ -24,19 +28,15 @@ class PlatePass(Pass):
 
     def __init__(self, ctx: moderngl.Context, depth_threshold: float) -> None:
         super().__init__(ctx)
-        shared = {"ROW": ROW, "SUBPIXELS": SUBPIXELS, "STEPS": COLOUR_STEPS}
-        self._look_up = self._shader(
-            "shiftmap/look_up.comp.glsl", **shared, READ_SHARE=READ_SHARE, WRITE_SHARE=WRITE_SHARE
-        )
-        self._keep = self._shader("shiftmap/keep.comp.glsl", **shared)
-        self._set(same_surface=float(np.float32(1 - depth_threshold)))
+        self._depth_threshold = depth_threshold
+        self._keep = self._plate_shader("shiftmap/keep.comp.glsl")
 
     def new_plate(self) -> "PlateTextures":
         """Return an empty plate."""
         return PlateTextures(self._ctx, self)
 
     def __call__(self, frame: FrameTextures, plate: "PlateTextures") -> None:
-        """Take into the holes of `frame.colour` what is kept there, and keep what is new."""
+        """Settle `frame.colour` and keep in the plate what is new."""
         self._set(margin=(plate.margin_px, plate.margin_px))
         given = {
             "image": frame.colour,
@@ -44,14 +44,45 @@ class PlatePass(Pass):
             "flow_px": frame.flow_px,
             **plate.held,
         }
-        self._look_up.run_over(frame.size, **given)
+        self._settle(frame, given)
         self._keep.run_over(frame.size, **given)
+
+    @abstractmethod
+    def _settle(self, frame: FrameTextures, given: Mapping[str, Resource]) -> None:
+        """Bring kept colours into the holes, and claim the texels to keep."""
+
+    def _plate_shader(self, path: str) -> Shader:
+        """Compile a shader that includes plate.glsl."""
+        shader = self._shader(
+            path,
+            ROW=ROW,
+            SUBPIXELS=SUBPIXELS,
+            STEPS=COLOUR_STEPS,
+            READ_SHARE=READ_SHARE,
+            WRITE_SHARE=WRITE_SHARE,
+        )
+        if "same_surface" in shader:
+            shader["same_surface"] = float(np.float32(1 - self._depth_threshold))
+        return shader
+
+
+class PlatePass(KeepingPass):
+    """Take into the holes of frames what is kept there, and keep what is new."""
+
+    def __init__(self, ctx: moderngl.Context, depth_threshold: float) -> None:
+        super().__init__(ctx, depth_threshold)
+        self._look_up = self._plate_shader("shiftmap/look_up.comp.glsl")
+
+    def _settle(self, frame: FrameTextures, given: Mapping[str, Resource]) -> None:
+        self._look_up.run_over(frame.size, **given)
 
 
 class PlateTextures:
     """The plate of one source frame; its size is that of the first view."""
 
-    def __init__(self, ctx: moderngl.Context, settle: PlatePass) -> None:
+    def __init__(
+        self, ctx: moderngl.Context, settle: Callable[[FrameTextures, "PlateTextures"], None]
+    ) -> None:
         self._ctx, self._settle = ctx, settle
         self.held: dict[str, moderngl.Texture | moderngl.Buffer] = {}
         self.margin_px = 0

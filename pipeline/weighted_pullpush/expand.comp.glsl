@@ -11,6 +11,8 @@ uniform sampler2D fine;                     // W x H
 uniform sampler2D coarse;                   // ceil(W / 2) x ceil(H / 2), expanded
 layout(rgba32f) uniform writeonly image2D filled;  // W x H; may be `fine` itself
 
+uniform bool keeps_weight;  // the last step: weights still tell what was known
+
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, imageSize(filled)))) return;
@@ -25,6 +27,7 @@ void main() {
                + 0.0625 * texelFetch(coarse, far, 0);
 
     vec4 texel = texelFetch(fine, pixel, 0);
+    float weight = texel.a;
     float ours = texel.a * texel.a;
     float theirs = below.a * below.a;
     // Not mix(): where a pixel holds its own, it must stay bit for bit.
@@ -32,5 +35,6 @@ void main() {
         float share = ours / theirs;
         texel = share * texel + (1.0 - share) * below;
     }
+    if (keeps_weight) texel.a = weight;
     imageStore(filled, pixel, texel);
 }

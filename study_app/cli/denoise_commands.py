@@ -63,7 +63,7 @@ def run(
     ] = "moments",
     display: DisplayOption = None,
     fov: FovOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise; same seed, same picture.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     numpy_only: Annotated[
         bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
     ] = False,
@@ -114,7 +114,7 @@ def render(
     clean: Annotated[
         Path | None, typer.Option(help="Write the clean picture too.", show_default=False)
     ] = None,
-    clean_samples: Annotated[int, typer.Option(min=1, help="A pixel of the clean one.")] = 128,
+    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per pixel of it.")] = 128,
     size_px: Annotated[int, typer.Option(help="Edge, a multiple of 8.")] = 256,
 ) -> None:
     """Path-trace a built-in scene: 32 samples a pixel at the gaze, 1 in the periphery.
@@ -159,11 +159,11 @@ def train(
         Path, typer.Option(help="Folder for pictures and checkpoints; what it holds is used.")
     ] = Path("denoise-work"),
     views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3,
-    steps: Annotated[int, typer.Option(min=1, help="Of each network.")] = 1200,
+    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 1200,
     crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96,
     size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256,
-    clean_samples: Annotated[int, typer.Option(min=1, help="A pixel of clean pictures.")] = 128,
-    seed: Annotated[int, typer.Option(min=0, help="Of gazes, crops and first weights.")] = 1,
+    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per clean pixel.")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of gazes, crops, weights.")] = 1,
     estimate: Annotated[
         bool, typer.Option("--estimate", help="Say how long it takes, then stop.")
     ] = False,

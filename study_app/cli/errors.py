@@ -26,6 +26,7 @@ _CURES = {
     errno.EROFS: "choose a place that can be written to",
     errno.EEXIST: "choose another name, or remove it first",
     errno.ENOTEMPTY: "choose another folder, or empty it first",
+    errno.ELOOP: "its symbolic links lead in a circle; name the file itself",
     errno.ENAMETOOLONG: "choose a shorter name",
     errno.ENOSPC: "free some space on this disk, or choose another one",
     errno.EDQUOT: "your quota on this disk is used up; free some space, or choose another one",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
-SESSIONS_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+
+SESSIONS_PROTOCOL_HELP = "File of the study that was run (.toml), or a shipped study's name."
 
 ProtocolArgument = Annotated[
-    Path, typer.Argument(help="Protocol file (.toml), or the name of a shipped study.")
+    Path, typer.Argument(help="The study's file (.toml), or the name of a shipped study.")
 ]
 DisplayOption = Annotated[
     str | None, typer.Option(help="A display other than the protocol's: a name or a .toml file.")
@@ -27,3 +31,21 @@ NewFolderOption = Annotated[
     Path, typer.Option(help="Folder to fill. It appears only when complete.")
 ]
 ReplaceOption = Annotated[bool, typer.Option("--replace", help="Replace an earlier result.")]
+
+T = TypeVar("T", bound=str)
+
+
+def one_of(option: str, text: str, known: Collection[T]) -> T:
+    """Return the choice that an option names.
+
+    Raises
+    ------
+    StudyError
+        If it is none of them, with the nearest one.
+    """
+    for name in known:
+        if name == text:
+            return name
+    raise StudyError(
+        f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
+    )

@@ -50,8 +50,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="""Write, check and plan a study.
 
-    A protocol is a TOML file; `demo`, `inpainting-2afc` and `beyond-blur-task`, `-preference` and
-    `-detection` come with metamerlab.
+    A protocol is the TOML file of a study; `demo`, `inpainting-2afc` and `beyond-blur-task`,
+    `-preference` and `-detection` come with metamerlab.
 
     Examples:
 
@@ -78,7 +78,7 @@ def check(
 ) -> None:
     """Check a protocol: every mistake at once, and whether its display can show it.
 
-    Checks display files too. Ends with status 2 if anything is wrong.
+    Checks the display file too. Ends with status 2 if anything is wrong.
 
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
@@ -103,7 +103,7 @@ def check(
             *study.stimuli.cut_away(),
         ):
             say(f"note: {line}")
-        # No mistake of the protocol: where sittings run, built clips are enough.
+        # No mistake of the protocol: where sessions run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
                 say(f"note: {missing}")

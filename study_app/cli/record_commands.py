@@ -31,7 +31,9 @@ from study_app.withdrawal import withdraw as withdraw_participant
 def withdraw(
     participant: Annotated[str, typer.Argument(help="The participant's code.")],
     out: SessionsOption = Path("sessions"),
-    study: Annotated[str | None, typer.Option(help="Where one code took part in several.")] = None,
+    study: Annotated[
+        str | None, typer.Option(help="Needed if the code took part in several studies.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
     """Delete a participant's data for good. One line without data remains, the slot is free.

@@ -21,9 +21,12 @@ DEFAULT_PARALLAX = 0.03
 """Of what is near, in widths of the picture."""
 
 
+_FILE_ONLY = "--clip, --encoded and --channel belong to files of colour, depth and flow"
+
+
 @dataclass(frozen=True)
 class FileOptions:
-    """What is said about a file of RGBZ and flow."""
+    """What is said about a file of colour, depth and flow."""
 
     clip: bool = False
     encoded: bool = False
@@ -102,7 +105,7 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
                 " with --flow, or with --depth and two poses"
             )
         if file != FileOptions():
-            raise StudyError("--clip, --encoded and --channel belong to files of RGBZ and flow")
+            raise StudyError(_FILE_ONLY)
         return Loaded(_load_picture(path, picture), PAIR_WARP, None)
     if path.suffix.lower() == ".exr" and pair.disparity is None:
         if pair.amount != 1.0 or pair.right is not None or pair.to_left:
@@ -115,7 +118,7 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
         frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
         return Loaded(frame, WarpSettings(), None)
     if file != FileOptions():
-        raise StudyError("--clip, --encoded and --channel belong to files of RGBZ and flow")
+        raise StudyError(_FILE_ONLY)
     loaded = _load_pair(source, pair)
     # Half way between the cameras there is no photograph to compare with.
     truth = loaded.right if pair.amount == 1.0 else None
@@ -197,8 +200,8 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
         return pair
     if path.exists():
         raise StudyError(
-            f"{path}: must be an .exr file with RGBZ and flow, or come with --disparity FILE,"
-            " --flow FILE, or --depth FILE and two poses"
+            f"{path}: must be an .exr file with colour, depth and flow, or come with"
+            " --disparity FILE, --flow FILE, or --depth FILE and two poses"
         )
     raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import itertools
 import json
 import os
 import re
 import shutil
 import signal
+import types
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -16,9 +18,11 @@ import forked
 import numpy as np
 import pytest
 from attack.builds import contents, kill_builds
+from PIL import Image
 
 import stimuli.build
 import stimuli.clip
+import stimuli.estimate
 import stimuli.records
 from pipeline.errors import InputError
 from protocols.errors import StudyError
@@ -586,3 +590,42 @@ def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_st
     assert re.search(r"time\s+about \d+ ", result.stdout)
     assert re.search(r"measured\s+one frame of \S+ by every method", result.stdout)
     assert not (tmp_path / "clips").exists()
+
+
+@pytest.mark.parametrize("files", [False, True])
+def test_software_times_a_smaller_frame_and_counts_its_pixels(
+    small_study, read_orders, tmp_path, monkeypatch, files
+):
+    """A clock that ticks once per reading makes the estimate a count of frames' work."""
+    shapes = []
+
+    def told(colour, _):
+        shapes.append(colour.shape)
+        return b"x" * (3 * colour.shape[0] * colour.shape[1])
+
+    if files:  # what is on disk fits one size
+        study = Path(shutil.copytree(small_study.parent, tmp_path / "study")) / small_study.name
+        (study.parent / "filled").mkdir()
+        for index in range(4):
+            Image.new("RGB", (78, 58)).save(study.parent / f"filled/{index:06d}.png")
+        text = study.read_text()
+        study.write_text(text.replace('name = "telea"', 'name = "telea"\nmethod = "frames:filled"'))
+    orders = read_orders(study if files else small_study)
+    ticks = itertools.count()
+    monkeypatch.setattr(
+        stimuli.estimate, "time", types.SimpleNamespace(perf_counter=lambda: float(next(ticks)))
+    )
+    monkeypatch.setattr(stimuli.estimate, "encode_frame", told)
+    monkeypatch.setattr("pipeline.gl.context.SOFTWARE_RENDERERS", ("",))  # every name
+    width, height = orders.render_px
+    found = []
+    for edge in (width, 39):
+        monkeypatch.setattr(stimuli.estimate, "TRIED_PX", edge)
+        found.append(stimuli.estimate.estimate(orders, tmp_path, 1))
+    whole, part = found
+    opened_s = 2.0  # a tick for each of two scenes
+    ratio = 1.0 if files else 4.0
+    assert shapes[-1] == ((height, width, 3) if files else (29, 39, 3))
+    assert (part.time_s - opened_s) / (whole.time_s - opened_s) == pytest.approx(ratio)
+    assert part.disk_bytes == whole.disk_bytes
+    assert part.size_px == whole.size_px

@@ -385,6 +385,16 @@ def test_a_file_name_that_is_too_long_is_a_missing_file(tmp_path):
     assert len(str(caught.value)) < 1000
 
 
+def test_a_link_that_leads_to_itself_is_one_message(tmp_path):
+    loop = tmp_path / "loop.png"
+    loop.symlink_to(loop)
+    (tmp_path / "out.png").write_bytes(b"an older one, which must not be the same file")
+    asked = ["denoise", "run", loop, "--gaze", "1,1", "--out", tmp_path / "out.png"]
+    done = CliRunner().invoke(app, [str(word) for word in asked])
+    assert done.exit_code == 2
+    assert "too many levels of symbolic links" in " ".join(done.output.split())
+
+
 def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
     path = tmp_path / "t.csv"
     path.write_text("t_s,x_px,y_px\n" + "".join(f"{n},1,1\n" for n in range(5)))
