@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import json
 import os
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import moderngl
 import numpy as np
 import pytest
 
+import pipeline.noise.tile
 from pipeline.errors import GLUnavailableError
 from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
@@ -27,11 +30,24 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 LONGEST = (
     "tests/presenter/test_guide.py",
     "tests/test_demo.py",
-    "tests/test_docs.py",
-    "tests/presenter/test_every_task_was_shown.py",
     "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/presenter/test_every_task_was_shown.py",
+    "tests/test_docs.py",
     "tests/presenter/test_presenter_mistakes.py",
+    "tests/stats/test_task_reports.py",
     "tests/batch/test_stimuli_build.py",
+    "tests/presenter/test_a_labs_study.py",
+    "tests/test_tutorials.py",
+    "tests/presenter/test_display_commands.py",
+    "tests/presenter/test_pages_and_mouse.py",
+    "tests/presenter/test_disturbed_sittings.py",
+    "tests/stats/test_report.py",
+    "tests/twins/test_warp_gpu.py",
+    "tests/study/test_kills_by_task.py",
+    "tests/presenter/test_lsl_gaze.py",
+    "tests/test_metameric_invariants.py",
+    "tests/product/test_new_study_tasks.py",
+    "tests/product/test_own_material.py",
     "tests/batch/test_beyond_blur_stimuli.py",
 )
 IN_TURN = """
@@ -91,6 +107,9 @@ wrong = "Wrong."
 {analysis}
 [privacy]
 """
+
+# Most fills of a test ask for the same noise, which is read-only and takes up to a second to make.
+pipeline.noise.tile.noise_bands = lru_cache(maxsize=2)(pipeline.noise.tile.noise_bands)
 
 # No deadline: a busy machine is not a failure. The same examples in every run of CI.
 hypothesis.settings.register_profile("local", deadline=None)
@@ -193,6 +212,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if item.get_closest_marker("full"):
             item.add_marker(pytest.mark.skip(reason="a long proof: script/test --full runs it"))
+
+
+def pytest_collection_finish() -> None:
+    """Let Python's search for garbage pass over what collection left, which stays to the end."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    """Let the end of the process find all again: libraries complain of what stays."""
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")

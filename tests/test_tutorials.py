@@ -9,6 +9,7 @@ from statistics import NormalDist
 
 import pictures
 import pytest
+from forked import programs
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((REPOSITORY / "docs/tutorials").glob("*.md"))
@@ -23,7 +24,7 @@ def walked(tmp_path_factory):
     def walk(name: str) -> tuple[str, Path]:
         if name not in done:
             folder = tmp_path_factory.mktemp(name)
-            ran = pictures.run(REPOSITORY / f"docs/tutorials/{name}.md", folder)
+            ran = pictures.run(REPOSITORY / f"docs/tutorials/{name}.md", folder, programs())
             assert ran.returncode == 0, f"{ran.stdout}{ran.stderr}"
             assert "Traceback" not in ran.stderr
             done[name] = (ran.stdout, folder)

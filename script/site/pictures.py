@@ -35,14 +35,19 @@ def pictures_of(page: Path) -> list[Path]:
     return [MADE / name for name in re.findall(r"\]\([./]*images/made/([\w.-]+)\)", text)]
 
 
-def run(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a page's commands in a folder that has our docs; stop at the first failure."""
+def run(
+    page: Path, folder: Path, programs: Path = Path(sys.executable).parent
+) -> subprocess.CompletedProcess[str]:
+    """Run a page's commands in a folder that has our docs; stop at the first failure.
+
+    `programs` is where `metamerlab` is.
+    """
     (folder / "docs").symlink_to(DOCS)
-    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    path = f"{programs}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return subprocess.run(
         ["bash", "-c", f"set -euo pipefail\n{script_of(page)}"],
         cwd=folder,
-        env=os.environ | {"PATH": programs, "COLUMNS": "100"},
+        env=os.environ | {"PATH": path, "COLUMNS": "100"},
         capture_output=True,
         text=True,
     )

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
+from undrawn_reports import undrawn_scores
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
@@ -489,7 +490,8 @@ def test_the_stills_of_a_study_are_scored_around_their_gaze(tmp_path, whole):
         "--metrics",
         "statistics,band-ratio",
     )
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    with undrawn_scores():
+        done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
 
     assert done.exit_code == 0, done.output
     scores = json.loads((out / "scores.json").read_text("utf-8"))

@@ -10,8 +10,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import types
 from concurrent.futures import Future
 from pathlib import Path
@@ -442,11 +440,9 @@ def test_a_limit_on_file_size_ends_with_one_message(small_study, tmp_path):
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096));"
         "from study_app.cli import main; main()"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script, "stimuli", "build", str(small_study), "--out",
-         str(tmp_path / "clips"), "--workers", "1"],
-        capture_output=True, text=True, timeout=240,
-        env={**os.environ, "MESA_SHADER_CACHE_DISABLE": "1"},
+    result = forked.run(
+        "stimuli", "build", small_study, "--out", tmp_path / "clips", "--workers", "1",
+        code=script, timeout=240, env={**os.environ, "MESA_SHADER_CACHE_DISABLE": "1"},
     )  # fmt: skip
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr

@@ -14,3 +14,12 @@ def undrawn() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analysis.report.build._draw", lambda *_, **__: [])
         yield
+
+
+@contextmanager
+def undrawn_scores() -> Iterator[None]:
+    """Leave every figure out of the reports of scores that are written meanwhile."""
+    nothing = {"bars": [], "bands": [], "time": [], "scale": []}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stimuli.score.report._draw", lambda *_: nothing)
+        yield
