@@ -33,10 +33,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
     from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
-    from stimuli.one_frame import Choice
+    from stimuli.one_frame import Choice, Filled
     from stimuli.upsampled import Eye
     from study_app.cli.warp_source import Loaded
 
@@ -346,6 +347,10 @@ def _eye(
     say(looking.words)
     return Eye(looking.geometry, read_gaze(gaze, looking.geometry), within_deg)
 
+
+def _print_results(
+    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, eye: Eye | None
+) -> None:
     height, width = warped.size
     holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
     if rim_px > 0:
@@ -354,7 +359,7 @@ def _eye(
     every = [(fill.choice, fill.quality_all) for fill in fills]
     if eye is not None:
         _print_quality(console, "inside holes where nothing of the true view is shown", every)
-        return None
+        return
     _print_quality(console, "inside the holes that do not touch the border",
                    [(fill.choice, fill.quality) for fill in fills])  # fmt: skip
     _print_quality(console, "inside all holes", every)
