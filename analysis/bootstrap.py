@@ -97,7 +97,6 @@ def bootstrap_scale(
     rng: np.random.Generator,
     samples: int = 1000,
     level: float = 0.95,
-    model: Model = "thurstone",
     scenes: bool = True,
 ) -> ScaleIntervals:
     """Bootstrap intervals of scores that respect participants and scenes.
@@ -116,7 +115,7 @@ def bootstrap_scale(
     participants, scene_count = wins.shape[:2]
     if participants < 2:
         raise ValueError(f"wins must hold at least two participants (got {participants})")
-    scores = bootstrap_scores(wins, rng=rng, samples=samples, model=model, scenes=scenes)
+    scores = bootstrap_scores(wins, rng=rng, samples=samples, model="thurstone", scenes=scenes)
     whole = np.isfinite(scores).all(axis=1)
     scores = scores[whole]
     if scores.shape[0] < 20:
@@ -133,7 +132,7 @@ def bootstrap_scale(
     drawn = between[:, first, second]
     p = _difference_p(drawn, participants)
     # Limits hold 0 exactly where p does not reach 1 - level.
-    holds = _square(p >= 1.0 - level, first, second, 1.0).astype(bool)
+    holds = _square(p >= 1.0 - level, first, second).astype(bool)
     diff_lower = np.where(holds, np.minimum(diff_lower, 0.0), diff_lower)
     diff_upper = np.where(holds, np.maximum(diff_upper, 0.0), diff_upper)
     warnings = []
@@ -152,8 +151,8 @@ def bootstrap_scale(
         upper=upper,
         difference_lower=diff_lower,
         difference_upper=diff_upper,
-        difference_p=_square(p, first, second, 1.0),
-        difference_p_adjusted=_square(holm(p), first, second, 1.0),
+        difference_p=_square(p, first, second),
+        difference_p_adjusted=_square(holm(p), first, second),
         standard_error=scores.std(axis=0, ddof=1),
         samples=int(whole.sum()),
         left_out=left_out,
@@ -198,12 +197,10 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
     return found
 
 
-def _square(
-    values: NDArray[Any], first: NDArray[np.intp], second: NDArray[np.intp], diagonal: float
-) -> Floats:
-    """Lay values of pairs out as a symmetric table."""
+def _square(values: NDArray[Any], first: NDArray[np.intp], second: NDArray[np.intp]) -> Floats:
+    """Lay values of pairs out as a symmetric table with 1 on the diagonal."""
     size = int(second.max()) + 1
-    table = np.full((size, size), diagonal)
+    table = np.ones((size, size))
     table[first, second] = table[second, first] = values
     return table
 

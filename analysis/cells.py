@@ -56,6 +56,17 @@ def conditions(trials: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.Da
     ]
 
 
+def numbered(
+    trials: pd.DataFrame, by: Sequence[str]
+) -> tuple[list[tuple[str, pd.DataFrame]], NDArray[np.int64]]:
+    """Return the conditions of a checked table, and of each row which it is of."""
+    parts = conditions(trials, by)
+    number = np.zeros(len(trials), dtype=np.int64)
+    for place, (_, part) in enumerate(parts):
+        number[part.index.to_numpy()] = place
+    return parts, number
+
+
 def checked(trials: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ()) -> pd.DataFrame:
     """Return the table with rows numbered from 0, if statistics can be made of it.
 

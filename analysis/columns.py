@@ -3,7 +3,8 @@
 Common columns come first, then those of the task's condition and answer.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import pandas as pd
 
@@ -14,7 +15,7 @@ SESSION_COLUMNS = (
     *SITTING_COLUMNS,
     Column("slot", "integer", "", "Counterbalancing slot"),
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
-    Column("status", "text", "", "completed, unfinished, or why the sitting ended"),
+    Column("status", "text", "", "completed, unfinished, or why the session ended"),
     Column("planned", "integer", "trials", "Main trials planned"),
     Column("decided", "integer", "trials", "Main trials decided"),
     Column("attempts", "integer", "", "Attempts at main trials, void ones included"),
@@ -24,8 +25,8 @@ SESSION_COLUMNS = (
     Column("gaze_lost_share", "share", "", "Mean share of watched time without gaze data"),
     Column("gaze_violations", "integer", "", "Gaze violations in main attempts"),
     Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot in main attempts"),
-    Column("accuracy_deg", "number", "deg", "Worst accuracy of the sitting's calibrations"),
-    Column("resumed", "integer", "", "How often the sitting was resumed"),
+    Column("accuracy_deg", "number", "deg", "Worst accuracy of the session's calibrations"),
+    Column("resumed", "integer", "", "How often the session was resumed"),
     Column(
         "damaged_lines",
         "integer",
@@ -41,10 +42,10 @@ SESSION_COLUMNS = (
     Column("protocol_sha256", "text", "", "Hash of the protocol"),
     Column("stimuli_sha256", "text", "", "Hash of what decides the pixels"),
     Column("manifest_sha256", "text", "", "Hash of the clips' manifest"),
-    Column("plan_sha256", "text", "", "Hash of the sitting's trial list"),
+    Column("plan_sha256", "text", "", "Hash of the session's trial list"),
     Column("journal_sha256", "text", "", "Hash of the journal file"),
-    Column("revision", "text", "", "Version and git revision that recorded the sitting"),
-    Column("excluded", "text", "", "Rule that leaves the sitting out; empty: kept"),
+    Column("revision", "text", "", "Version and git revision that recorded the session"),
+    Column("excluded", "text", "", "Rule that leaves the session out; empty: kept"),
 )
 
 
@@ -78,6 +79,11 @@ def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.Data
             else:
                 table[column.name] = values.where(values.notna(), "").astype(str)
     return table
+
+
+def frame_of(kind: type[Any], results: Iterable[object]) -> pd.DataFrame:
+    """Return results of a dataclass as a table: a column per field, also where there are none."""
+    return pd.DataFrame([vars(one) for one in results], columns=list(kind.__dataclass_fields__))
 
 
 def tables_of(study: StudyProtocol) -> dict[str, tuple[Column, ...]]:

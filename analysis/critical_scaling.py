@@ -12,7 +12,7 @@ from scipy.special import expit, log_expit, logsumexp
 
 from analysis.bootstrap import expanded_tail
 from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.contrasts import paired, pairs_of
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.numeric import numeric_hessian
 from analysis.rates import Difference
@@ -150,7 +150,6 @@ def fit_person(
     column: str = "scaling",
     rule: AbxRule = "differencing",
     law: Law = "distance",
-    lapse: float | None = None,
     level: float = 0.95,
     limits: bool = True,
 ) -> CriticalScaling:
@@ -166,22 +165,20 @@ def fit_person(
     middle = np.log(np.sqrt(scalings.min() * scalings.max()))
 
     def loss(theta: Floats) -> float:
-        rate = lapse if lapse is not None else float(expit(theta[2]))
+        rate = float(expit(theta[2]))
         value = _log_likelihood(
             scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule, law
         )
         prior = -0.5 * ((theta[0] - middle) ** 2 + (theta[1] - np.log(5.0)) ** 2)
         return float(-value - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:]))
 
-    free = [] if lapse is not None else [-3.0]
     starts = [
-        np.array([np.log(s), np.log(g), *free])
+        np.array([np.log(s), np.log(g), -3.0])
         for s in np.geomspace(0.5 * scalings.min(), 0.9 * scalings.max(), 6)
         for g in (1.0, 3.0, 8.0)
     ]
     best = _polish(loss, sorted(starts, key=loss)[:3])
     ends = [_profile(loss, best, k, level) if limits else None for k in (0, 1)]
-    rate = lapse if lapse is not None else float(expit(best[2]))
     notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
     return CriticalScaling(
         condition="all",
@@ -191,7 +188,7 @@ def fit_person(
         gain_limits=ends[1],
         critical_sd=0.0,
         gain_sd=0.0,
-        lapse=rate,
+        lapse=float(expit(best[2])),
         rule=rule,
         law=law,
         level=level,
@@ -209,7 +206,6 @@ def critical_scaling(
     column: str = "scaling",
     rule: AbxRule = "differencing",
     law: Law = "distance",
-    lapse: float | None = None,
     level: float = 0.95,
 ) -> CriticalScaling:
     """Fit critical scaling and gain that vary between participants.
@@ -218,8 +214,6 @@ def critical_scaling(
     ----------
     trials : DataFrame, one row per decided ABX trial
         ``participant``, `column` (the scaling, positive) and ``correct`` (0/1).
-    lapse : float or None
-        None fits one rate for all, drawn towards small ones.
 
     Raises
     ------
@@ -253,7 +247,7 @@ def critical_scaling(
     )
 
     def joint(theta: Floats) -> Floats:
-        rate = lapse if lapse is not None else float(expit(theta[4]))
+        rate = float(expit(theta[4]))
         weight_s = _log_weights(log_s, theta[0], theta[2], STEP_SCALING)
         weight_g = _log_weights(log_g, theta[1], theta[3], STEP_GAIN)
         return table(rate) + weight_s[:, None] + weight_g[None, :]
@@ -264,9 +258,8 @@ def critical_scaling(
         prior = float(np.sum(np.log(sd) - 0.5 * (sd / SD_PRIOR) ** 2))
         return -likelihood - prior - _lapse_prior(theta[4:])
 
-    alone = fit_person(rows, column=column, rule=rule, law=law, lapse=lapse, limits=False)
-    free = [] if lapse is not None else [-3.0]
-    start = np.array([np.log(alone.critical), np.log(alone.gain), 0.25, 0.25, *free])
+    alone = fit_person(rows, column=column, rule=rule, law=law, limits=False)
+    start = np.array([np.log(alone.critical), np.log(alone.gain), 0.25, 0.25, -3.0])
     best = np.asarray(optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
     hessian = numeric_hessian(loss, best, step=1e-3)
     proper = bool(np.all(np.isfinite(hessian))) and bool(np.linalg.eigvalsh(hessian)[0] > 1e-6)
@@ -297,7 +290,7 @@ def critical_scaling(
         gain_limits=limits[1],
         critical_sd=float(abs(best[2])),
         gain_sd=float(abs(best[3])),
-        lapse=lapse if lapse is not None else float(expit(best[4])),
+        lapse=float(expit(best[4])),
         rule=rule,
         law=law,
         level=level,
@@ -348,36 +341,16 @@ def critical_scalings(
 
 
 def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:
-    names = list(own)
-    found = []
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            both = sorted(set(own[first]) & set(own[second]))
-            gaps = np.array([own[first][who] - own[second][who] for who in both])
-            if gaps.size < 2:
-                continue
-            df = gaps.size - 1
-            error = float(gaps.std(ddof=1) / np.sqrt(gaps.size))
-            reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
-            mean = float(gaps.mean())
-            p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
-            found.append(
-                Difference(
-                    measure="ln s_c",
-                    first=first,
-                    second=second,
-                    difference=mean,
-                    standard_error=error,
-                    lower=mean - reach,
-                    upper=mean + reach,
-                    level=level,
-                    df=float(df),
-                    p=p,
-                    p_adjusted=p,
-                )
-            )
-    adjusted = holm(np.array([one.p for one in found])) if found else np.zeros(0)
-    return tuple(replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True))
+    gaps = []
+    for first, second in pairs_of(own, None):
+        both = sorted(set(own[first]) & set(own[second]))
+        if len(both) > 1:
+            apart = np.array([own[first][who] - own[second][who] for who in both])
+            gaps.append(((first, second), apart))
+    return tuple(
+        Difference(measure="ln s_c", level=level, df=float(df), **vars(gap))
+        for gap, df in paired(gaps, level)
+    )
 
 
 def _bootstrap(

@@ -5,10 +5,11 @@ whatever was left out.
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -125,12 +126,41 @@ def renamed(
     return named
 
 
+def need_columns(path: Path, table: pd.DataFrame, missing: Sequence[str], cure: str = "") -> None:
+    """Refuse a table without columns it needs; the first word of each is its name."""
+    if missing:
+        first, found = missing[0].split()[0], list(map(str, table.columns))
+        raise StudyError(
+            f"{path}: must have the columns {', '.join(missing)}{cure}"
+            f" (found: {', '.join(found)}); {IMPORT_HINT} {first}=COLUMN"
+            f"{did_you_mean(first, found)}"
+        )
+
+
+def refuse_rows(
+    path: Path, wrong: pd.Series, must: str | Callable[[Any], str], got: pd.Series | None = None
+) -> None:
+    """Refuse the first row that is wrong: what must hold, or what its index says, and its value."""
+    if wrong.any():
+        at = wrong.index[wrong][0]
+        said = must if isinstance(must, str) else must(at)
+        found = "" if got is None else f" (got {shortened(got[at])!r})"
+        raise StudyError(f"{path}: line {at + FIRST_LINE}: {said}{found}")
+
+
+def refuse_equals(path: Path, rows: pd.DataFrame) -> None:
+    """Refuse a comparison of something with itself."""
+    refuse_rows(
+        path,
+        rows["first"] == rows["second"],
+        lambda at: f"first and second must differ (got {shortened(rows['first'][at])!r} twice)",
+    )
+
+
 def text_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     """Return a column of texts, none of them empty."""
     values = table[column].str.strip()
-    empty = values.index[values == ""]
-    if len(empty):
-        raise StudyError(f"{path}: line {empty[0] + FIRST_LINE}: {column} must not be empty")
+    refuse_rows(path, values == "", f"{column} must not be empty")
     return values
 
 
@@ -138,50 +168,37 @@ def number_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     """Return a column of finite numbers; an empty cell is NaN."""
     raw = table[column].str.strip()
     values = pd.to_numeric(raw, errors="coerce")
-    wrong = values.index[(raw != "") & ~np.isfinite(values.astype(float))]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a number"
-            f" (got {shortened(raw[wrong[0]])!r})"
-            + (f"; write decimals with a point, or {PLAIN_HINT}" if "," in raw[wrong[0]] else "")
-        )
+    refuse_rows(
+        path,
+        (raw != "") & ~np.isfinite(values.astype(float)),
+        lambda at: (
+            f"{column} must be a number (got {shortened(raw[at])!r})"
+            + (f"; write decimals with a point, or {PLAIN_HINT}" if "," in raw[at] else "")
+        ),
+    )
     return values
 
 
 def whole_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     """Return a column of whole numbers from 0 on; an empty cell is NaN."""
     values = number_column(path, table, column).astype(float)
-    wrong = values.index[(values != values.round()) & values.notna()]
-    wrong = wrong.union(values.index[(values < 0) | (values > LARGEST_WHOLE)])
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be a whole number from 0 on"
-            f" (got {shortened(table.loc[wrong[0], column])!r})"
-        )
+    wrong = ((values != values.round()) & values.notna()) | (values < 0) | (values > LARGEST_WHOLE)
+    refuse_rows(path, wrong, f"{column} must be a whole number from 0 on", table[column])
     return values
 
 
 def flag_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     """Return a column of 0 and 1, none of them empty."""
     values = number_column(path, table, column)
-    wrong = values.index[~values.isin((0, 1))]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be 1 or 0"
-            f" (got {shortened(table.loc[wrong[0], column])!r})"
-        )
+    refuse_rows(path, ~values.isin((0, 1)), f"{column} must be 1 or 0", table[column])
     return values.astype("int64")
 
 
 def seconds_column(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     """Return a column of durations above 0 and below a day; an empty cell is NaN."""
     values = number_column(path, table, column).astype(float)
-    wrong = values.index[(values <= 0) | (values >= DAY_S)]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be above 0 seconds and below a"
-            f" day (got {shortened(table.loc[wrong[0], column])!r})"
-        )
+    must = f"{column} must be above 0 seconds and below a day"
+    refuse_rows(path, (values <= 0) | (values >= DAY_S), must, table[column])
     return values
 
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,7 @@ from scipy import stats
 from scipy.special import logit
 
 from analysis.cells import checked, conditions
-from analysis.clustered import holm
+from analysis.contrasts import paired, pairs_of
 from analysis.rates import Difference
 
 NOISE = 0.1
@@ -219,45 +218,18 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
 def _contrasts(
     people: Sequence[PersonDiffusion], names: Sequence[str], reference: str | None, level: float
 ) -> tuple[Difference, ...]:
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {list(names)} (got {reference!r})")
-    pairs = (
-        list(combinations(names, 2))
-        if reference is None
-        else [(name, reference) for name in names if name != reference]
-    )
+    pairs = pairs_of(names, reference)
     found: list[Difference] = []
     for measure in MEASURES:
         value = {(one.participant, one.condition): getattr(one.fit, measure) for one in people}
-        rows = []
+        gaps = []
         for first, second in pairs:
-            gaps = np.array(
-                [value[who, first] - value[who, second] for who, name in value
-                 if name == first and (who, second) in value]
-            )  # fmt: skip
-            if gaps.size < 2 or gaps.std(ddof=1) == 0.0:
-                continue
-            error = float(gaps.std(ddof=1)) / math.sqrt(gaps.size)
-            reach = float(stats.t.ppf(0.5 + 0.5 * level, gaps.size - 1)) * error
-            p = float(2.0 * stats.t.sf(abs(gaps.mean()) / error, gaps.size - 1))
-            rows.append((first, second, float(gaps.mean()), error, reach, gaps.size - 1, p))
-        adjusted = holm(np.array([row[-1] for row in rows])) if rows else np.zeros(0)
+            both = [who for who, name in value if name == first and (who, second) in value]
+            own = np.array([value[who, first] - value[who, second] for who in both])
+            if own.size > 1 and own.std(ddof=1) > 0.0:
+                gaps.append(((first, second), own))
         found += [
-            Difference(
-                measure=measure,
-                first=first,
-                second=second,
-                difference=gap,
-                standard_error=error,
-                lower=gap - reach,
-                upper=gap + reach,
-                level=level,
-                df=float(df),
-                p=p,
-                p_adjusted=float(p_adjusted),
-            )
-            for (first, second, gap, error, reach, df, p), p_adjusted in zip(
-                rows, adjusted, strict=True
-            )
+            Difference(measure=measure, level=level, df=float(df), **vars(gap))
+            for gap, df in paired(gaps, level)
         ]
     return tuple(found)

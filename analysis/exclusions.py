@@ -22,7 +22,7 @@ class FlowStep:
 def apply_exclusions(
     sessions: pd.DataFrame, decisions: pd.DataFrame, rules: Exclusions
 ) -> tuple[pd.DataFrame, pd.DataFrame, tuple[FlowStep, ...]]:
-    """Mark sittings and decisions that the rules leave out.
+    """Mark sessions and decisions that the rules leave out.
 
     Nothing is deleted: `sessions.excluded`, `decisions.included` and `decisions.exclusion`
     say what happened. Practice and catch trials never count as main decisions.
@@ -32,7 +32,7 @@ def apply_exclusions(
     sessions, decisions : DataFrame
         Marked copies.
     flow : tuple of FlowStep
-        From all sittings to the decisions analysed; every rule has its line, also where it
+        From all sessions to the decisions analysed; every rule has its line, also where it
         left nothing out.
     """
     sessions, decisions = sessions.copy(), decisions.copy()
@@ -40,7 +40,7 @@ def apply_exclusions(
     main = decisions["kind"] == "main"
     decisions.loc[main, "included"] = 1
     decisions.loc[~main, "exclusion"] = decisions.loc[~main, "kind"] + " trial"
-    flow = [_step("sittings read, main decisions", 0, 0, sessions, decisions)]
+    flow = [_step("sessions read, main decisions", 0, 0, sessions, decisions)]
     for text, out in _session_rules(rules, decisions):
         broken = sessions["session"][(sessions["excluded"] == "") & sessions.apply(out, axis=1)]
         sessions.loc[sessions["session"].isin(broken), "excluded"] = text

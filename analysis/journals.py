@@ -21,7 +21,7 @@ COPIED_ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Reading:
-    """One sitting's journal, read past damage."""
+    """One session's journal, read past damage."""
 
     name: str
     """Its folder, relative to the folder that was searched."""
@@ -29,14 +29,14 @@ class Reading:
     """Without attempts that contradict the plan: they are among its damaged lines."""
     start: SessionStart
     planned: bool
-    """Whether the plan comes out as the sitting had it, so that attempts were compared with it."""
+    """Whether the plan comes out as the session had it, so that attempts were compared with it."""
     files: SideFiles
     """The files beside the journal, held to their hashes."""
 
 
 @dataclass(frozen=True)
 class StudyReadings:
-    """Every readable sitting of a study whose participant did not withdraw."""
+    """Every readable session of a study whose participant did not withdraw."""
 
     readings: tuple[Reading, ...]
     notes: tuple[str, ...]
@@ -57,7 +57,7 @@ def read_study(
     ------
     StudyError
         If there is no journal, journals belong to another protocol or to several, one
-        participant appears twice, or simulated and recorded sittings are mixed.
+        participant appears twice, or simulated and recorded sessions are mixed.
     """
     paths = find_journals(folder)
     if not paths:
@@ -100,7 +100,7 @@ def read_study(
 
 
 def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
-    """Return a sitting compared with its plan and its files."""
+    """Return a session compared with its plan and its files."""
     journal = reading.journal
     plan = plan_of(protocol, reading.start)
     made = frozenset(entry.name for entry in protocol.stimuli.pool())
@@ -221,7 +221,7 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
 
 
 def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
-    """Refuse one sitting under two codes: no two people answer at the same microseconds."""
+    """Refuse one session under two codes: no two people answer at the same microseconds."""
     seen: dict[tuple[object, ...], str] = {}
     for reading in readings:
         told = tuple(
@@ -238,7 +238,7 @@ def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
 
 
 def _note_manifests(readings: Sequence[Reading]) -> list[str]:
-    """Say where sittings were shown different stimuli."""
+    """Say where sessions were shown different stimuli."""
     made: dict[str, list[str]] = {}
     for reading in readings:
         made.setdefault(reading.start.manifest_sha256, []).append(reading.name)

@@ -1,4 +1,4 @@
-"""Did answers or speed change over the sitting?"""
+"""Did answers or speed change over the session?"""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trend:
-    """A trend over the sitting, judged between participants.
+    """A trend over the session, judged between participants.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Trend:
 def trend(
     decisions: pd.DataFrame, outcome: str, *, within: tuple[str, ...] = (), level: float = 0.95
 ) -> Trend:
-    """Test whether a column drifts over the sitting.
+    """Test whether a column drifts over the session.
 
     Parameters
     ----------

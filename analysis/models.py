@@ -257,17 +257,17 @@ def models_beside(
     formula: str,
     trials: pd.DataFrame,
     *,
-    groups: Sequence[str] = ("participant", "scene"),
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
 ) -> ModelsBeside:
     """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
 
-    Columns of `groups` that are missing or constant are left out; one must remain.
+    Groups are participants and scenes, where there are several; one of both must be.
     """
+    groups = ["participant", "scene"]
     several = [c for c in groups if c in trials.columns and trials[c].nunique() > 1]
     if not several:
-        raise ValueError(f"one of the columns {list(groups)} must have two values at least")
+        raise ValueError(f"one of the columns {groups} must have two values at least")
     return ModelsBeside(
         independent=glm_logit(formula, trials, reference=reference, level=level),
         clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),

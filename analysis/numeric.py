@@ -33,11 +33,9 @@ def numeric_hessian(
     return hessian
 
 
-def slope_hessian(
-    function: Callable[[Floats], tuple[float, Floats]], point: Floats, step: float = STEP
-) -> Floats:
+def slope_hessian(function: Callable[[Floats], tuple[float, Floats]], point: Floats) -> Floats:
     """Return second derivatives of a function that gives its slope too, by central differences."""
-    steps = np.diag(step * np.maximum(1.0, np.abs(point)))
+    steps = np.diag(STEP * np.maximum(1.0, np.abs(point)))
     rows = [(function(point + s)[1] - function(point - s)[1]) / (2.0 * s.sum()) for s in steps]
     return np.asarray(0.5 * (np.array(rows) + np.array(rows).T))
 

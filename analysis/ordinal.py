@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
-from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.cells import checked, grid, numbered
+from analysis.contrasts import Pair, pairs_of, wald
 from analysis.numeric import numeric_hessian
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -203,7 +202,6 @@ def rating_model(
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
-    rating: str = "rating",
     categories: Sequence[str] | None = None,
     reference: str | None = None,
     link: OrdinalLink = "probit",
@@ -214,7 +212,7 @@ def rating_model(
     Parameters
     ----------
     trials : DataFrame, one row per rating
-        ``participant``, optionally ``scene``, the columns `by`, and `rating`.
+        ``participant``, optionally ``scene``, the columns `by`, and ``rating``.
     categories : sequence of str, optional
         All ratings as text, from the lowest; left out: numbers in order.
     reference : str, optional
@@ -232,15 +230,15 @@ def rating_model(
     several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose are left
     out: no threshold of theirs can be told.
     """
-    rows = checked(trials, (rating,), by)
-    texts = rows[rating].map(_text)
-    known = list(categories) if categories is not None else _numbers(texts, rating)
+    rows = checked(trials, ("rating",), by)
+    texts = rows["rating"].map(_text)
+    known = list(categories) if categories is not None else _numbers(texts)
     unknown = sorted(set(texts) - set(known))
     if unknown:
-        raise ValueError(f"column {rating!r} must hold one of {known} (found {unknown[0]!r})")
+        raise ValueError(f"column 'rating' must hold one of {known} (found {unknown[0]!r})")
     used = [name for name in known if (texts == name).any()]
     y = _codes(texts, used)
-    places, parts = grid(rows), conditions(rows, by)
+    places, (parts, condition) = grid(rows), numbered(rows, by)
     names = [name for name, _ in parts]
     people = len(places.participants)
     if people < 2 or len(names) < 2 or len(used) < 2:
@@ -248,11 +246,7 @@ def rating_model(
             "trials must hold two participants, two conditions and two different ratings at least"
             f" (found {people}, {len(names)} and {len(used)})"
         )
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
-    condition = np.zeros(len(rows), dtype=np.int64)
-    for place, (_, part) in enumerate(parts):
-        condition[part.index.to_numpy()] = place
+    pairs = pairs_of(names, reference)
     design = _indicator(condition, len(names))[:, 1:]
     effects = {
         "participant": _indicator(places.person, people),
@@ -265,25 +259,12 @@ def rating_model(
     fit = fit_cumulative(design, y, effects, link=link)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += _misfit(design, y, condition, link)
-    return RatingModel(
-        link=link,
-        categories=tuple(used),
-        thresholds=tuple(map(float, fit.theta)),
-        conditions=_rated(parts, used, fit, people - 1, level, y),
-        contrasts=_contrasts(names, fit, people - 1, level, reference, link),
-        sd=fit.sd,
-        log_likelihood=fit.log_likelihood,
-        level=level,
-        ratings=len(rows),
-        participants=people,
-        warnings=tuple(notes),
-    )
+    return _model(parts, pairs, used, y, fit, people, link, level, notes)
 
 
 def paired_ratings(
     decisions: pd.DataFrame,
     *,
-    rating: str = "rating",
     reference: str | None = None,
     link: OrdinalLink = "probit",
     level: float = 0.95,
@@ -293,7 +274,7 @@ def paired_ratings(
     Parameters
     ----------
     decisions : DataFrame, one row per comparison
-        ``participant``, ``first``, ``second``, and `rating`: a number, the larger the more the
+        ``participant``, ``first``, ``second``, and ``rating``: a number, the larger the more the
         first is better; 0 where neither is, such as -1, 0, 1.
 
     Raises
@@ -307,9 +288,9 @@ def paired_ratings(
     cumulative-link model in the difference of two places. Random is a participant's liking of
     each method. Thresholds that are not symmetric are a bias to one of the two places.
     """
-    rows = checked(decisions, ("first", "second", rating))
-    texts = rows[rating].map(_text)
-    used = _numbers(texts, rating)
+    rows = checked(decisions, ("first", "second", "rating"))
+    texts = rows["rating"].map(_text)
+    used = _numbers(texts)
     y = _codes(texts, used)
     names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
     people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
@@ -318,8 +299,7 @@ def paired_ratings(
             "decisions must hold two participants, two methods and two different ratings at least"
             f" (found {len(people)}, {len(names)} and {len(used)})"
         )
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    pairs = pairs_of(names, reference)
     place = {name: k for k, name in enumerate(names)}
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
     gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
@@ -329,18 +309,49 @@ def paired_ratings(
     own = own[:, np.any(own != 0.0, axis=0)]
     fit = fit_cumulative(gap[:, 1:], y, {"participant x method": own}, link=link)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
+    notes = _notes(fit, len(people), [])
+    return _model(parts, pairs, used, y, fit, len(people), link, level, notes)
+
+
+def _model(
+    parts: Sequence[tuple[str, pd.DataFrame]],
+    pairs: Sequence[Pair],
+    used: Sequence[str],
+    y: Whole,
+    fit: CumulativeFit,
+    people: int,
+    link: OrdinalLink,
+    level: float,
+    notes: Sequence[str],
+) -> RatingModel:
+    df = people - 1
+    gaps = wald([name for name, _ in parts], pairs, *_places(fit), df=df, level=level)
     return RatingModel(
         link=link,
         categories=tuple(used),
         thresholds=tuple(map(float, fit.theta)),
-        conditions=_rated(parts, used, fit, len(people) - 1, level, y),
-        contrasts=_contrasts(names, fit, len(people) - 1, level, reference, link),
+        conditions=_rated(parts, used, fit, df, level, y),
+        contrasts=tuple(
+            RatingDifference(
+                first=gap.first,
+                second=gap.second,
+                difference=gap.difference,
+                lower=gap.lower,
+                upper=gap.upper,
+                level=level,
+                df=float(df),
+                p=gap.p,
+                p_adjusted=gap.p_adjusted,
+                superiority=superiority(gap.difference, link),
+            )
+            for gap in gaps
+        ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
-        ratings=len(rows),
-        participants=len(people),
-        warnings=tuple(_notes(fit, len(people), [])),
+        ratings=y.size,
+        participants=people,
+        warnings=tuple(notes),
     )
 
 
@@ -394,11 +405,11 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def _numbers(texts: pd.Series, rating: str) -> list[str]:
+def _numbers(texts: pd.Series) -> list[str]:
     numbers = pd.to_numeric(texts, errors="coerce")
     if not bool(np.isfinite(numbers.astype(float)).all()):
         raise ValueError(
-            f"column {rating!r} must hold numbers, or its categories be given from the lowest on"
+            "column 'rating' must hold numbers, or its categories be given from the lowest on"
         )
     ordered = pd.Series(numbers.to_numpy(), index=texts.to_numpy()).sort_values()
     return list(dict.fromkeys(ordered.index))
@@ -469,45 +480,6 @@ def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:
     covariance = np.zeros((size + 1, size + 1))
     covariance[1:, 1:] = fit.covariance[top : top + size, top : top + size]
     return value, covariance
-
-
-def _contrasts(
-    names: Sequence[str],
-    fit: CumulativeFit,
-    df: int,
-    level: float,
-    reference: str | None,
-    link: OrdinalLink,
-) -> tuple[RatingDifference, ...]:
-    value, covariance = _places(fit)
-    place = {name: k for k, name in enumerate(names)}
-    pairs = (
-        list(combinations(names, 2))
-        if reference is None
-        else [(name, reference) for name in names if name != reference]
-    )
-    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
-    gap = value[first] - value[second]
-    variance = covariance[first, first] + covariance[second, second]
-    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
-    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
-    adjusted = holm(p)
-    return tuple(
-        RatingDifference(
-            first=one,
-            second=other,
-            difference=float(gap[k]),
-            lower=float(gap[k] - reach * error[k]),
-            upper=float(gap[k] + reach * error[k]),
-            level=level,
-            df=float(df),
-            p=float(p[k]),
-            p_adjusted=float(adjusted[k]),
-            superiority=superiority(float(gap[k]), link),
-        )
-        for k, (one, other) in enumerate(pairs)
-    )
 
 
 def superiority(gap: float, link: OrdinalLink = "probit") -> float:

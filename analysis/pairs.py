@@ -80,7 +80,6 @@ def solve_pairs(
     model: Model,
     *,
     tolerance: float = 1e-10,
-    max_steps: int = 60,
 ) -> PairSolution:
     """Maximise the likelihood of paired comparisons by damped Newton steps, in batches.
 
@@ -108,7 +107,7 @@ def solve_pairs(
     active = np.arange(first.shape[0])
     limit = 2.0 if model == "bradley-terry" else 2.0 * JOD_SIGMA
     converged = np.zeros(first.shape[0], dtype=bool)
-    for _ in range(max_steps):
+    for _ in range(60):
         slope, curvature = _derivatives(
             parameters[active] @ design.T, first[active], second[active], model
         )

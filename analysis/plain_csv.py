@@ -7,13 +7,13 @@ import pandas as pd
 
 from analysis.columns import frame
 from analysis.csv_table import (
-    FIRST_LINE,
-    IMPORT_HINT,
     flag_column,
+    need_columns,
     read_table,
+    refuse_equals,
+    refuse_rows,
     renamed,
     seconds_column,
-    shortened,
     text_column,
     whole_column,
 )
@@ -69,12 +69,7 @@ def read_decisions(path: Path, mapping: Mapping[str, str] | None = None) -> pd.D
     rows = pd.DataFrame(index=named.index)
     for column in ("participant", "first", "second"):
         rows[column] = text_column(path, named, column)
-    same = rows.index[rows["first"] == rows["second"]]
-    if len(same):
-        raise StudyError(
-            f"{path}: line {same[0] + 2}: first and second must differ"
-            f" (got {rows.loc[same[0], 'first']!r} twice)"
-        )
+    refuse_equals(path, rows)
     rows["chose_first"] = _choices(path, named, rows)
     chose = rows["chose_first"] == 1
     rows["chosen"] = rows["first"].where(chose, rows["second"])
@@ -108,25 +103,21 @@ def _rename(path: Path, table: pd.DataFrame, mapping: Mapping[str, str]) -> pd.D
     missing = [column for column in REQUIRED if column not in named]
     if "chosen" not in named and "chose_first" not in named:
         missing.append("chosen (or chose_first)")
-    if missing:
-        raise StudyError(
-            f"{path}: must have the columns {', '.join(missing)}"
-            f" (found: {', '.join(map(str, table.columns))});"
-            f" {IMPORT_HINT} {missing[0].split()[0]}=COLUMN"
-        )
+    need_columns(path, named, missing)
     return named
 
 
 def _choices(path: Path, table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series:
     if "chosen" in table:
         chosen = text_column(path, table, "chosen")
-        wrong = chosen.index[(chosen != rows["first"]) & (chosen != rows["second"])]
-        if len(wrong):
-            at = wrong[0]
-            raise StudyError(
-                f"{path}: line {at + 2}: chosen must be {rows.loc[at, 'first']!r} or"
+        refuse_rows(
+            path,
+            (chosen != rows["first"]) & (chosen != rows["second"]),
+            lambda at: (
+                f"chosen must be {rows.loc[at, 'first']!r} or"
                 f" {rows.loc[at, 'second']!r} (got {chosen[at]!r})"
-            )
+            ),
+        )
         picked = (chosen == rows["first"]).astype(int)
         if "chose_first" in table:
             said = table[table["chose_first"].str.strip() != ""]
@@ -136,42 +127,35 @@ def _choices(path: Path, table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series:
 
 
 def _agree(path: Path, chosen: pd.Series, chose_first: pd.Series) -> None:
-    wrong = chosen.index[chosen != chose_first]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: chosen and chose_first must say the same"
-            f" (chosen says {'first' if chosen[wrong[0]] else 'second'}, chose_first"
-            f" {'first' if chose_first[wrong[0]] else 'second'}); leave one of them out"
-        )
+    refuse_rows(
+        path,
+        chosen != chose_first,
+        lambda at: (
+            "chosen and chose_first must say the same"
+            f" (chosen says {'first' if chosen[at] else 'second'}, chose_first"
+            f" {'first' if chose_first[at] else 'second'}); leave one of them out"
+        ),
+    )
 
 
 def _sizes(path: Path, table: pd.DataFrame) -> pd.Series:
     sizes = text_column(path, table, "size")
-    named_all = sizes.index[sizes == NO_SIZE]
-    if 0 < len(named_all) < len(sizes):
-        raise StudyError(
-            f"{path}: line {named_all[0] + FIRST_LINE}: a size must not be called {NO_SIZE!r}"
-            " beside others (it means all sizes together); give it another name"
-        )
+    named_all = sizes == NO_SIZE
+    must = (
+        f"a size must not be called {NO_SIZE!r} beside others (it means all sizes together); give"
+        " it another name"
+    )
+    refuse_rows(path, named_all & (not named_all.all()), must)
     return sizes
 
 
 def _kinds(path: Path, table: pd.DataFrame) -> pd.Series:
     kinds = table["kind"].str.strip()
-    wrong = kinds.index[~kinds.isin(KINDS)]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: kind must be one of {', '.join(KINDS)}"
-            f" (got {shortened(kinds[wrong[0]])!r})"
-        )
+    refuse_rows(path, ~kinds.isin(KINDS), f"kind must be one of {', '.join(KINDS)}", kinds)
     return kinds
 
 
 def _picked(path: Path, table: pd.DataFrame) -> pd.Series:
     raw = table["chose_first"].str.strip().str.lower()
-    wrong = raw.index[~raw.isin(_TRUE | _FALSE)]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + 2}: chose_first must be 1 or 0 (got {raw[wrong[0]]!r})"
-        )
+    refuse_rows(path, ~raw.isin(_TRUE | _FALSE), "chose_first must be 1 or 0", raw)
     return raw.isin(_TRUE).astype(int)

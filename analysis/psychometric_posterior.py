@@ -4,15 +4,15 @@ The model of Schütt et al. 2016 ("Painfree and accurate Bayesian estimation of 
 functions for (potentially) overdispersed data", Vision Research 122, 105-123), with its priors.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, expit, log_expit, logit, ndtr, ndtri
 
 from analysis.clustered import holm
+from analysis.contrasts import pairs_of
 from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
 
 Floats = NDArray[np.float64]
@@ -272,8 +272,7 @@ def compare_thresholds(
     """
     if len(fits) < 2:
         raise ValueError("two fits or more are needed to compare thresholds")
-    if reference is not None and reference not in fits:
-        raise ValueError(f"reference must be one of {list(fits)} (got {reference!r})")
+    pairs = pairs_of(fits, reference)
     first_fit = next(iter(fits.values()))
     if any(
         (fit.logarithmic, fit.level) != (first_fit.logarithmic, first_fit.level)
@@ -283,11 +282,6 @@ def compare_thresholds(
     level = first_fit.level
     places = (np.arange(PARTS) + 0.5) / PARTS
     values = {name: fit.marginals["threshold"].quantile(places) for name, fit in fits.items()}
-    pairs: Sequence[tuple[str, str]] = (
-        list(combinations(fits, 2))
-        if reference is None
-        else [(name, reference) for name in fits if name != reference]
-    )
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     rows = []
     for first, second in pairs:

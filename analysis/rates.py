@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -11,6 +10,7 @@ from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.contrasts import pairs_of
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -76,7 +76,6 @@ def correct_rates(
     by: Sequence[str] = (),
     *,
     chance: float,
-    correct: str = "correct",
     level: float = 0.95,
 ) -> tuple[Rate, ...]:
     """Return the share of right answers in each condition.
@@ -84,21 +83,21 @@ def correct_rates(
     Parameters
     ----------
     trials : DataFrame, one row per decided trial
-        ``participant``, ``scene`` (optional), `correct` (0/1) and the columns `by`.
+        ``participant``, ``scene`` (optional), ``correct`` (0/1) and the columns `by`.
     chance : float
         1 / m for m alternatives, in (0, 1).
 
     Raises
     ------
     ValueError
-        If columns are missing, or `correct` holds anything but 0 and 1.
+        If columns are missing, or ``correct`` holds anything but 0 and 1.
     """
     if not 0.0 < chance < 1.0:
         raise ValueError(f"chance must lie between 0 and 1 (got {chance})")
-    rows = checked(trials, (correct,), by)
+    rows = checked(trials, ("correct",), by)
     places = grid(rows)
     return tuple(
-        rate(part[correct], places, condition=name, chance=chance, level=level)
+        rate(part["correct"], places, condition=name, chance=chance, level=level)
         for name, part in conditions(rows, by)
     )
 
@@ -161,16 +160,15 @@ def rate_contrasts(
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
-    correct: str = "correct",
     reference: str | None = None,
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
     """Compare the shares of right answers between conditions (against one, or all pairs)."""
-    rows = checked(trials, (correct,), by)
+    rows = checked(trials, ("correct",), by)
     places = grid(rows)
     moved = {}
     for name, part in conditions(rows, by):
-        happened, shown = places.count(part[correct]), places.count(part[correct] * 0 + 1)
+        happened, shown = places.count(part["correct"]), places.count(part["correct"] * 0 + 1)
         moved[name] = share_influence(happened, shown)
     return contrasts("share correct", moved, reference=reference, level=level)
 
@@ -205,15 +203,8 @@ def contrasts(
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
     """Compare conditions counted on one grid; each participant is their own control."""
-    if reference is not None and reference not in moved:
-        raise ValueError(f"reference must be one of {list(moved)} (got {reference!r})")
-    pairs = (
-        list(combinations(moved, 2))
-        if reference is None
-        else [(name, reference) for name in moved if name != reference]
-    )
     found = []
-    for first, second in pairs:
+    for first, second in pairs_of(moved, reference):
         one, other = moved[first], moved[second]
         gap = two_way_influence(
             np.asarray(one.value - other.value),

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.csv_table import (
-    FIRST_LINE,
-    IMPORT_HINT,
+    need_columns,
     read_table,
+    refuse_equals,
+    refuse_rows,
     renamed,
     seconds_column,
     shortened,
@@ -60,15 +61,8 @@ def read_ratings(
     named = ("first", "second") if by is None else (by,)
     wanted = ("participant", "rating", *named)
     missing = [name for name in wanted if name not in table]
-    if missing:
-        cure = ""
-        if by is None:
-            cure = f" (or name the column of conditions with {option.format('by')}COLUMN)"
-        raise StudyError(
-            f"{path}: must have the columns {', '.join(missing)}{cure}"
-            f" (found: {', '.join(map(str, table.columns))}); {IMPORT_HINT} {missing[0]}=COLUMN"
-            f"{did_you_mean(missing[0], list(map(str, table.columns)))}"
-        )
+    cure = f" (or name the column of conditions with {option.format('by')}COLUMN)"
+    need_columns(path, table, missing, cure if by is None else "")
     if by is None and scale:
         raise StudyError(
             f"{option.format('scale').strip()} must be left out for pairs: their ratings are"
@@ -84,12 +78,7 @@ def read_ratings(
     rows["rating"] = text_column(path, table, "rating")
     _check_ratings(path, rows["rating"], scale, option)
     if by is None:
-        same = rows.index[rows["first"] == rows["second"]]
-        if len(same):
-            raise StudyError(
-                f"{path}: line {same[0] + FIRST_LINE}: first and second must differ"
-                f" (got {shortened(rows.loc[same[0], 'first'])!r} twice)"
-            )
+        refuse_equals(path, rows)
     if not scale:
         rows["rating"] = pd.to_numeric(rows["rating"])
     rows["order"] = rows.groupby("participant").cumcount() + 1
@@ -101,20 +90,19 @@ def read_ratings(
 def _check_ratings(path: Path, ratings: pd.Series, scale: Sequence[str], option: str) -> None:
     numbers = pd.to_numeric(ratings, errors="coerce").astype(float)
     known = ratings.isin(list(scale)) if scale else pd.Series(np.isfinite(numbers), ratings.index)
-    wrong = ratings.index[~known]
-    if not len(wrong):
-        return
-    got = shortened(ratings[wrong[0]])
     must = (
         f"one of {', '.join(scale)}"
         if scale
         else "a number, or the ratings be named from the lowest on with"
         f" {option.format('scale')}bad,fair,good"
     )
-    hint = did_you_mean(got, list(scale)) if scale else ""
-    raise StudyError(
-        f"{path}: line {wrong[0] + FIRST_LINE}: rating must be {must} (got {got!r}){hint}"
-    )
+
+    def said(at: int) -> str:
+        got = shortened(ratings[at])
+        hint = did_you_mean(got, list(scale)) if scale else ""
+        return f"rating must be {must} (got {got!r}){hint}"
+
+    refuse_rows(path, ~known, said)
 
 
 def scale_of(text: str | None, option: str = "--scale") -> tuple[str, ...]:

@@ -43,6 +43,18 @@ def reaction_times(
     )
 
 
+def participant_medians(
+    decisions: pd.DataFrame, column: str | None, times: Sequence[ReactionTimes]
+) -> dict[str, list[float]]:
+    """Return participants' medians of ``rt_s`` in the conditions of `times`, values of a column."""
+    rows = decisions[decisions["rt_s"] > 0]
+    found = {}
+    for one in times:
+        own = rows if column is None else rows[rows[column].astype(str) == one.condition]
+        found[one.condition] = own.groupby("participant")["rt_s"].median().tolist()
+    return found
+
+
 def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     times = rows["rt_s"].to_numpy(dtype=np.float64)
     medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))

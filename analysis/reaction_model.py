@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.cells import checked, grid, numbered
+from analysis.contrasts import pairs_of, wald
 from analysis.linear_mixed import fit_linear_mixed
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -113,13 +112,9 @@ def time_model(
     people = len(places.participants)
     if people < 2:
         raise ValueError(f"trials must hold two participants at least (found {people})")
-    parts = conditions(rows, by)
+    parts, condition = numbered(rows, by)
     names = [name for name, _ in parts]
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
-    condition = np.zeros(len(rows), dtype=np.int64)
-    for place, (_, part) in enumerate(parts):
-        condition[part.index.to_numpy()] = place
+    pairs = pairs_of(names, reference)
     design = (condition[:, None] == np.arange(len(names))).astype(np.float64)
     effects = {"participant": places.person}
     if len(names) > 1:
@@ -152,7 +147,20 @@ def time_model(
             )
             for k, (name, part) in enumerate(parts)
         ),
-        ratios=_ratios(names, beta, covariance, df, level, reference),
+        ratios=tuple(
+            TimeRatio(
+                first=gap.first,
+                second=gap.second,
+                ratio=float(np.exp(gap.difference)),
+                lower=float(np.exp(gap.lower)),
+                upper=float(np.exp(gap.upper)),
+                level=level,
+                df=float(df),
+                p=gap.p,
+                p_adjusted=gap.p_adjusted,
+            )
+            for gap in wald(names, pairs, beta, covariance, df=df, level=level)
+        ),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
         participant_sd=sd["participant"],
@@ -164,43 +172,4 @@ def time_model(
         answers=len(rows),
         participants=people,
         warnings=tuple(notes),
-    )
-
-
-def _ratios(
-    names: Sequence[str],
-    beta: Floats,
-    covariance: Floats,
-    df: int,
-    level: float,
-    reference: str | None,
-) -> tuple[TimeRatio, ...]:
-    place = {name: k for k, name in enumerate(names)}
-    pairs = (
-        list(combinations(names, 2))
-        if reference is None
-        else [(name, reference) for name in names if name != reference]
-    )
-    if not pairs:
-        return ()
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
-    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
-    gap = beta[first] - beta[second]
-    variance = covariance[first, first] + covariance[second, second]
-    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
-    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
-    adjusted = holm(p)
-    return tuple(
-        TimeRatio(
-            first=one,
-            second=other,
-            ratio=float(np.exp(gap[k])),
-            lower=float(np.exp(gap[k] - reach * error[k])),
-            upper=float(np.exp(gap[k] + reach * error[k])),
-            level=level,
-            df=float(df),
-            p=float(p[k]),
-            p_adjusted=float(adjusted[k]),
-        )
-        for k, (one, other) in enumerate(pairs)
     )

@@ -8,8 +8,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.cells import checked, conditions, grid
-from analysis.clustered import holm
+from analysis.cells import checked, grid, numbered
+from analysis.contrasts import pairs_of, wald
 from analysis.glmm import CrossedFit, fit_crossed
 from analysis.psychometric import LINKS, SKEWED
 from analysis.rates import Difference
@@ -175,9 +175,9 @@ def fit_thresholds(
         )
     x = _axis(raw, logarithmic)
     centre, spread = float(x.mean()), float(x.std())
-    names, condition = _conditions(rows, by)
-    if reference is not None and reference not in names:
-        raise ValueError(f"reference must be one of {names} (got {reference!r})")
+    parts, condition = numbered(rows, by)
+    names = [name for name, _ in parts]
+    pairs = pairs_of(names, reference)
     place = (condition[:, None] == np.arange(len(names))).astype(np.float64)
     scaled = (x - centre) / spread
     steep = place * scaled[:, None] if own_widths else scaled[:, None]
@@ -235,9 +235,16 @@ def fit_thresholds(
         falling=falling,
         logarithmic=logarithmic,
         thresholds=found,
-        contrasts=_contrasts(names, place_of, covariance, df, level, reference, logarithmic)
-        if fit.converged
-        else (),
+        contrasts=tuple(
+            Difference(
+                measure="ln threshold" if logarithmic else "threshold",
+                level=level,
+                df=float(df),
+                **vars(gap),
+            )
+            for gap in wald(names, pairs, place_of, covariance, df=df, level=level)
+            if fit.converged
+        ),
         guess=fit.guess,
         lapse=fit.lapse,
         participant_sd=sd["participant"],
@@ -249,14 +256,6 @@ def fit_thresholds(
         participants=len(places.participants),
         warnings=tuple(notes),
     )
-
-
-def _conditions(rows: pd.DataFrame, by: Sequence[str]) -> tuple[list[str], NDArray[np.int64]]:
-    parts = conditions(rows, by)
-    number = np.zeros(len(rows), dtype=np.int64)
-    for k, (_, part) in enumerate(parts):
-        number[part.index.to_numpy()] = k
-    return [name for name, _ in parts], number
 
 
 def _axis(x: Floats, logarithmic: bool) -> Floats:
@@ -312,48 +311,6 @@ def _individual(
         shift = shift + fit.random[1][groups[1]]
     own[groups[0], condition] = shift
     return own
-
-
-def _contrasts(
-    names: Sequence[str],
-    value: Floats,
-    covariance: Floats,
-    df: int,
-    level: float,
-    reference: str | None,
-    logarithmic: bool,
-) -> tuple[Difference, ...]:
-    pairs = [
-        (i, j)
-        for i in range(len(names))
-        for j in range(len(names))
-        if (i < j if reference is None else names[j] == reference and i != j)
-    ]
-    if not pairs:
-        return ()
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
-    first, second = np.array(pairs).T
-    gap = value[first] - value[second]
-    variance = covariance[first, first] + covariance[second, second]
-    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
-    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
-    adjusted = holm(p)
-    return tuple(
-        Difference(
-            measure="ln threshold" if logarithmic else "threshold",
-            first=names[i],
-            second=names[j],
-            difference=float(gap[k]),
-            standard_error=float(error[k]),
-            lower=float(gap[k] - reach * error[k]),
-            upper=float(gap[k] + reach * error[k]),
-            level=level,
-            df=float(df),
-            p=float(p[k]),
-            p_adjusted=float(adjusted[k]),
-        )
-        for k, (i, j) in enumerate(pairs)
-    )
 
 
 def _notes(fit: CrossedFit, slopes: Floats, people: int) -> list[str]:

@@ -1,6 +1,6 @@
 """Journals to tidy tables.
 
-One row per attempt, one per decision, one per sitting; every column is in `analysis.columns`.
+One row per attempt, one per decision, one per session; every column is in `analysis.columns`.
 Damaged journals are read past the damage, and the tables say so.
 """
 
@@ -41,9 +41,9 @@ class Tidy:
     Attributes
     ----------
     sessions, attempts, decisions, answers : DataFrame
-        One row per sitting, attempt, decision, and answer to a closing question.
+        One row per session, attempt, decision, and answer to a closing question.
     flow : tuple of FlowStep
-        From all sittings to the decisions analysed.
+        From all sessions to the decisions analysed.
     simulated : bool
         Artificial observers answered: every output must say so.
     warnings : tuple of str
@@ -149,7 +149,7 @@ def _one_sitting(
     list[dict[str, object]],
     list[str],
 ]:
-    """Return the sitting's row, its attempts, decisions, answers, and what is odd about it."""
+    """Return the session's row, its attempts, decisions, answers, and what is odd about it."""
     about: dict[str, object] = {
         "session": name,
         "participant": start.participant,

@@ -7,14 +7,14 @@ import numpy as np
 import pandas as pd
 
 from analysis.csv_table import (
-    FIRST_LINE,
-    IMPORT_HINT,
+    need_columns,
     number_column,
     read_table,
+    refuse_rows,
     renamed,
     seconds_column,
-    shortened,
     text_column,
+    whole_column,
 )
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
@@ -86,7 +86,7 @@ def read_trials(
             rows[column] = _answers(path, table, column, answers)
         right = (rows["expected"] == rows["answer"]).astype(int)
     rows["correct"] = _correct(path, table, right)
-    rows["rt_s"] = _times(path, table) if "rt_s" in table else np.nan
+    rows["rt_s"] = seconds_column(path, table, "rt_s") if "rt_s" in table else np.nan
     return rows.reset_index(drop=True)
 
 
@@ -99,13 +99,9 @@ def analysed_rows(path: Path, table: pd.DataFrame) -> pd.DataFrame:
         if column not in table:
             continue
         values = table[column].str.strip()
-        wrong = values.index[~values.isin(known)]
-        if len(wrong):
-            raise StudyError(
-                f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be one of"
-                f" {', '.join(dict.fromkeys(name.removesuffix('.0') for name in known))}"
-                f" (got {shortened(values[wrong[0]])!r})"
-            )
+        named = ", ".join(dict.fromkeys(name.removesuffix(".0") for name in known))
+        must = f"{column} must be one of {named}"
+        refuse_rows(path, ~values.isin(known), must, values)
         table = table[values.isin(wanted)]
     return table
 
@@ -119,14 +115,7 @@ def _require(
         missing.append(
             ({"expected", "answer"} - set(have)).pop() if have else "correct (or expected, answer)"
         )
-    if missing:
-        first = missing[0].split()[0]
-        raise StudyError(
-            f"{path}: must have the columns {', '.join(missing)}"
-            f" (found: {', '.join(map(str, table.columns))});"
-            f" {IMPORT_HINT} {first}=COLUMN"
-            f"{did_you_mean(first, list(map(str, table.columns)))}"
-        )
+    need_columns(path, table, missing)
     if table.empty:
         raise StudyError(f"{path}: must hold at least one trial (the table has no rows)")
 
@@ -139,40 +128,34 @@ def _numeric_if_all(values: pd.Series) -> pd.Series:
 
 def _every_number(path: Path, table: pd.DataFrame, column: str) -> pd.Series:
     values = number_column(path, table, column)
-    empty = values.index[values.isna()]
-    if len(empty):
-        raise StudyError(f"{path}: line {empty[0] + FIRST_LINE}: {column} must not be empty")
+    refuse_rows(path, values.isna(), f"{column} must not be empty")
     return values.astype(float)
 
 
 def _order(path: Path, table: pd.DataFrame, people: pd.Series) -> pd.Series:
-    values = _every_number(path, table, "order")
-    wrong = values.index[(values != values.round()) | (values < 0) | (values > 2**53)]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: order must be a whole number from 0 on"
-            f" (got {table.loc[wrong[0], 'order']!r})"
-        )
-    order = values.astype("int64")
-    twice = order.index[pd.DataFrame({"who": people, "order": order}).duplicated()]
-    if len(twice):
-        at = twice[0]
-        raise StudyError(
-            f"{path}: line {at + FIRST_LINE}: order must not come twice for a participant"
+    _every_number(path, table, "order")
+    order = whole_column(path, table, "order").astype("int64")
+    refuse_rows(
+        path,
+        pd.DataFrame({"who": people, "order": order}).duplicated(),
+        lambda at: (
+            "order must not come twice for a participant"
             f" (got {order[at]} again for {people[at]!r}); leave it out if rows are in order"
-        )
+        ),
+    )
     return order
 
 
 def _answers(path: Path, table: pd.DataFrame, column: str, answers: Sequence[str]) -> pd.Series:
     values = text_column(path, table, column)
-    wrong = values.index[~values.isin(list(answers)) & bool(answers)]
-    if len(wrong):
-        got = values[wrong[0]]
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: {column} must be one of"
-            f" {', '.join(answers)} (got {got!r}){did_you_mean(got, list(answers))}"
-        )
+    refuse_rows(
+        path,
+        ~values.isin(list(answers)) & bool(answers),
+        lambda at: (
+            f"{column} must be one of {', '.join(answers)}"
+            f" (got {values[at]!r}){did_you_mean(values[at], list(answers))}"
+        ),
+    )
     alike = {value: value.casefold() for value in values.unique()}
     if len(set(alike.values())) < len(alike):
         same = sorted(v for v in alike if list(alike.values()).count(alike[v]) > 1)
@@ -187,22 +170,16 @@ def _correct(path: Path, table: pd.DataFrame, right: pd.Series | None) -> pd.Ser
         assert right is not None
         return right
     raw = table["correct"].str.strip().str.lower()
-    wrong = raw.index[~raw.isin(_RIGHT | _WRONG)]
-    if len(wrong):
-        raise StudyError(
-            f"{path}: line {wrong[0] + FIRST_LINE}: correct must be 1 or 0"
-            f" (got {table.loc[wrong[0], 'correct']!r})"
-        )
+    refuse_rows(path, ~raw.isin(_RIGHT | _WRONG), "correct must be 1 or 0", table["correct"])
     values = raw.isin(_RIGHT).astype(int)
-    if right is not None and bool((values != right).any()):
-        at = values.index[values != right][0]
-        raise StudyError(
-            f"{path}: line {at + FIRST_LINE}: correct must agree with expected and answer"
-            f" (got {values[at]} for expected {table.loc[at, 'expected']!r},"
-            f" answer {table.loc[at, 'answer']!r}); leave one of them out"
+    if right is not None:
+        refuse_rows(
+            path,
+            values != right,
+            lambda at: (
+                "correct must agree with expected and answer"
+                f" (got {values[at]} for expected {table.loc[at, 'expected']!r},"
+                f" answer {table.loc[at, 'answer']!r}); leave one of them out"
+            ),
         )
     return values
-
-
-def _times(path: Path, table: pd.DataFrame) -> pd.Series:
-    return seconds_column(path, table, "rt_s")

@@ -395,7 +395,7 @@ def observer_rates(scale_down: int) -> list[ObserverRates]:
 
 
 def learning_rates(scale_down: int) -> list[LearningRates]:
-    """Simulate sittings in which participants drift their own ways, none on average."""
+    """Simulate sessions in which participants drift their own ways, none on average."""
     rng = np.random.default_rng(4)
     studies = 500 // scale_down
     found = []

@@ -1,6 +1,6 @@
 """Compares what a journal says with the plan that it was recorded by.
 
-Who analyses a sitting has the protocol, but neither clips nor display. The order of trials needs
+Who analyses a session has the protocol, but neither clips nor display. The order of trials needs
 neither: it follows from protocol, participant code and slot, and the journal's header holds the
 hash of the plan that it began with.
 """
@@ -20,11 +20,11 @@ _ROUND_S = 2e-6
 
 
 def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
-    """Return the plan of a sitting; None where it does not come out as the sitting had it.
+    """Return the plan of a session; None where it does not come out as the session had it.
 
     So it is where the study's secret is not at hand.
 
-    Format 1 hashed plans in its own words, so of its sittings the hash is not compared.
+    Format 1 hashed plans in its own words, so of its sessions the hash is not compared.
     """
     try:
         trials = planned_trials(protocol, start.participant, start.slot)

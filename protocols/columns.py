@@ -50,7 +50,7 @@ def attempted(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Co
     return (
         *_TRIAL,
         Column("attempt", "integer", "", "1 for the first attempt at this trial"),
-        Column("position", "integer", "", "Number of this attempt in the sitting, from 0"),
+        Column("position", "integer", "", "Number of this attempt in the session, from 0"),
         *_REPEAT,
         *condition,
         Column("outcome", "text", "", "completed or void"),
@@ -73,7 +73,7 @@ def decided(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Colu
     """Return the columns of a table of decisions with these columns of condition and answer."""
     return (
         *_TRIAL,
-        Column("order", "integer", "", "Place among the sitting's decided main trials, from 1"),
+        Column("order", "integer", "", "Place among the session's decided main trials, from 1"),
         Column("attempts", "integer", "", "Attempts until decided"),
         *_REPEAT,
         *condition,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from protocols.display import FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError
@@ -130,12 +131,7 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
     for place, duration_s in times.items():
         if display.frames(duration_s) in (None, 0):
             near = " or ".join(f"{near:.6g} s" for near in display.nearest_durations(duration_s))
-            rates = [
-                f"{rate:g}"
-                for rate in COMMON_RATES_HZ
-                if abs(duration_s * rate - round(duration_s * rate)) <= FRAME_TOLERANCE
-            ]
-            also = f", or a display with {' or '.join(rates)} Hz" if rates else ""
+            also = _other_displays({rate: duration_s * rate for rate in COMMON_RATES_HZ})
             problems.append(
                 Problem(
                     place,
@@ -144,6 +140,16 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
                 )
             )
     return problems
+
+
+def _other_displays(frames: Mapping[float, float]) -> str:
+    """Name the refresh rates at which so many frames are whole."""
+    rates = [
+        f"{rate:g}"
+        for rate, count in frames.items()
+        if abs(count - round(count)) <= FRAME_TOLERANCE
+    ]
+    return f", or a display with {' or '.join(rates)} Hz" if rates else ""
 
 
 def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
@@ -155,12 +161,7 @@ def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
         return []
     counts = {max(1, math.floor(exact)), max(1, math.ceil(exact))}
     near = " or ".join(f"{display.refresh_hz / count:g} fps" for count in sorted(counts))
-    rates = [
-        f"{rate:g}"
-        for rate in COMMON_RATES_HZ
-        if rate >= fps and abs(rate / fps - round(rate / fps)) <= FRAME_TOLERANCE
-    ]
-    also = f", or a display with {' or '.join(rates)} Hz" if rates else ""
+    also = _other_displays({rate: rate / fps for rate in COMMON_RATES_HZ if rate >= fps})
     return [
         Problem(
             f"{protocol.stimuli.section}.fps",

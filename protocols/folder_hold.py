@@ -43,7 +43,7 @@ def only_build(clips: Path) -> Iterator[None]:
     Raises
     ------
     StudyError
-        If another build is at work in it, or sittings show its clips.
+        If another build is at work in it, or sessions show its clips.
     """
     with held(clips) as alone:
         if alone is False:
@@ -61,7 +61,7 @@ def only_build(clips: Path) -> Iterator[None]:
 
 @contextmanager
 def kept_for_sitting(clips: Path) -> Iterator[None]:
-    """Keep builds out of a folder of clips; any number of sittings may do so at once.
+    """Keep builds out of a folder of clips; any number of sessions may do so at once.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Format 1 knew one task, two intervals of warped clips, and wrote it into every section. What it
 said is changed to format 2 before it is checked. Hashes of what was written stay what they were,
-so that sittings, clips and protocol of format 1 still belong together.
+so that sessions, clips and protocol of format 1 still belong together.
 """
 
 from __future__ import annotations

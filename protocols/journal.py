@@ -1,4 +1,4 @@
-"""The journal of one sitting: JSON lines, one event each, append-only, the only truth.
+"""The journal of one session: JSON lines, one event each, append-only, the only truth.
 
 Every event says its number `n` (0, 1, 2, ... without gaps), when it happened on the session's
 monotonic clock (`t_s`, seconds since the program opened the journal; it starts again at 0 when a
@@ -62,8 +62,8 @@ class Event(Model):
     at: UtcTime
     """Wall-clock time, UTC."""
     chain: Sha256 | None = None
-    """Checksum over this and all earlier lines: SHA-256 of the previous checksum followed by this
-    line with null here, without its line feed. Null in journals of older versions."""
+    """SHA-256 of the previous checksum followed by this line with null here, without its line feed.
+    Null in journals of older versions."""
 
 
 class DisplayReport(Model):
@@ -82,8 +82,7 @@ class GazeInfo(Model):
     description: str = ""
     rate_hz: Hertz
     clock_offset_s: Stamp | None = None
-    """Added to the tracker's stamps to give the session clock, measured on opening. Null if both
-    use one clock."""
+    """Added to the tracker's stamps to give the session clock. Null if both use one clock."""
 
 
 class SessionStart(Event):
@@ -269,9 +268,7 @@ class Attempt(Event):
     """The right answer. Null if there is none."""
     outcome: Outcome
     void_reason: VoidReason | None
-    """Why a void attempt must be repeated: gaze left the window; the tracker lost the eye for
-    longer than a blink, or too much in all; gaze never rested on the target; no answer in time; too
-    many missed refreshes; the pause key; the quit key; another window took the keyboard."""
+    """Why a void attempt must be repeated."""
     answer: Name | None
     """The answer given."""
     correct: bool | None
@@ -289,9 +286,9 @@ class Attempt(Event):
     gaze_file: SideFile | None
     """Samples: CSV with t_s, raw_t, x_px, y_px (empty: lost)."""
     flips_file: SideFile | None
-    """Every flip: CSV with flip (number, as in the frame strip), t_s, interval_s, refreshes, kind,
-    late_s, evidence, phase, clip_frame, frame_sha256. For several stimuli at once the last two hold
-    one entry each, separated by a space."""
+    """Every flip: CSV with flip (number), t_s, interval_s, refreshes, kind, late_s, evidence,
+    phase, clip_frame, frame_sha256. For several stimuli at once the last two hold one entry each,
+    separated by a space."""
 
     @property
     def stimulus_names(self) -> tuple[str, ...]:

@@ -93,7 +93,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     try:
         data = read_bytes(path, "the journal")
     except StudyError as error:
-        if lenient and path.exists():  # one sitting's, and not the study's end
+        if lenient and path.exists():  # one session's, and not the study's end
             return Journal(path, (), b"", False, (DamagedLine(1, str(error)),))
         raise
     *lines, tail = data.split(b"\n")

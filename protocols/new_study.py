@@ -53,6 +53,8 @@ CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75}
 a plain one, is an opinion: only who mostly prefers the worse is left out."""
 WANTED_FPS = 30.0
 _WIDTH = 96
+PICTURE_PX = 128
+"""Edge of the pictures that a study of `files` starts from."""
 _NO_BOUND = 2**62
 _TAGS = ("kind", "rule")
 _INPUTS = {
@@ -69,7 +71,6 @@ def study_files(
     title: str,
     display: Display,
     task: str = "two-interval",
-    picture_px: int = 128,
     secret: str | None = None,
     own: OwnStimuli | None = None,
 ) -> dict[str, str]:
@@ -85,8 +86,6 @@ def study_files(
         The display to start from.
     task : str
         One of `PARTS`.
-    picture_px : int
-        Edge of the pictures that a study of `files` starts from.
     secret : str, optional
         Also seeds the order of trials; left out: the order follows from the code.
     own : OwnStimuli, optional
@@ -123,7 +122,7 @@ def study_files(
         "REFRESH_HZ": display.refresh_hz,
         "CLIP_MEMORY_MIB": display.clip_memory_mib,
         "FPS": clip_fps(display.refresh_hz),
-        "PICTURE_PX": picture_px,
+        "PICTURE_PX": PICTURE_PX,
         "PICTURES": PICTURES.get(task, ""),
         "TASK": task,
         "INPUTS": _INPUTS[recipe],

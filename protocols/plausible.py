@@ -72,7 +72,7 @@ def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Pro
     Parameters
     ----------
     trials : int
-        Of a whole sitting, practice and catch trials included.
+        Of a whole session, practice and catch trials included.
     """
     return [
         *_times(study),

@@ -197,7 +197,7 @@ def _power(found: Mapping[str, Any]) -> str:
 
 
 def _texts(protocol: StudyProtocol) -> Section:
-    """What participants read, in the language that a sitting has where none is named."""
+    """What participants read, in the language that a session has where none is named."""
     language = protocol.text.default_language
     texts = protocol.text.languages[language]
     others = [name for name in protocol.text.languages if name != language]

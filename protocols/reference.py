@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import takewhile
@@ -17,15 +18,17 @@ _BOUNDS = (
     ("exclusiveMaximum", "<"),
     ("maximum", "<="),
 )
-_SCALAR = "true or false or whole number or number or text"
+_SCALAR = "true or false, whole number, number, text"
 _TYPES = {
     f"text `{NAME_PATTERN}`": "name",
     f"text `{KEY_PATTERN}`": "key",
     "text `^[0-9a-f]{64}$`": "hash",
     "whole number >= 0, <= 9.22337e+18": "seed",
     "whole number > 0": "count",
+    "whole number >= 0": "number from 0",
+    "degrees > 0, < 180": "angle",
     "share >= 0, <= 1": "share",
-    f"{_SCALAR} or list of {_SCALAR}": "values",
+    f"{_SCALAR}, list of {_SCALAR}": "values",
     _SCALAR: "value",
 }
 """Types that come often, by how they would be written out."""
@@ -37,6 +40,7 @@ _MEANINGS = {
     "seed": "whole number from 0 to 2^63 - 1",
     "count": "whole number above 0",
     "share": "number from 0 to 1",
+    "angle": "degrees, above 0 and below 180",
     "value": "true or false, a number, or text",
     "values": "a value, or a list of values",
 }
@@ -51,6 +55,8 @@ _UNITS = {
     "share of 1": "share",
 }
 _NAMED_OWNERS = 6
+_FEW = 3
+_MANY = {1: "one or more", 2: "two or more"}
 _LEAST_SAVING = 40
 """Words that a section of shared keys must save."""
 
@@ -100,9 +106,8 @@ def reference_text(name: str) -> str:
     return "\n".join([
         f"# Reference: {schema['title']}",
         "",
-        f"Made by `metamerlab protocol schema {name} --markdown` from the classes that the program"
-        " itself reads. A key without a default is required. A key without an entry here is"
-        " refused.",
+        f"Made by `metamerlab protocol schema {name} --markdown`. Keys without a default are"
+        " required. Unknown keys are refused.",
         *(["", *(f"- *{word}*: {_MEANINGS[word]}" for word in used)] if used else []),
         *body,
     ]).rstrip() + "\n"  # fmt: skip
@@ -143,13 +148,13 @@ def _rows(section: dict[str, Any]) -> Iterator[_Row]:
     required = set(section.get("required", []))
     for key, value in section["properties"].items():
         default, said = value.get("default"), ""
-        if key not in required:
+        if key not in required and value.get("const", ...) != default:
             plain = default in (None, "", []) or isinstance(default, dict)
             said = "; optional" if plain else f"; default `{_toml(default)}`"
         meaning = " ".join(str(value.get("description", "")).split())
         kind = _type(value)
-        if kind.endswith(" or none") and value.get("default", 0) is None:
-            kind = kind.removesuffix(" or none")
+        if value.get("default", 0) is None:
+            kind = re.sub("(,| or) none$", "", kind)
         yield _Row(key, f"- `{key}` ({kind}{said})" + (f": {meaning}" if meaning else ""))
 
 
@@ -207,19 +212,21 @@ def _written_out(schema: dict[str, Any]) -> str:
         return f"[{name}](#{name.lower()})"
     for key in ("anyOf", "oneOf"):
         if key in schema:
-            return " or ".join(dict.fromkeys(_written_out(part) for part in schema[key]))
+            parts = list(dict.fromkeys(_written_out(part) for part in schema[key]))
+            return (", " if len(parts) > _FEW else " or ").join(parts)
     if "const" in schema:
         return f"`{_toml(schema['const'])}`"
     if "enum" in schema:
-        return " or ".join(f"`{_toml(entry)}`" for entry in schema["enum"])
+        return ", ".join(f"`{_toml(entry)}`" for entry in schema["enum"])
     kind = schema.get("type")
     if kind == "array":
         if "prefixItems" in schema:
             parts = [_written_out(part) for part in schema["prefixItems"]]
             same = len([*takewhile(lambda part: part == parts[0], parts)]) == len(parts)
             return f"{len(parts)} x {parts[0]}" if same else "list of " + " and ".join(parts)
-        least = f", at least {schema['minItems']}" if schema.get("minItems") else ""
-        return f"list of {_written_out(schema.get('items', {}))}{least}"
+        entry = schema.get("items", {})
+        many = _MANY.get(schema.get("minItems", 0)) if entry.get("type") != "array" else None
+        return f"{many or 'list of'} {_written_out(entry)}"
     if kind == "object":
         entries: object = schema.get("additionalProperties") or next(
             iter(schema.get("patternProperties", {}).values()), {}

@@ -65,8 +65,7 @@ class Practice(Model):
     scenes: tuple[Name, ...] = ()
     """Default: the scenes of the design."""
     feedback: bool = False
-    """Tell participants after each answer whether it was right. Needs a task with right answers, or
-    catch trials."""
+    """Tell participants whether an answer was right. Needs right answers, or catch trials."""
     criterion_share: Annotated[float, Field(gt=0, le=1)] | None = None
     """Share of right answers below which another round follows. Default: one round only."""
     rounds_max: Positive = 3
@@ -84,14 +83,14 @@ class Design(Model):
     scenes: tuple[Name, ...] = ()
     """Scenes of the main trials. Default: all."""
     repeats: Positive
-    """Trials per condition and participant. Arrangements within a trial, such as which interval
-    comes first, alternate. They balance within each participant if repeats is a multiple of their
-    number (2; 4 for `abx`), otherwise across slots."""
+    """Trials per condition and participant. Arrangements, such as which interval comes first,
+    balance within each participant if this is a multiple of their number (2; 4 for `abx`),
+    otherwise across slots."""
     scene_order: Literal["random", "balanced"] = "balanced"
     """`balanced`: each round shows every scene once, in a Latin-square order given by the slot."""
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"
-    """Which answer the first response key gives: swapped between participants, between trials, or
-    never. Tasks with more than two answers, or whose answers name a side, need `fixed`."""
+    """How the response keys swap. Tasks with more than two answers, or whose answers name a side,
+    need `fixed`."""
     blocks: Positive = 1
     """Number of blocks, with a break between blocks."""
     break_s: SecondsOrNone = 30.0
@@ -101,8 +100,8 @@ class Design(Model):
     seed: Seed
     """Determines the order of trials."""
     max_attempts: Positive = 3
-    """A trial void this often is given up and counted as missing. Attempts that a pause, the quit
-    key or another window interrupts do not count."""
+    """A trial void this often is given up and counted as missing. Pauses, quits and lost focus do
+    not count."""
 
 
 class TrialTiming(Model):
@@ -112,7 +111,7 @@ class TrialTiming(Model):
     """
 
     fixation_s: Seconds = 0.5
-    """How long gaze must rest on the fixation target before the first stimulus."""
+    """How long gaze must rest on the target before the first stimulus."""
     fixation_timeout_s: Seconds = 10.0
     """How long the target waits for gaze. Then the attempt is void."""
     iti_s: Seconds = 0.5
@@ -120,15 +119,13 @@ class TrialTiming(Model):
     feedback_s: Seconds = 0.8
     """Duration of feedback in practice."""
     fixation_x_deg: SignedDegrees = 0.0
-    """Position of the target, right of the screen's centre. A single stimulus is centred on the
-    screen."""
+    """Position of the target, right of the screen's centre."""
     fixation_y_deg: SignedDegrees = 0.0
     """Position of the target, below the screen's centre."""
     dot_deg: Degrees = 0.6
     """Outer diameter of the target."""
     dot_over_clips: bool = False
-    """Draw the target over the stimuli. Otherwise stimuli are shown unchanged, and the target only
-    where it lies beside them."""
+    """Draw the target over the stimuli. Otherwise it is shown only beside them."""
     dropped_frames_max: Count = 2
     """Missed refreshes tolerated per attempt. One more makes the attempt void."""
 
@@ -146,11 +143,11 @@ class Gaze(Model):
     violation_samples: Positive = 2
     """Fewest consecutive samples outside that count as a violation."""
     blink_s: SecondsOrNone = 0.15
-    """Missing data up to this long counts as a blink and is tolerated."""
+    """Missing data up to this long is a tolerated blink."""
     blink_margin_s: SecondsOrNone = 0.05
     """Gaze outside the window this soon after a blink is tolerated: the lid causes it."""
     silence_s: Seconds = 0.1
-    """A tracker that sends nothing for longer than this has lost the eye."""
+    """A tracker silent for longer has lost the eye."""
     loss_max_share: Share = 0.2
     """Largest share of the watched time without data, blinks included."""
     accuracy_max_deg: Degrees = 1.0
@@ -269,11 +266,11 @@ class Exclusions(Model):
     """What the analysis leaves out, fixed before data collection."""
 
     completed_min_share: Share = 0.8
-    """Sessions with a smaller share of completed main trials are left out."""
+    """Sessions with fewer completed main trials are left out."""
     catch_min_share: Share = 0.75
-    """Sessions with a smaller share of right answers in catch trials are left out."""
+    """Sessions with fewer right answers in catch trials are left out."""
     same_side_max_share: Share = 1.0
-    """Sessions with a larger share of answers by one key are left out."""
+    """Sessions with more answers by one key are left out."""
     rt_min_s: SecondsOrNone = 0.1
     """Faster answers are left out."""
     rt_max_s: Seconds | None = None
@@ -311,7 +308,7 @@ class Privacy(Model):
 
     code_pattern: Text = r"[A-Za-z0-9_-]{2,32}"
     """Regular expression that a whole participant code must match. Codes are pseudonyms, never
-    names. Look-around and back-references are not available."""
+    names."""
     consent_required: bool = True
     """Ask for consent before recording anything."""
     store_gaze: bool = True
@@ -321,8 +318,8 @@ class Privacy(Model):
     contact: str = ""
     """Whom participants may ask. Printed on the consent page."""
     secret_sha256: Sha256 | None = None
-    """Hash of the study's secret, which lies beside the study file as NAME.secret and helps to seed
-    the order of trials. Without a secret, the order can give a participant's code away."""
+    """Hash of the study's secret (NAME.secret), which helps to seed the order of trials. Without
+    it, the order can give a participant's code away."""
 
     @model_validator(mode="after")
     def _pattern_compiles(self) -> Privacy:

@@ -62,7 +62,7 @@ def build(
     Raises
     ------
     StudyError
-        If another build or a sitting uses the folder, it holds other things, a worker died, or the
+        If another build or a session uses the folder, it holds other things, a worker died, or the
         workers draw with different renderers.
     InputError, OSError
         As scenes, methods and the disk raise them. What was finished stays for the next run;

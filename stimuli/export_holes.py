@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.gl.context import create_context, release_context
+from pipeline.gl.context import lent_context
 from pipeline.image_file import write_pixels
 from protocols.outside import page_bytes
 from stimuli.batch_folder import survey_name
@@ -56,8 +56,7 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
     names = io.StringIO()
     table = csv.writer(names, lineterminator="\n")
     table.writerow(COLUMNS)
-    ctx = create_context()
-    try:
+    with lent_context() as ctx:
         for clip in kinds:
             report(done, total, f"{clip.scene}, {clip.size}: finding the path")
             scenery = open_scenery(ctx, orders.scene(clip), orders.folder)
@@ -84,8 +83,6 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
                 report(done, total, f"{clip.scene}, {clip.size}")
             footage.release()
             scenery.release()
-    finally:
-        release_context(ctx)
     write_whole(out / NAMES_FILE, names.getvalue().encode())
     width, height = orders.render_px
     readme = _README.read_text(encoding="utf-8").format(

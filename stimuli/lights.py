@@ -58,7 +58,7 @@ class Lamps:
         batches = [batch for batch, _ in held]
         depth_map = self._ctx.depth_texture((SKY_PX, SKY_PX))
         bias_m = 3.0 * self.radius_m / SKY_PX
-        for direction in _dome(SKY_DIRECTIONS):
+        for direction in _dome():
             matrix = self._matrix(direction)
             self._draw_depth(depth_map, matrix, batches)
             nearest = np.frombuffer(depth_map.read(), np.float32).reshape(SKY_PX, SKY_PX)
@@ -140,10 +140,10 @@ def _light_matrix(
     return matrix
 
 
-def _dome(count: int) -> list[NDArray[np.float64]]:
+def _dome() -> list[NDArray[np.float64]]:
     """Directions over the upper hemisphere, even in solid angle (a golden spiral)."""
-    index = np.arange(count) + 0.5
-    up = index / count
+    index = np.arange(SKY_DIRECTIONS) + 0.5
+    up = index / SKY_DIRECTIONS
     turn = np.pi * (1 + 5**0.5) * index
     level = np.sqrt(1 - up**2)
     return list(np.stack([level * np.cos(turn), up, level * np.sin(turn)], axis=-1))

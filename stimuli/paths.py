@@ -108,17 +108,17 @@ def make_path(path: CameraPath, frames: int, fps: float) -> Path:
         return Path(_keyframes(path, frames, fps))
     assert isinstance(path, StereoPath)
     share = np.linspace(0, 1, frames) if frames > 1 else np.ones(1)
-    return Path([_shifted(s, 0.0, 0.0) for s in share])
+    return Path([_shifted(s) for s in share])
 
 
-def _shifted(right: float, down: float, forward: float) -> Pose:
-    return Pose(np.array([right, down, forward]), np.eye(3))
+def _shifted(right: float, down: float = 0.0) -> Pose:
+    return Pose(np.array([right, down, 0.0]), np.eye(3))
 
 
 def _circle(path: CirclePath, frames: int) -> list[Pose]:
     turn = np.radians(path.start_deg) + 2 * np.pi * path.turns * np.arange(frames) / frames
     # Counter-clockwise as seen by the camera: down is minus up.
-    return [_shifted(float(np.cos(a)), float(-np.sin(a)), 0.0) for a in turn]
+    return [_shifted(float(np.cos(a)), float(-np.sin(a))) for a in turn]
 
 
 def _line(path: LinePath, frames: int) -> list[Pose]:

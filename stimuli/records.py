@@ -64,7 +64,7 @@ class Book:
 
     def is_stale(self, clips: Iterable[Clip]) -> bool:
         """Whether the folder has no manifest, or one that says other things than `clips`."""
-        # Not for revision or format: they say who made the clips, and sittings cite the
+        # Not for revision or format: they say who made the clips, and sessions cite the
         # manifest's hash.
         made_by = {"revision": "", "versions": {}, "format": 2}
         try:

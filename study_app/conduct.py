@@ -1,4 +1,4 @@
-"""Conducts a sitting: asks `next_step` what to do, does it on the stage, writes it down."""
+"""Conducts a session: asks `next_step` what to do, does it on the stage, writes it down."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def conduct(
     mark: Mark = lambda _text, _t_s: None,
     validate: Validate | None = None,
 ) -> Outcome:
-    """Run a sitting from where its journal stands to its end, or until it is stopped.
+    """Run a session from where its journal stands to its end, or until it is stopped.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _main_done(recorder: Recorder) -> int:
 
 
 class _Conductor:
-    """One run of a sitting."""
+    """One run of a session."""
 
     def __init__(
         self,
@@ -178,7 +178,7 @@ class _Conductor:
         return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
 
     def _do(self, step: Step) -> bool:
-        """Do one step; False where the sitting is to stop."""
+        """Do one step; False where the session is to stop."""
         recorder, texts = self._recorder, self._texts
         match step:
             case AskConsent():

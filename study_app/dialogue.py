@@ -1,4 +1,4 @@
-"""Pages of a sitting: their texts filled in, their keys, and the question before quitting."""
+"""Pages of a session: their texts filled in, their keys, and the question before quitting."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Dialogue:
     def show(
         self, name: str, text: str, *, least_s: float = 0.0, wait: bool = True, done: int = 0
     ) -> PageResult:
-        """Show a page; after the quit key ask, and show it again if the sitting goes on."""
+        """Show a page; after the quit key ask, and show it again if the session goes on."""
         keys = self.keys if wait else ()
         page = Page(name, self.filled(text, done), keys, least_s=least_s)
         result = self._stage.page(page)
@@ -42,7 +42,7 @@ class Dialogue:
         return result
 
     def ask(self, question: Question) -> PageResult:
-        """Ask a closing question; what was typed stays where the sitting goes on after all."""
+        """Ask a closing question; what was typed stays where the session goes on after all."""
         draft = ""
         while True:
             page = Page(

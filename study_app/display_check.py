@@ -24,7 +24,7 @@ REPORTS = "display-reports"
 """Folder of reports, beside the studies' sessions."""
 WARM_UP_FLIPS = 10
 SESSION_FLIPS = 120
-"""Flips measured before every sitting: two seconds at 60 Hz."""
+"""Flips measured before every session: two seconds at 60 Hz."""
 REHEARSAL_FLIPS = 30
 """As many where a timer paces the flips: it is no display, and there is nothing to vouch for."""
 

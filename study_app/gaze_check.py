@@ -29,7 +29,7 @@ class GazeCheck:
         self._passed: int | None = None
 
     def passed(self, block: int) -> bool:
-        """Validate, where it was not yet done for `block`; False where the sitting stops.
+        """Validate, where it was not yet done for `block`; False where the session stops.
 
         Raises
         ------

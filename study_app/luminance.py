@@ -65,7 +65,7 @@ def fit_gamma(readings: Mapping[int, float]) -> LuminanceFit:
     def misfit(gamma: float) -> float:
         return float(np.square(levels**gamma - shares).sum())
 
-    from scipy.optimize import minimize_scalar  # slow to import, and sittings need none of it
+    from scipy.optimize import minimize_scalar  # slow to import, and sessions need none of it
 
     gamma = float(minimize_scalar(misfit, bounds=(0.2, 6.0), method="bounded").x)
     worst = float(np.abs(levels**gamma - shares).max())

@@ -1,4 +1,4 @@
-"""Opens a sitting: checks that everything fits, gives a slot, begins or resumes the journal."""
+"""Opens a session: checks that everything fits, gives a slot, begins or resumes the journal."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from study_app.stage import Stage
 
 @dataclass(frozen=True)
 class Setting:
-    """Everything a sitting depends on besides the participant."""
+    """Everything a session depends on besides the participant."""
 
     protocol: StudyProtocol
     display: Display
     manifest: Manifest
     root: Path
-    """Folder of all sittings."""
+    """Folder of all sessions."""
     wall_clock: Callable[[], str]
     """UTC as ``2026-01-31T12:00:00Z``."""
     simulated: bool = False
@@ -113,12 +113,12 @@ def begin(
 def resume(
     setting: Setting, participant: str, stage: Stage, gaze: GazeSource | None
 ) -> tuple[Recorder, Plan]:
-    """Go on with a sitting that stopped: same plan, same order.
+    """Go on with a session that stopped: same plan, same order.
 
     Raises
     ------
     StudyError
-        If there is no such sitting, it is complete or withdrawn, its journal is damaged or of an
+        If there is no such session, it is complete or withdrawn, its journal is damaged or of an
         older format, or protocol, clips or display are not what it was begun with.
     """
     protocol = setting.protocol
@@ -206,7 +206,7 @@ def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | N
 
 
 def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
-    """Return the plan the sitting was begun with, or say what has changed since."""
+    """Return the plan the session was begun with, or say what has changed since."""
     events = recorder.events
     if not events or not isinstance(events[0], SessionStart):
         raise StudyError(

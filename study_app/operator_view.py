@@ -14,7 +14,7 @@ from protocols.journal import AnyEvent, Attempt, Calibration, SessionEnd, Sessio
 
 @dataclass(frozen=True)
 class Standing:
-    """How a sitting stands."""
+    """How a session stands."""
 
     done: int
     planned: int

@@ -1,4 +1,4 @@
-"""The stage of real sittings: a window that shows clips frame by frame and pages of text.
+"""The stage of real sessions: a window that shows clips frame by frame and pages of text.
 
 A thin shell: what is shown when is the trial machine's business, which frames and hashes the
 manifest's, and how a flip is stamped the window's.

@@ -1,7 +1,7 @@
 """A study as one page: a trial of each condition to play, and every page of text, in any browser.
 
 Nothing is measured, and nobody takes part: what is drawn comes from the same phases, places, texts
-and pictures as a sitting's, made small.
+and pictures as a session's, made small.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class DiskError(StudyError):
 
 
 class Recorder:
-    """The journal of one sitting, open for appending.
+    """The journal of one session, open for appending.
 
     Use `create` or `resume`; close it, or use it as a context manager.
     """
@@ -66,7 +66,7 @@ class Recorder:
     def create(
         cls, folder: Path, clock: Callable[[], float], wall_clock: Callable[[], str]
     ) -> Recorder:
-        """Begin the journal of a new sitting.
+        """Begin the journal of a new session.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Runs a sitting before a real display: window, display check, gaze, conductor, and the end."""
+"""Runs a session before a real display: window, display check, gaze, conductor, and the end."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class SittingOptions:
 
 @dataclass(frozen=True)
 class Listener:
-    """Told how a sitting goes."""
+    """Told how a session goes."""
 
     on_check: Callable[[DisplayCheck], None] = lambda _: None
     on_validation: Callable[[list[PointQuality], CalibrationResult], None] = lambda _p, _r: None
@@ -79,7 +79,7 @@ class Listener:
 
 
 def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
-    """Begin a participant's sitting and run it to its end, or until it is stopped.
+    """Begin a participant's session and run it to its end, or until it is stopped.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Ou
 
 
 def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
-    """Go on with a sitting that stopped: same plan, same order.
+    """Go on with a session that stopped: same plan, same order.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""What comes next in a sitting: a pure function of protocol, plan and journal so far.
+"""What comes next in a session: a pure function of protocol, plan and journal so far.
 
-Nothing else is remembered, so a sitting that was killed goes on where it stopped: the trial that
+Nothing else is remembered, so a session that was killed goes on where it stopped: the trial that
 was interrupted comes again, and all others keep the order they would have had.
 """
 
@@ -76,7 +76,7 @@ class AskQuestion:
 
 @dataclass(frozen=True)
 class Finish:
-    """The sitting is over."""
+    """The session is over."""
 
     consented: bool
 
@@ -87,7 +87,7 @@ Step: TypeAlias = AskConsent | StartBlock | RunTrial | EndBlock | TakeBreak | As
 def next_step(
     protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], language: str
 ) -> Step:
-    """Return what the sitting does next."""
+    """Return what the session does next."""
     consent = next((event for event in events if isinstance(event, Consent)), None)
     if protocol.privacy.consent_required:
         if consent is None:

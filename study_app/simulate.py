@@ -51,7 +51,7 @@ class Simulation:
 
     @cached_property
     def shown(self) -> Manifest:
-        """The clips of the sittings."""
+        """The clips of the sessions."""
         return self.manifest or virtual_manifest(self.protocol, self.display)
 
     @property
@@ -65,7 +65,7 @@ class Simulation:
         return f"seed {self.seed}, observers {sha256_json(options)[:12]}"
 
     def setting(self, root: Path, clock: VirtualClock) -> Setting:
-        """Return the setting of a sitting below `root`."""
+        """Return the setting of a session below `root`."""
         return Setting(
             protocol=self.protocol,
             display=self.display,
@@ -90,14 +90,14 @@ def simulate_study(
     *,
     on_attempt: Callable[[str, Attempt], None] = lambda _p, _a: None,
 ) -> dict[str, Outcome]:
-    """Run the sittings of several observers; one that stopped is gone on with.
+    """Run the sessions of several observers; one that stopped is gone on with.
 
     Parameters
     ----------
     simulation : Simulation
         The study and its observers.
     root : Path
-        Folder of sittings: ``root/STUDY/S001/journal.jsonl`` and so on.
+        Folder of sessions: ``root/STUDY/S001/journal.jsonl`` and so on.
     participants : int
         How many observers.
     on_attempt : callable
@@ -106,7 +106,7 @@ def simulate_study(
     Returns
     -------
     dict
-        Outcome by participant, of those whose sitting was not complete before.
+        Outcome by participant, of those whose session was not complete before.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def simulate_sitting(
     language: str | None = None,
     on_attempt: Callable[[Attempt], None] = lambda _: None,
 ) -> Outcome:
-    """Run, or go on with, one observer's sitting.
+    """Run, or go on with, one observer's session.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The folder of all sittings: ``ROOT/STUDY/PARTICIPANT/journal.jsonl``.
+"""The folder of all sessions: ``ROOT/STUDY/PARTICIPANT/journal.jsonl``.
 
 Gives each new participant the next free counterbalancing slot, and refuses a code that was used.
 """
@@ -68,7 +68,7 @@ class Sitting:
 
 
 def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
-    """Return every sitting below `root`, damaged ones included.
+    """Return every session below `root`, damaged ones included.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
 
 
 def is_stillborn(folder: Path) -> bool:
-    """Return whether a sitting was killed before its first line was whole.
+    """Return whether a session was killed before its first line was whole.
 
     Nothing was recorded then, and the code is still free.
     """
@@ -121,12 +121,12 @@ def is_stillborn(folder: Path) -> bool:
 
 
 def next_slot(root: Path, study: str) -> int:
-    """Return the smallest counterbalancing slot that no sitting of the study holds.
+    """Return the smallest counterbalancing slot that no session of the study holds.
 
     The slots of participants who withdrew, or did not consent, are free again. Call it inside
     `claimed`, so that two programs cannot take the same one.
 
-    A sitting whose first line is damaged holds a slot that is not known: most likely the first
+    A session whose first line is damaged holds a slot that is not known: most likely the first
     that seems free, so one is passed over for each.
     """
     taken, unknown = set(), 0
@@ -151,7 +151,7 @@ def next_slot(root: Path, study: str) -> int:
 
 @contextmanager
 def claimed(root: Path) -> Iterator[None]:
-    """Hold the folder of sittings for the moment in which a slot is given away.
+    """Hold the folder of sessions for the moment in which a slot is given away.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Proves a sitting whole: checksums, files, and every attempt against protocol and plan."""
+"""Proves a session whole: checksums, files, and every attempt against protocol and plan."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from study_app.sittings import Sitting
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found of one sitting."""
+    """What was found of one session."""
 
     sitting: Sitting
     files: int
@@ -29,14 +29,14 @@ class Finding:
 
 
 def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> Finding:
-    """Check everything that was recorded of a sitting.
+    """Check everything that was recorded of a session.
 
     Parameters
     ----------
     sitting : Sitting
         As it stands on the disk.
     protocol : StudyProtocol, optional
-        Compares every attempt with the plan and, one after the other, with what the sitting had
+        Compares every attempt with the plan and, one after the other, with what the session had
         to do next; left out: only checksums and files are checked.
 
     Raises

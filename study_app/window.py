@@ -129,7 +129,7 @@ class Window:
         glfw.set_framebuffer_size_callback(self._handle, self._on_size)
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         self._gamepad = Gamepad(glfw)
-        self._take_focus()
+        self.take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
         self._size = self.size
 
@@ -186,12 +186,12 @@ class Window:
         """Take events as they come, until the clock reads `t_s`."""
         while (left_s := t_s - self.now()) > 0:
             glfw.wait_events_timeout(left_s)
-            self._gamepad.poll(self._press)
+            self._gamepad.poll(self.press)
 
     def poll(self) -> None:
         """Take what events there are."""
         glfw.poll_events()
-        self._gamepad.poll(self._press)
+        self._gamepad.poll(self.press)
         if (slept_s := self._sleep.slept_s()) > 0:
             self._disturbance = f"the machine slept for {slept_s:.0f} s"
 
@@ -206,8 +206,8 @@ class Window:
         return text
 
     def press(self, key: str) -> None:
-        """Let a key go down now, as an artificial observer or a signal does."""
-        self._press(key)
+        """Let a key go down now, as an artificial observer or a signal does too."""
+        self._presses.append(KeyPress(key, self.now()))
 
     def closing(self) -> bool:
         """Return, once, whether someone asked the window to close."""
@@ -243,10 +243,6 @@ class Window:
             return f"the window has {self._size[0]}x{self._size[1]} pixels now"
         return ""
 
-    def take_focus(self) -> None:
-        """Ask for the keyboard again."""
-        self._take_focus()
-
     def cursor_px(self) -> tuple[float, float]:
         """Return the mouse, from the upper left corner of the screen."""
         x, y = glfw.get_cursor_pos(self._handle)
@@ -268,7 +264,8 @@ class Window:
                 )
             glfw.wait_events_timeout(0.02)
 
-    def _take_focus(self) -> None:
+    def take_focus(self) -> None:
+        """Ask for the keyboard again."""
         glfw.focus_window(self._handle)
         until_s = self.now() + 2.0
         while not glfw.get_window_attrib(self._handle, glfw.FOCUSED) and self.now() < until_s:
@@ -286,14 +283,11 @@ class Window:
         self._line_s += max(1, late) * period_s
         self.pump_until(self._line_s)
 
-    def _press(self, key: str) -> None:
-        self._presses.append(KeyPress(key, self.now()))
-
     def _on_key(self, _window: Any, key: int, scancode: int, action: int, _mods: int) -> None:
         if key == glfw.KEY_BACKSPACE and action != glfw.RELEASE:
             self._typed.append("\b")  # in its place among the characters
         if action == glfw.PRESS and (name := key_name(glfw, key, scancode)):
-            self._press(name)
+            self.press(name)
 
     def _on_char(self, _window: Any, codepoint: int) -> None:
         self._typed.append(chr(codepoint))

@@ -16,7 +16,7 @@ from study_app.sittings import Sitting, claimed, find_sittings
 
 
 def find_participant(root: Path, code: str, study: str | None = None) -> Sitting:
-    """Return the one sitting of a participant.
+    """Return the one session of a participant.
 
     Raises
     ------

@@ -112,7 +112,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give whole files to workers, those first that take longest: else one ends the run alone.
 
-    Every worker has a screen of its own, so sittings in real time run side by side.
+    Every worker has a screen of its own, so sessions in real time run side by side.
     """
     from xdist.scheduler import LoadScopeScheduling
 
@@ -241,7 +241,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with two simulated sittings of the demo study: ``demo/S001`` and ``S002``.
+    """Return a folder with two simulated sessions of the demo study: ``demo/S001`` and ``S002``.
 
     Made by the real session code; every test reads the same files, so none may change them.
     """

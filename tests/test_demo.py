@@ -285,10 +285,10 @@ def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(
     simulated = journal.read_bytes()
     journal.write_bytes(simulated.replace(b'"simulated":true', b'"simulated":false'))
 
-    for change in (lambda _: None, reseal):  # damaged, then a whole sitting of a person
+    for change in (lambda _: None, reseal):  # damaged, then a whole session of a person
         change(journal)
         before = journal.read_bytes()
-        with pytest.raises(StudyError, match=r"must hold simulated sittings alone .*S001"):
+        with pytest.raises(StudyError, match=r"must hold simulated sessions alone .*S001"):
             run_demo(copy, quiet_console())
         assert journal.read_bytes() == before
 

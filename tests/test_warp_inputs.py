@@ -267,7 +267,7 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
         (["--depth", "depth.png", "--parallax", "0"], "must lie between -1 and 1 widths"),
         (["--flow", "motion.flo", "--parallax", "1"], "do not go with it"),
         (["--flow", "motion.flo", "--pose", "0 0 0 0 0 0 1"], "do not go with it"),
-        (["--flow", "motion.flo", "--nearer", "slow"], "--nearer must be fast or none"),
+        (["--flow", "motion.flo", "--nearer", "slow"], "--nearer: must be one of fast, none"),
         (["--flow", "motion.flo", "--to-left"], "options of stereo pairs"),
         (["--flow", "motion.flo", "--clip"], "belong to files of RGBZ"),
         (["--flow", "none.flo"], "none.flo"),

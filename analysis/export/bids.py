@@ -1,7 +1,7 @@
 """BIDS 1.11: behaviour, events, and gaze as eye-tracking recordings.
 
 One participant is one `sub-`; every run of the program is one `run-`, since its clock starts at 0
-(a resumed sitting has several). All onsets of a run are seconds on that clock.
+(a resumed session has several). All onsets of a run are seconds on that clock.
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ def write_bids(content: Content, folder: Path) -> tuple[str, ...]:
     Raises
     ------
     StudyError
-        If the display file of a sitting is not among the options' displays.
+        If the display file of a session is not among the options' displays.
     """
     displays = {person.code: _display(content, person) for person in content.people}
     notes: list[str] = []
@@ -46,7 +46,7 @@ def write_bids(content: Content, folder: Path) -> tuple[str, ...]:
     _write_stimuli(content, folder)
     write_json(folder / "dataset_description.json", _description(content))
     readme = content.readme(
-        "`beh/` of each participant holds, for every run of the program (a sitting that was resumed"
+        "`beh/` of each participant holds, for every run of the program (a session that was resumed"
         " has several), a table of attempts (`_beh.tsv`), what was shown when (`_events.tsv`), and,"
         " where gaze was stored, its samples (`_physio.tsv.gz`). Gaze is recorded during attempts"
         " only: go by the column `timestamp`, not by the sampling rate. `stimuli/clips.tsv` lists"
@@ -142,9 +142,9 @@ def _write_people(content: Content, folder: Path) -> None:
         FileColumn("participant_id", "Participant, as in the names of folders"),
         FileColumn("code", "Pseudonymous code"),
         FileColumn("species", "Species of the participant; not given for artificial observers"),
-        FileColumn("language", "Language of the sitting"),
+        FileColumn("language", "Language of the session"),
         FileColumn("gaze_source", "Where gaze came from; 'none' where it was not watched"),
-        FileColumn("runs", "Runs of the program in this sitting"),
+        FileColumn("runs", "Runs of the program in this session"),
         *(
             FileColumn.of(c)
             for c in SESSION_COLUMNS

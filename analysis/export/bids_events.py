@@ -17,13 +17,13 @@ from protocols.journal import (
 )
 
 _KINDS = (
-    ("session-start", "The program was started for this sitting"),
-    ("session-resume", "The program was started again for this sitting"),
+    ("session-start", "The program was started for this session"),
+    ("session-resume", "The program was started again for this session"),
     ("session-end", "The program ended"),
     ("block-start", "A block begins; block 0 is practice"),
     ("block-end", "Every trial of a block was decided or given up"),
     ("break", "Break between blocks"),
-    ("pause", "The sitting rested because the participant asked"),
+    ("pause", "The session rested because the participant asked"),
     ("validation", "The gaze source was validated"),
     ("note", "Something the operator or the program wanted remembered"),
     ("fixate", "The dot waits for gaze"),
@@ -37,7 +37,7 @@ _COLUMNS = (
     FileColumn("response_time", "From the onset of the answer phase to the key press", "s"),
     FileColumn("trial", "Trial of the plan"),
     FileColumn("attempt", "1 for the first attempt at this trial"),
-    FileColumn("position", "Number of this attempt in the sitting, from 0"),
+    FileColumn("position", "Number of this attempt in the session, from 0"),
     FileColumn("block", "Block; 0 is practice"),
     FileColumn("stimulus", "What was shown, see stimuli/clips.tsv; several are joined by spaces"),
     FileColumn("stimulus_sha256", "SHA-256 over the hashes of its frames"),

@@ -20,7 +20,7 @@ class ExportOptions:
     public : bool
         Leave out what could tell who took part, where, and when.
     displays : tuple of Display
-        What the sittings were shown on; each sitting finds its own by hash. BIDS only.
+        What the sessions were shown on; each session finds its own by hash. BIDS only.
     recorded_eye : str
         Which eye the tracker reported; journals do not say. BIDS only.
     authors, licence : tuple of str, str

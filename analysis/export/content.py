@@ -27,7 +27,7 @@ class Content:
     options: ExportOptions
     progress: Progress
     shifts: dict[str, dict[int, float]] | None = None
-    """By sitting and line of an attempt: seconds added to its times, so that the order of trials
+    """By session and line of an attempt: seconds added to its times, so that the order of trials
     does not show; None: times are as recorded."""
 
     @property
@@ -62,10 +62,10 @@ class Content:
         lines = [
             f"# {markdown(self.title)}",
             markdown(self.description),
-            f"{count_of(len(sessions), 'participant')}, {whole} of them with a completed sitting."
+            f"{count_of(len(sessions), 'participant')}, {whole} of them with a completed session."
             f" A trial: {self.protocol.task.description(self.protocol)}."
             + (
-                " Sittings that were cut short are here as they are: see the column `status`."
+                " Sessions that were cut short are here as they are: see the column `status`."
                 if lists_sittings
                 else ""
             ),
@@ -83,7 +83,7 @@ class Content:
                 "The order of trials follows from the participants' codes in this study, so it was"
                 " left out: main trials stand in an order that all participants share, times"
                 " begin anew at each, and practice, catch trials, blocks, sides of keys and"
-                " sittings that are not whole are not here."
+                " sessions that are not whole are not here."
             )
         lines += [
             f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"

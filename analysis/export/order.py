@@ -2,7 +2,7 @@
 
 The order follows from the study's seed, the code and the slot. Codes are short, so whoever has the
 study file tries them all until the order fits. A study with a secret cannot be tried so: there
-the order stays. Of every other study a public export holds a sitting's main trials as a set:
+the order stays. Of every other study a public export holds a session's main trials as a set:
 sorted by what they showed, with times that begin anew at each.
 """
 
@@ -33,11 +33,11 @@ _SIDE_COLUMNS = ("first_side", "chosen_side", "key_place")
 
 @dataclass(frozen=True)
 class Unordered:
-    """Sittings without the order of their trials."""
+    """Sessions without the order of their trials."""
 
     study: StudyReadings
     shifts: dict[str, dict[int, float]]
-    """By the name of a sitting, then by the line of an attempt: what was added to its times."""
+    """By the name of a session, then by the line of an attempt: what was added to its times."""
     trials: dict[tuple[str, str], str]
     """By participant and trial of the plan: the name that all share."""
 
@@ -65,7 +65,7 @@ def refuse_adaptive(protocol: StudyProtocol) -> None:
 
 
 def without_order(study: StudyReadings) -> Unordered:
-    """Return the sittings with main trials alone, in an order that all share.
+    """Return the sessions with main trials alone, in an order that all share.
 
     What is not whole is left out: which trials are missing tells what came first.
     """
@@ -117,7 +117,7 @@ def _unordered(table: pd.DataFrame, unordered: Unordered, more: list[str]) -> pd
 
 
 def _whole(reading: Reading) -> bool:
-    """Whether every main trial was met: a sitting's set of them is then that of all others."""
+    """Whether every main trial was met: a session's set of them is then that of all others."""
     met = {attempt.trial for attempt in reading.journal.attempts if attempt.role == "main"}
     return len(met) == reading.start.trials
 

@@ -19,7 +19,7 @@ class Run:
     """What one run of the program recorded; its clock starts at 0."""
 
     number: int
-    """From 1; a resumed sitting has several."""
+    """From 1; a resumed session has several."""
     opening: SessionStart | SessionResume
     events: tuple[AnyEvent, ...]
 
@@ -31,7 +31,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Person:
-    """A participant's sitting, under the name the export gives."""
+    """A participant's session, under the name the export gives."""
 
     code: str
     """Participant code: as recorded, or its number in a public export."""
@@ -44,7 +44,7 @@ def people_of(
 ) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     """Return everyone who may be exported, and what is to be said of the others.
 
-    Withdrawn participants are no readings at all. Where the protocol asks for consent, a sitting
+    Withdrawn participants are no readings at all. Where the protocol asks for consent, a session
     whose journal does not hold it is left out. A public export numbers people anew, in an order
     that says neither when they came nor what they were called: it follows from what they did.
     """

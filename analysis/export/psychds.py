@@ -58,9 +58,9 @@ def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
             written.setdefault(column.name, column)
     write_json(folder / "dataset_description.json", _description(content, tuple(written.values())))
     readme = content.readme(
-        "`data/` holds one table each of sittings, attempts (void ones included), decisions and"
-        " answers to closing questions. `dataset_description.json`, and the JSON file beside each"
-        " table, say what every column means."
+        "`data/` holds one table each of sessions (`sittings`), attempts (void ones included),"
+        " decisions and answers to closing questions. `dataset_description.json`, and"
+        " the JSON file beside each table, say what every column means."
     )
     (folder / "README.md").write_bytes(page_bytes(readme))
     if broken := broken_rules(folder):

@@ -83,7 +83,7 @@ def choices(protocol: StudyProtocol, question: str) -> set[str]:
 
 
 def public_readings(study: StudyReadings, protocol: StudyProtocol) -> StudyReadings:
-    """Return sittings whose attempts say no words but those of the study's own conditions."""
+    """Return sessions whose attempts say no words but those of the study's own conditions."""
     words, names = _words(protocol), {entry.name for entry in protocol.stimuli.pool()}
 
     def known(attempt: Attempt) -> Attempt:

@@ -1,4 +1,4 @@
-"""Reads a study's sittings and writes them as one export: whole, or not at all."""
+"""Reads a study's sessions and writes them as one export: whole, or not at all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,15 +52,15 @@ def export_study(
     *,
     progress: Progress = lambda _what, _done, _total: None,
 ) -> Export:
-    """Write every sitting below `sessions` into the new folder `out`.
+    """Write every session below `sessions` into the new folder `out`.
 
     Journals are only read. Withdrawn participants, and those who did not consent, are left out;
-    sittings that were cut short are exported as they are, and say so.
+    sessions that were cut short are exported as they are, and say so.
 
     Raises
     ------
     StudyError
-        If the sittings are not those of one study and this protocol, nobody may be exported,
+        If the sessions are not those of one study and this protocol, nobody may be exported,
         `out` is not empty or lies among the sessions, a BIDS export lacks a display, pwcmp
         cannot take answers of the study's task, or a public export would tell codes.
     """

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.columns import frame_of
 from analysis.detection import YesNoResults
 from analysis.from_csv.found import Found, limits, number, unique
-from analysis.plots import d_prime_plot, detection_plot
+from analysis.plots import d_prime_plot, detection_plot, sized
 from analysis.rates import Difference
 from analysis.report.wording import p_number
 from analysis.tasks.detection import Detection, DetectionOptions, sensitivity
@@ -69,13 +70,9 @@ def detection_of_csv(
     simulated = bool((decisions["simulated"].astype(str) == "1").any())
     contrasts = (*found.d_prime_contrasts, *found.criterion_contrasts, *found.bias_contrasts)
     known = any(one.d_prime is not None for one in found.conditions)
-    figures = {
-        "detection": lambda width: detection_plot(found, width_in=width, simulated=simulated)
-    }
+    figures = {"detection": sized(detection_plot, found, simulated=simulated)}
     if known:
-        figures["sensitivity"] = lambda width: d_prime_plot(
-            found, width_in=width, simulated=simulated
-        )
+        figures["sensitivity"] = sized(d_prime_plot, found, simulated=simulated)
     people = decisions["participant"].nunique()
     return Found(
         title=f"{len(decisions)} yes-no answers of {people} participant{'s' * (people != 1)},"
@@ -88,9 +85,7 @@ def detection_of_csv(
         notes=unique(notes),
         tables={
             "conditions.csv": _conditions(found),
-            "comparisons.csv": pd.DataFrame(
-                [vars(one) for one in contrasts], columns=list(Difference.__dataclass_fields__)
-            ),
+            "comparisons.csv": frame_of(Difference, contrasts),
         },
         figures=figures,
         result=DetectionFound(found),

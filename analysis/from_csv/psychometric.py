@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.cells import conditions
+from analysis.columns import frame_of
 from analysis.from_csv.found import Found, Progress, limits, number, unique
 from analysis.plots import psychometric_plot
 from analysis.plots.curves import Curve
@@ -294,10 +295,7 @@ def _tables(result: PsychometricFound) -> dict[str, pd.DataFrame]:
                 for one in result.population.thresholds
             ]
         )
-        tables["comparisons.csv"] = pd.DataFrame(
-            [vars(one) for one in result.population.contrasts],
-            columns=list(Difference.__dataclass_fields__),
-        )
+        tables["comparisons.csv"] = frame_of(Difference, result.population.contrasts)
     return tables
 
 

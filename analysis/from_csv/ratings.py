@@ -7,6 +7,7 @@ import pandas as pd
 
 from analysis.from_csv.found import Found, limits, number
 from analysis.ordinal import OrdinalLink, RatingModel, paired_ratings, rating_model
+from analysis.plots import sized
 from analysis.plots.ratings import ratings_plot
 from analysis.ratings_csv import read_ratings
 from analysis.tasks.ratings.wording import apa_rating, rating_tables
@@ -61,9 +62,7 @@ def ratings_of_csv(
         notes=model.warnings,
         tables=rating_tables(model, pairs=pairs),
         figures={
-            "ratings": lambda width: ratings_plot(
-                model, shares=not pairs, width_in=width, simulated=simulated
-            )
+            "ratings": sized(ratings_plot, model, shares=not pairs, simulated=simulated),
         },
         result=model,
     )

@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.cells import conditions
+from analysis.columns import frame_of
 from analysis.csv_table import (
-    IMPORT_HINT,
     flag_column,
+    need_columns,
     read_table,
     renamed,
     seconds_column,
@@ -18,9 +19,9 @@ from analysis.csv_table import (
 )
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.from_csv.found import Found, limits, number, unique
-from analysis.plots import reaction_plot
+from analysis.plots import reaction_plot, sized
 from analysis.rates import Difference
-from analysis.reaction import ReactionTimes, reaction_times
+from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.wording import p_number, p_text
 from analysis.trials_csv import analysed_rows
@@ -94,11 +95,7 @@ def reaction_of_csv(
         notes += [f"{one.condition}: {note}" for note in one.warnings]
     result = ReactionFound(summary, model, diffusion)
     simulated = "simulated" in rows and bool((rows["simulated"].astype(str) == "1").any())
-    medians = {
-        name: [float(v) for v in part.groupby("participant")["rt_s"].median()]
-        for name, part in conditions(rows, columns)
-    }
-    named = {one.condition: name for one, name in zip(summary, names, strict=True)}
+    medians = participant_medians(rows, by, summary)
     people = rows["participant"].nunique()
     return Found(
         title=f"{len(rows)} reaction times of {people} participant{'s' * (people != 1)}"
@@ -107,14 +104,7 @@ def reaction_of_csv(
         sentences=_sentences(result),
         notes=unique(notes),
         tables=_tables(result),
-        figures={
-            "reaction": lambda width: reaction_plot(
-                summary,
-                {condition: medians[name] for condition, name in named.items()},
-                width_in=width,
-                simulated=simulated,
-            )
-        },
+        figures={"reaction": sized(reaction_plot, summary, medians, simulated=simulated)},
         result=result,
     )
 
@@ -123,12 +113,7 @@ def _read(path: Path, mapping: Mapping[str, str], by: str | None) -> pd.DataFram
     table = analysed_rows(path, renamed(path, read_table(path), mapping, None))
     wanted = ["participant", "rt_s", *([by] if by is not None else [])]
     missing = [name for name in wanted if name not in table]
-    if missing:
-        raise StudyError(
-            f"{path}: must have the columns {', '.join(missing)}"
-            f" (found: {', '.join(map(str, table.columns))}); {IMPORT_HINT} {missing[0]}=COLUMN"
-            f"{did_you_mean(missing[0], list(map(str, table.columns)))}"
-        )
+    need_columns(path, table, missing)
     rows = pd.DataFrame(index=table.index)
     rows["participant"] = text_column(path, table, "participant")
     rows["rt_s"] = seconds_column(path, table, "rt_s")
@@ -190,10 +175,7 @@ def _tables(result: ReactionFound) -> dict[str, pd.DataFrame]:
     tables = {}
     if result.model is not None:
         tables["times.csv"] = pd.DataFrame([vars(one) for one in result.model.times])
-        tables["ratios.csv"] = pd.DataFrame(
-            [vars(one) for one in result.model.ratios],
-            columns=list(TimeRatio.__dataclass_fields__),
-        )
+        tables["ratios.csv"] = frame_of(TimeRatio, result.model.ratios)
     if result.diffusion is not None:
         tables["diffusion.csv"] = pd.DataFrame(
             [
@@ -203,8 +185,5 @@ def _tables(result: ReactionFound) -> dict[str, pd.DataFrame]:
                 for one in result.diffusion.people
             ]
         )
-        tables["diffusion_comparisons.csv"] = pd.DataFrame(
-            [vars(one) for one in result.diffusion.contrasts],
-            columns=list(Difference.__dataclass_fields__),
-        )
+        tables["diffusion_comparisons.csv"] = frame_of(Difference, result.diffusion.contrasts)
     return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}

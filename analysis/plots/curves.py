@@ -1,4 +1,4 @@
-"""Curves: psychometric functions, change over the sitting, power."""
+"""Curves: psychometric functions, change over the session, power."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle
@@ -100,7 +100,7 @@ def learning_plot(
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
-    """Draw an outcome over the sitting: people as thin lines, their mean with t limits.
+    """Draw an outcome over the session: people as thin lines, their mean with t limits.
 
     `bounds` are the values the outcome can take, such as (0, 1) for a share.
     """
@@ -127,7 +127,7 @@ def learning_plot(
             axes.set_ylim(bounds[0] - margin, bounds[1] + margin)
         axes.set_xlim(0, 1)
         axes.set_xticks([0, 0.5, 1.0], ["start", "middle", "end"])
-        axes.set_xlabel("Place in the sitting")
+        axes.set_xlabel("Place in the session")
         axes.set_ylabel(y_label)
     return figure
 

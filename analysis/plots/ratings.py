@@ -1,6 +1,6 @@
 """Figures of ordered ratings: how often each was given, and where conditions lie."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +14,6 @@ def ratings_plot(
     model: RatingModel,
     *,
     shares: bool = True,
-    label: Callable[[str], str] = str,
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
@@ -36,7 +35,7 @@ def ratings_plot(
         unit = "SD" if model.link == "probit" else "logits"
         axes.set_xlabel(f"Place ({unit})" if width_in < 5 else f"Place on the latent axis ({unit})")
         axes.tick_params(axis="y", length=0)
-        names = [wrapped(label(one.condition), width_in) for one in cells]
+        names = [wrapped(one.condition, width_in) for one in cells]
         panels[0].set_yticks(range(len(names)), names)
         panels[0].set_ylim(len(names) - 0.4, -0.6)
         if shares:

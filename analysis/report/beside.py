@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.report.source import Source
-from analysis.report.wording import number, p_number
+from analysis.report.wording import number, number_range, p_number
 from analysis.tasks.base import Estimate
 from analysis.tasks.blocks import Block, Paragraph, Table
 
@@ -113,7 +113,7 @@ def _cells(one: Estimate | None) -> tuple[str, str, str, str]:
         return "none", "none", "none", "0"
     return (
         number(one.value),
-        f"[{number(one.lower)}, {number(one.upper)}]",
+        number_range(one.lower, one.upper),
         p_number(one.p),
         str(one.decisions),
     )

@@ -14,7 +14,6 @@ from analysis.columns import dictionary
 from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
-from analysis.report.figures import inline_svg
 from analysis.report.folder import whole_folder
 from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
@@ -23,7 +22,7 @@ from analysis.report.values import as_json, rows_as_json
 from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
-from protocols.outside import json_bytes, page_bytes
+from protocols.outside import inline_svg, json_bytes, page_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -51,7 +50,7 @@ def report_sessions(
     figure_files: bool = True,
     progress: Progress | None = None,
 ) -> ReportPaths:
-    """Analyse every sitting below `folder` and write a report into `out`.
+    """Analyse every session below `folder` and write a report into `out`.
 
     Raises
     ------

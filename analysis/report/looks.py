@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from analysis.plots import sized
 from analysis.plots.sequential import bounds_plot
 from analysis.report.source import Source
-from analysis.report.wording import number
+from analysis.report.wording import number, number_range
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
 from analysis.tasks.base import Estimate
 from analysis.tasks.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
@@ -55,11 +56,11 @@ def look_figures(found: Look | None, *, simulated: bool) -> Sequence[ReportFigur
             "looks",
             f"p at which each planned look stops the study ({found.plan.rule}); dashed: alpha"
             " without looks; star: this study.",
-            lambda width: bounds_plot(
+            sized(
+                bounds_plot,
                 found.plan,
                 people=stands.participants,
                 p=stands.p,
-                width_in=width,
                 simulated=simulated,
             ),
         ),
@@ -82,17 +83,12 @@ def looks_blocks(found: Look | None) -> Sequence[Block]:
     if found.limits:
         level = 100.0 * (1.0 - (found.standing.reject_p or 0.0))
         blocks += [
-            Table.of(
+            Table.each(
                 "Limits that take account of the looks",
-                (("Of", "l c"), ("Value", "strong"), ("Limits", "n")),
-                [
-                    (
-                        one.what,
-                        number(one.value),
-                        f"[{number(one.lower)}, {number(one.upper)}]",
-                    )
-                    for one in found.limits
-                ],
+                found.limits,
+                ("Of", "l c", lambda one: one.what),
+                ("Value", "strong", lambda one: number(one.value)),
+                ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
             ),
             Paragraph(
                 f"They invert the test at this look's bound ({level:.5g} % at this look), and hold"

@@ -1,4 +1,4 @@
-"""What a report is made from: sittings, or a table of decisions."""
+"""What a report is made from: sessions, or a table of decisions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Source:
 
 
 def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | None) -> Source:
-    """Read every sitting below `folder`.
+    """Read every session below `folder`.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     decisions = tidy.analysed
     if decisions.empty:
         lost = "; ".join(
-            f"{step.step}: {step.sittings_out} sittings, {step.decisions_out} decisions out"
+            f"{step.step}: {step.sittings_out} sessions, {step.decisions_out} decisions out"
             for step in tidy.flow[1:]
             if step.sittings_out or step.decisions_out
         )

@@ -57,17 +57,22 @@ def number(value: float, digits: int = 2) -> str:
     return text.lstrip("-") if float(text) == 0 else text
 
 
-def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+def number_range(lower: float, upper: float) -> str:
+    """Return limits of a number."""
+    return f"[{number(lower)}, {number(upper)}]"
+
+
+def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     """Merge equal warnings: each once, with the names of what it is about."""
     names: dict[str, list[str]] = {}
     for name, texts in notes:
         for text in texts:
             names.setdefault(text, []).append(name)
     everywhere = len(notes)
-    return [
+    return tuple(
         text if len(found) == everywhere and everywhere > 1 else f"{'; '.join(found)}: {text}"
         for text, found in names.items()
-    ]
+    )
 
 
 def printable(text: str) -> str:

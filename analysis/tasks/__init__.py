@@ -5,6 +5,7 @@ Each is imported when it is asked for. A package adds one by an entry point of
 """
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import get_args
 
 from analysis.tasks.base import AnyAnalysis
@@ -14,54 +15,25 @@ from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
 
-def _preference() -> AnyAnalysis:
-    from analysis.tasks.preference import PreferenceOfPairs
+def _shipped(module: str, name: str) -> Callable[[], AnyAnalysis]:
+    def load() -> AnyAnalysis:
+        made: AnyAnalysis = getattr(import_module(f"analysis.tasks.{module}"), name)()
+        return made
 
-    return PreferenceOfPairs()
-
-
-def _detection() -> AnyAnalysis:
-    from analysis.tasks.detection import Detection
-
-    return Detection()
-
-
-def _identification() -> AnyAnalysis:
-    from analysis.tasks.identification import Identification
-
-    return Identification()
-
-
-def _abx() -> AnyAnalysis:
-    from analysis.tasks.abx import Abx
-
-    return Abx()
-
-
-def _which_half() -> AnyAnalysis:
-    from analysis.tasks.abx import WhichHalf
-
-    return WhichHalf()
-
-
-def _ratings() -> AnyAnalysis:
-    from analysis.tasks.ratings import Ratings
-
-    return Ratings()
+    return load
 
 
 ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
     "analyses",
     {
-        "preference": _preference,
-        "detection": _detection,
-        "identification": _identification,
-        "abx": _abx,
-        "which-half": _which_half,
-        "ratings": _ratings,
+        "preference": _shipped("preference", "PreferenceOfPairs"),
+        "detection": _shipped("detection", "Detection"),
+        "identification": _shipped("identification", "Identification"),
+        "abx": _shipped("abx", "Abx"),
+        "which-half": _shipped("abx", "WhichHalf"),
+        "ratings": _shipped("ratings", "Ratings"),
     },
 )
-
 
 TABLE_TASKS = ("ratings",)
 """Tasks that no study shows yet, by the kind of their analysis: their data come as tables."""

@@ -3,12 +3,14 @@
 A text is escaped on the page unless it is `Markup`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,14 @@ class Table:
             tuple(TableColumn(title, style) for title, style in columns),
             tuple(tuple(row) for row in rows),
         )
+
+    @classmethod
+    def each(
+        cls, caption: str, things: Iterable[T], *columns: tuple[str, str, Callable[[T], str]]
+    ) -> "Table":
+        """Return a table with a row for each of some things, of columns (title, style, cell)."""
+        rows = [[cell(thing) for _, _, cell in columns] for thing in things]
+        return cls.of(caption, [(title, style) for title, style, _ in columns], rows)
 
 
 @dataclass(frozen=True)

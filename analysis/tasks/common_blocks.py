@@ -1,4 +1,4 @@
-"""Blocks that every task with trials in a row has: change over the sitting, reaction times."""
+"""Blocks that every task with trials in a row has: change over the session, reaction times."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,12 +6,12 @@ from analysis.diffusion import MEASURES, DiffusionResults
 from analysis.learning import Trend
 from analysis.reaction import ReactionTimes
 from analysis.reaction_model import TimeModel
-from analysis.report.wording import grouped, number, p_number
+from analysis.report.wording import grouped, number, number_range, p_number
 from analysis.tasks.blocks import Block, Cautions, Paragraph, Picture, Table
 
 
 def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
-    """Return the figure and the table of changes over the sitting."""
+    """Return the figure and the table of changes over the session."""
     return (
         Picture("learning"),
         Table.of(
@@ -31,7 +31,7 @@ def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
                 (
                     name,
                     number(t.change),
-                    f"[{number(t.lower)}, {number(t.upper)}]",
+                    number_range(t.lower, t.upper),
                     f"{t.df:g}",
                     p_number(t.p),
                     p_number(t.sign_flip_p),
@@ -41,7 +41,7 @@ def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
                 for name, t in trends
             ],
         ),
-        Cautions("About these trends", tuple(grouped([(name, t.warnings) for name, t in trends]))),
+        Cautions("About these trends", grouped([(name, t.warnings) for name, t in trends])),
     )
 
 
@@ -53,33 +53,18 @@ def reaction_blocks(
         return ()
     return (
         Picture("reaction"),
-        Table.of(
+        Table.each(
             "Reaction times, s",
-            (
-                (title, "l"),
-                ("Answers", ""),
-                ("Median", ""),
-                ("Quartiles", "n"),
-                ("Trimmed mean", ""),
-                ("Mean of medians", ""),
-                ("Limits", "n"),
-            ),
-            [
-                (
-                    label(t.condition),
-                    str(t.answers),
-                    number(t.median),
-                    f"{number(t.quartile_low)} to {number(t.quartile_high)}",
-                    number(t.trimmed_mean),
-                    number(t.mean_of_medians),
-                    f"[{number(t.lower)}, {number(t.upper)}]",
-                )
-                for t in times
-            ],
+            times,
+            (title, "l", lambda t: label(t.condition)),
+            ("Answers", "", lambda t: str(t.answers)),
+            ("Median", "", lambda t: number(t.median)),
+            ("Quartiles", "n", lambda t: f"{number(t.quartile_low)} to {number(t.quartile_high)}"),
+            ("Trimmed mean", "", lambda t: number(t.trimmed_mean)),
+            ("Mean of medians", "", lambda t: number(t.mean_of_medians)),
+            ("Limits", "n", lambda t: number_range(t.lower, t.upper)),
         ),
-        Cautions(
-            "About these times", tuple(grouped([(label(t.condition), t.warnings) for t in times]))
-        ),
+        Cautions("About these times", grouped([(label(t.condition), t.warnings) for t in times])),
     )
 
 
@@ -99,40 +84,23 @@ def time_model_blocks(model: TimeModel | None, label: Callable[[str], str]) -> t
         if sd is not None
     )
     return (
-        Table.of(
+        Table.each(
             "Typical reaction times by a log-normal mixed model",
-            (("Condition", "l"), ("Answers", ""), ("Typical, s", "strong"), (level, "n")),
-            [
-                (
-                    label(one.condition),
-                    str(one.answers),
-                    number(one.median_s),
-                    f"[{number(one.lower)}, {number(one.upper)}]",
-                )
-                for one in model.times
-            ],
+            model.times,
+            ("Condition", "l", lambda one: label(one.condition)),
+            ("Answers", "", lambda one: str(one.answers)),
+            ("Typical, s", "strong", lambda one: number(one.median_s)),
+            (level, "n", lambda one: number_range(one.lower, one.upper)),
         ),
-        Table.of(
+        Table.each(
             "How many times as long answers take",
-            (
-                ("Conditions", "l c"),
-                ("Ratio", "strong"),
-                (level, "n"),
-                ("df", ""),
-                ("p", "n"),
-                ("p adj.", "n"),
-            ),
-            [
-                (
-                    f"{label(one.first)} / {label(one.second)}",
-                    number(one.ratio),
-                    f"[{number(one.lower)}, {number(one.upper)}]",
-                    f"{one.df:g}",
-                    p_number(one.p),
-                    p_number(one.p_adjusted),
-                )
-                for one in model.ratios
-            ],
+            model.ratios,
+            ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
+            ("Ratio", "strong", lambda one: number(one.ratio)),
+            (level, "n", lambda one: number_range(one.lower, one.upper)),
+            ("df", "", lambda one: f"{one.df:g}"),
+            ("p", "n", lambda one: p_number(one.p)),
+            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         ),
         Paragraph(
             f"Typical: the median answer of the median person. SD of ln s: {spread}. p adj.: Holm.",
@@ -177,29 +145,16 @@ def diffusion_blocks(
             ()
             if not found.contrasts
             else (
-                Table.of(
+                Table.each(
                     "Differences, paired over participants",
-                    (
-                        ("Conditions", "l c"),
-                        ("Of", "l"),
-                        ("Difference", "strong"),
-                        ("Limits", "n"),
-                        ("df", ""),
-                        ("p", "n"),
-                        ("p adj.", "n"),
-                    ),
-                    [
-                        (
-                            f"{label(one.first)} - {label(one.second)}",
-                            one.measure,
-                            number(one.difference),
-                            f"[{number(one.lower)}, {number(one.upper)}]",
-                            f"{one.df:g}",
-                            p_number(one.p),
-                            p_number(one.p_adjusted),
-                        )
-                        for one in found.contrasts
-                    ],
+                    found.contrasts,
+                    ("Conditions", "l c", lambda one: f"{label(one.first)} - {label(one.second)}"),
+                    ("Of", "l", lambda one: one.measure),
+                    ("Difference", "strong", lambda one: number(one.difference)),
+                    ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
+                    ("df", "", lambda one: f"{one.df:g}"),
+                    ("p", "n", lambda one: p_number(one.p)),
+                    ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
                 ),
             )
         ),

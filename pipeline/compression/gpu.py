@@ -27,14 +27,13 @@ from pipeline.foveation.gpu import (
     halved,
     screen_noise,
 )
-from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
+from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.compute import Shader
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
-from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import gain_constants
 
 
 class DecompressPass(PicturePass):
@@ -142,11 +141,9 @@ class DecompressPass(PicturePass):
         self._weights = self._array(blocks, self.levels + -(-self.levels // 4), "rgba16f")
         self._weigh = self._polar_shader(
             "weights",
-            LEVELS=self.levels,
             MAP_ROWS=self._maps[0].shape[0],
             MAP_KNEE=self._maps[0].density.knee_px,
-            AIM=AIM,
-            **GAIN_CONSTANTS,
+            **gain_constants(self.levels, aim=AIM),
         )
         ends = np.cumsum([0, *(grid.shape[1] for grid in self._maps)])
         places = [
@@ -154,8 +151,6 @@ class DecompressPass(PicturePass):
             for first, grid in zip(ends[:-1], self._maps, strict=True)
         ]
         self._weigh["places"] = np.array(places, np.float32)
-        overlap = overlap_by_levels(fitted_mixing(self.levels).overlap)
-        self._weigh.hold(overlap=self._buffer(overlap.tobytes()))
         edge = tile_edge(height, width) // 2
         self._finish = self._compile(
             "finish",
@@ -165,7 +160,7 @@ class DecompressPass(PicturePass):
                 LEVELS=self.levels,
                 NOISE_ROWS=edge,
                 NOISE_COLUMNS=edge,
-                NOISE_SCALE=MOST_STEPS * GRAIN,
+                NOISE_SCALE=GRAIN,
             ),
         )
         self._finish["noise_scale"] = 1.0

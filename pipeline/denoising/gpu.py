@@ -19,12 +19,11 @@ from pipeline.foveation.gpu import (
     halved,
     screen_noise,
 )
-from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, tile_edge
+from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
-from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import gain_constants
 
 
 class DenoisePass(PicturePass):
@@ -48,10 +47,8 @@ class DenoisePass(PicturePass):
         self._maps = self._array(self._blocks, layers)
         self._weights = self._array(self._blocks, layers, "rgba16f")
         self._weigh = self._shader(
-            "denoising/weights.comp.glsl", TILE=TILE, LEVELS=levels, AIM=AIM, **GAIN_CONSTANTS
+            "denoising/weights.comp.glsl", TILE=TILE, **gain_constants(levels, aim=AIM)
         )
-        overlap = overlap_by_levels(fitted_mixing(levels).overlap)
-        self._weigh.hold(overlap=self._buffer(overlap.tobytes()))
         edge = tile_edge(height, width) // 2
         self._noise = self._array((edge, edge), -(-12 * levels // 16), "rgba32ui")
         self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -64,7 +61,7 @@ class DenoisePass(PicturePass):
                 LEVELS=levels,
                 NOISE_ROWS=edge,
                 NOISE_COLUMNS=edge,
-                NOISE_SCALE=MOST_STEPS * GRAIN,
+                NOISE_SCALE=GRAIN,
             ),
         )
         self._finish["noise_scale"] = 1.0

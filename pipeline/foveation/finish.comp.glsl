@@ -25,6 +25,7 @@ uniform sampler2D coarse;  // chosen, linear
 #if NOISE
 #constant LEVELS
 #constant BENT             // 1: Cb and Cr have skewness
+#constant SMALLEST_VARIANCE  // added to chroma's
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
 // Signed bytes, four a word; bands level by level, high, along x, along y. On the screen a word is a
@@ -39,7 +40,10 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 
 #constant NOISE_ROWS     // of texels: a power of two, or so many that no pixel lies beyond
 #constant NOISE_COLUMNS
-#constant NOISE_SCALE    // what the largest byte stands for
+#constant NOISE_SCALE    // of a step
+
+// A word's bytes.
+vec4 steps_of(uint word) { return vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24); }
 
 // Within the noise, which goes on at its borders.
 ivec2 wrapped(ivec2 texel) {
@@ -49,10 +53,12 @@ ivec2 wrapped(ivec2 texel) {
 
 #if BENT
 // Twin: bent() in reference.py.
-vec4 bent(vec4 chroma, float bend, float mean) {
-    vec4 turned = bend * chroma;
-    vec4 bowed = mix(vec4(-0.25 / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
-    return (bowed - mean) * inversesqrt(1.0 + 2.0 * bend * mean);
+vec4 bent(vec4 chroma, float bend, float variance) {
+    float deviation = sqrt(variance + SMALLEST_VARIANCE);
+    vec4 turned = (bend / deviation) * chroma;
+    // Held where it would turn back.
+    vec4 bowed = mix(vec4(-0.25 * deviation / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
+    return (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
 }
 #endif
 
@@ -83,8 +89,8 @@ Carried carried_at(Spot spot) {
         uvec4 at_d = texelFetch(noise, ivec3(d, layer), 0);
         for (int word = 0; word < 4; ++word)
             bands.of[4 * layer + word] =
-                spot.share.x * unpackSnorm4x8(at_a[word]) + spot.share.y * unpackSnorm4x8(at_b[word])
-              + spot.share.z * unpackSnorm4x8(at_c[word]) + spot.share.w * unpackSnorm4x8(at_d[word]);
+                spot.share.x * steps_of(at_a[word]) + spot.share.y * steps_of(at_b[word])
+              + spot.share.z * steps_of(at_c[word]) + spot.share.w * steps_of(at_d[word]);
     }
     return bands;
 }
@@ -123,8 +129,9 @@ void main() {
     vec4 luma = vec4(0.0), blue_chroma = vec4(0.0), red_chroma = vec4(0.0);  // of 2x2 pixels
     vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
     vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
-#if LEVELS > 4
-    vec4 more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
+    vec4 more_red = vec4(0.0);
+#if LEVELS + 2 * BENT > 4
+    more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
 #endif
 #if CARRIED
     Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
@@ -139,8 +146,19 @@ void main() {
     uvec4 words[(3 * LEVELS + 3) / 4];
     for (int layer = 0; layer < words.length(); ++layer)
         words[layer] = texelFetch(noise, ivec3(place, layer), 0);
-#define BAND(band) unpackSnorm4x8(words[(band) / 4][(band) % 4])
+#define BAND(band) steps_of(words[(band) / 4][(band) % 4])
 #define SHAPED(level) (w.x * BAND(3 * level) + w.y * BAND(3 * level + 1) + w.z * BAND(3 * level + 2))
+#endif
+#if BENT
+    float blue_variance = 0.0, red_variance = 0.0;
+#define ADD_VARIANCE(w, slope)                                     \
+    {                                                              \
+        float variance = dot(w.xyz, w.xyz);                        \
+        blue_variance += variance * w.a * w.a;                     \
+        red_variance += variance * (slope) * (slope);              \
+    }
+#else
+#define ADD_VARIANCE(w, slope)
 #endif
 #define ADD_LEVEL(level, slope)                                      \
     {                                                                \
@@ -149,6 +167,7 @@ void main() {
         luma += shaped;                                              \
         blue_chroma += w.a * shaped;                                 \
         red_chroma += (slope) * shaped;                              \
+        ADD_VARIANCE(w, slope)                                       \
     }
     ADD_LEVEL(0, red.x)
 #if LEVELS > 1
@@ -170,9 +189,9 @@ void main() {
     blue_chroma *= NOISE_SCALE;
     red_chroma *= NOISE_SCALE;
 #if BENT
-    vec4 bend = textureLod(weights, vec3(at, float(LEVELS + (LEVELS + 3) / 4)), 0.0);
-    blue_chroma = bent(blue_chroma, bend.x, bend.y);
-    red_chroma = bent(red_chroma, bend.z, bend.w);
+#define SLOT(i) ((i) < 4 ? red[(i) % 4] : more_red[(i) % 4])
+    blue_chroma = bent(blue_chroma, SLOT(LEVELS), blue_variance);
+    red_chroma = bent(red_chroma, SLOT(LEVELS + 1), red_variance);
 #endif
     mat3 colour = noise_scale * RGB_FROM_YCBCR;
     store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));

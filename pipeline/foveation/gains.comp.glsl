@@ -8,6 +8,7 @@
 #constant SMALLEST_VARIANCE  // added to what is divided by
 #constant PARTNER_SHARE      // of the small pool beside, along each axis
 #constant CHROMA             // 1: Cb and Cr go with luma; 0: none
+#constant COARSER            // 1: resolution 2 is not the coarsest
 #constant MOST_BEND          // of noise of unit variance
 
 #include "pools.glsl"
@@ -15,17 +16,21 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-// A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then Cr of the
-// levels, four a layer. Last, how noise is bent: Cb's bend and mean, Cr's.
+// A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then, four a layer,
+// Cr of the levels, and how Cb and Cr's noise is bent.
 layout(rgba16f) uniform writeonly image2DArray weights;
-// Moments as pull.comp.glsl writes them, chosen, at resolutions 2 and coarser: level k's at k + 1.
-uniform sampler2DArray small_moments;  // of resolution 1, not chosen
+// Moments as pull.comp.glsl writes them, of resolutions 1 and 2; chosen, of the coarser ones: level k's
+// at k + 1. The last push, to resolution 2, is done here.
+uniform sampler2DArray moments_1;
 uniform sampler2DArray moments_2;
-#if CHROMA
-uniform sampler2DArray powers_2;  // of Cb and Cr, chosen
-#endif
-#if LEVELS > 2
+#if COARSER
 uniform sampler2DArray moments_3;
+#endif
+#if CHROMA
+uniform sampler2DArray powers_2;  // of Cb and Cr
+#if COARSER
+uniform sampler2DArray powers_3;  // chosen
+#endif
 #endif
 #if LEVELS > 3
 uniform sampler2DArray moments_4;
@@ -41,19 +46,26 @@ vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * 
 
 // What a block's noise is to be multiplied by, but for the gains. Room for the most levels, for
 // indices written out: arrays that are indexed by a variable are slow.
-struct Block { vec4 weights[6], red[2], bend; };
+struct Block { vec4 weights[6], red[2]; };
+
+// What the pool of a block has in a layer of resolution 2, and in the same of the coarser one.
+#if COARSER
+#define CHOSEN(array, coarser, layer, share) \
+    mix(texelFetch(array, ivec3(block, layer), 0), textureLod(coarser, vec3(within, float(layer)), 0.0), share)
+#else
+#define CHOSEN(array, coarser, layer, share) texelFetch(array, ivec3(block, layer), 0)
+#endif
 
 #if CHROMA
-// Bend of Cb and Cr's noise, and the mean that it would have.
-vec4 bend_of(ivec2 block, vec2 noise_variance) {
-    vec4 powers = texelFetch(powers_2, ivec3(block, 0), 0);
-    vec2 first = powers.xy, second = powers.zw, third = texelFetch(powers_2, ivec3(block, 1), 0).xy;
+// Bend of Cb and Cr's noise, were it of unit variance.
+vec2 bend_of(ivec2 block, vec2 within, float pool) {
+    float share = beyond_lod(pool, 2);
+    vec4 powers = CHOSEN(powers_2, powers_3, 0, share);
+    vec2 first = powers.xy, second = powers.zw, third = CHOSEN(powers_2, powers_3, 1, share).xy;
     vec2 variance = max(second - first * first, 0.0) + SMALLEST_VARIANCE;
     vec2 skewness = (third - 3.0 * first * second + 2.0 * first * first * first)
                   / (variance * sqrt(variance));
-    vec2 bend = clamp(skewness / 6.0, -MOST_BEND, MOST_BEND);
-    vec2 deviation = sqrt(noise_variance + SMALLEST_VARIANCE);
-    return vec4(bend / deviation, bend * deviation).xzyw;
+    return clamp(skewness / 6.0, -MOST_BEND, MOST_BEND);
 }
 #endif
 
@@ -66,16 +78,16 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
     float share = beyond_lod(pool, 1);
     if (share == 1.0) return wide;
     // Each of 2x2 is mixed with those beside it; see _widened().
-    ivec2 near = 2 * block, far = min(near + 1, textureSize(small_moments, 0).xy - 1);
+    ivec2 near = 2 * block, far = min(near + 1, textureSize(moments_1, 0).xy - 1);
     const float own = (1.0 - PARTNER_SHARE) * (1.0 - PARTNER_SHARE);
     const float aside = PARTNER_SHARE * (1.0 - PARTNER_SHARE), across = PARTNER_SHARE * PARTNER_SHARE;
     const mat4 mixed = mat4(own, aside, aside, across, aside, own, across, aside,
                             aside, across, own, aside, across, aside, aside, own);
 #define SMALL(layer)                                                                                \
-    mat4x3(texelFetch(small_moments, ivec3(near, layer), 0).xyz,                                    \
-           texelFetch(small_moments, ivec3(far.x, near.y, layer), 0).xyz,                           \
-           texelFetch(small_moments, ivec3(near.x, far.y, layer), 0).xyz,                           \
-           texelFetch(small_moments, ivec3(far, layer), 0).xyz) * mixed
+    mat4x3(texelFetch(moments_1, ivec3(near, layer), 0).xyz,                                    \
+           texelFetch(moments_1, ivec3(far.x, near.y, layer), 0).xyz,                           \
+           texelFetch(moments_1, ivec3(near.x, far.y, layer), 0).xyz,                           \
+           texelFetch(moments_1, ivec3(far, layer), 0).xyz) * mixed
     mat4x3 square = SMALL(0), mean = SMALL(1);
     vec3 fine = vec3(0.0);
     for (int i = 0; i < 4; ++i) fine += 0.25 * max(square[i] - mean[i] * mean[i], 0.0);
@@ -87,8 +99,9 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
     {                                                                                          \
         vec4 first, second;                                                                    \
         if (halvings == 2) {                                                                   \
-            first = texelFetch(moments, ivec3(block, 2 * level), 0);                           \
-            second = texelFetch(moments, ivec3(block, 2 * level + 1), 0);                      \
+            float share = beyond_lod(pool * exp2(float(-2 * level)), 2 - level);               \
+            first = CHOSEN(moments_2, moments_3, 2 * level, share);                            \
+            second = CHOSEN(moments_2, moments_3, 2 * level + 1, share);                       \
         } else {                                                                               \
             vec2 at = (vec2(block) + 0.5) / float(1 << (halvings - 2)) / vec2(textureSize(moments, 0).xy); \
             first = textureLod(moments, vec3(at, float(2 * level)), 0.0);                      \
@@ -102,13 +115,13 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
         vec2 slopes = slopes_of(first, second);                                                \
         own.weights[level] = vec4(sqrt(variance), slopes.x);                                   \
         own.red[level / 4][level % 4] = slopes.y;                                              \
-        chroma_variance += dot(variance, vec3(1.0)) * slopes * slopes;                         \
     }
 
 Block block_at(ivec2 block) {
     Block own;
-    own.red[0] = own.red[1] = own.bend = vec4(0.0);
-    vec2 chroma_variance = vec2(0.0);
+    own.red[0] = own.red[1] = vec4(0.0);
+    // The block's place in resolution 3, whose last texel may reach beyond an odd border.
+    vec2 within = 0.5 * (vec2(block) + 0.5) / vec2((imageSize(weights).xy + 1) / 2);
     float pool = pool_at(seen_at(4.0 * (vec2(block) + 0.5)));
     READ(0, moments_2, 2)
 #if LEVELS > 1
@@ -127,7 +140,9 @@ Block block_at(ivec2 block) {
     READ(5, moments_6, 6)
 #endif
 #if CHROMA
-    own.bend = bend_of(block, chroma_variance);
+    vec2 bend = bend_of(block, within, pool);
+    own.red[LEVELS / 4][LEVELS % 4] = bend.x;
+    own.red[(LEVELS + 1) / 4][(LEVELS + 1) % 4] = bend.y;
 #endif
     return own;
 }
@@ -137,8 +152,7 @@ void store(ivec2 place, ivec2 last, Block own) {
 #define STORE(i) imageStore(weights, ivec3(place, i), own.weights[i] * vec4(gains[i], 1.0));
     EACH_LEVEL(STORE)
     imageStore(weights, ivec3(place, LEVELS), own.red[0]);
-    if (LEVELS > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
-    if (CHROMA == 1) imageStore(weights, ivec3(place, LEVELS + (LEVELS + 3) / 4), own.bend);
+    if (LEVELS + 2 * CHROMA > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
 }
 
 void main() {

@@ -29,7 +29,6 @@ from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
-    MOST_STEPS,
     carried_noise,
     check_seed,
     noise_tile,
@@ -44,7 +43,7 @@ from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
-from pipeline.noise.gains import GAIN_CONSTANTS, overlap_by_levels
+from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
@@ -173,7 +172,9 @@ class FoveationPass(PicturePass):
         raise NotImplementedError
 
     def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
-        chain = self._part(ChainPass(self._ctx, self._eye, levels, deepest, chroma=chroma))
+        # Moments of resolution 2 are chosen where they are read, in gains.comp.glsl.
+        chain = ChainPass(self._ctx, self._eye, levels, deepest, chroma=chroma, finest=3)
+        self._part(chain)
         self.chains.append(chain)
         return chain
 
@@ -246,6 +247,8 @@ class ChainPass(PicturePass):
         The last resolution of the base.
     chroma : bool
         Whether moments of Cb and Cr are made.
+    finest : int
+        The last resolution at which moments are chosen.
     """
 
     def __init__(
@@ -256,6 +259,7 @@ class ChainPass(PicturePass):
         deepest: int,
         *,
         chroma: bool = True,
+        finest: int = 2,
     ) -> None:
         geometry = pooled.geometry
         size = geometry.width_px, geometry.height_px
@@ -290,7 +294,9 @@ class ChainPass(PicturePass):
             for own, older, powers in dict.fromkeys(pulled)
         }
         self._pulls = [made[key] for key in pulled]
-        pushed = {r: (r < deepest, min(r, levels) if r > 1 else 0) for r in range(1, self.count)}
+        pushed = {
+            r: (r < deepest, min(r, levels) if r >= finest else 0) for r in range(1, self.count)
+        }
         pushes = {
             (base, layers): self._compile(
                 "push", BASE=base, LAYERS=layers, POWERS=has_powers and layers > 0
@@ -361,6 +367,7 @@ def finish_constants(**changes: Constant) -> dict[str, Constant]:
         "BASE": True,
         "LEVELS": 1,
         "BENT": False,
+        "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
         "CARRIED": False,
         "TEXELS_PER_PX": TEXELS_PER_PX,
         "NOISE_ROWS": 1,
@@ -415,20 +422,18 @@ class MetamerPass(FoveationPass):
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
-        overlap = overlap_by_levels(fitted_mixing(levels).overlap)
-        layers = levels + -(-levels // 4) + self._chroma
+        layers = levels + -(-(levels + 2 * self._chroma) // 4)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         self._gains = self._compile(
             "gains",
-            LEVELS=levels,
-            AIM=AIM,
-            **GAIN_CONSTANTS,
+            **gain_constants(levels, aim=AIM),
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
             PARTNER_SHARE=PARTNER_SHARE,
             CHROMA=self._chroma,
+            COARSER=count > 2,
             MOST_BEND=MOST_BEND,
         )
-        self._gains.hold(overlap=self._buffer(overlap.tobytes()), weights=self._weights)
+        self._gains.hold(weights=self._weights)
         self._finish = self._compile_finish(carried=False)
         self._carried: Shader | None = None
         self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
@@ -479,13 +484,12 @@ class MetamerPass(FoveationPass):
             self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
 
     def _find_gains(self) -> None:
-        # Of resolution 1 as it was pulled, of the others as they were chosen.
-        names = ["small_moments", *(f"moments_{r}" for r in range(2, max(2, self.levels) + 1))]
-        moments = zip(names, self._chain.moments, strict=False)
-        self._gains.run_over(
-            halved(self._chain.sizes[2]),
-            **_given(**dict(moments), powers_2=self._chain.powers[1]),
-        )
+        # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
+        chain = self._chain
+        last = min(max(3, self.levels), chain.count)
+        moments = {f"moments_{r}": chain.moments[r - 1] for r in range(1, last + 1)}
+        powers = {f"powers_{r}": chain.powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
+        self._gains.run_over(halved(chain.sizes[2]), **_given(**moments, **powers))
 
     def _compile_finish(self, *, carried: bool) -> Shader:
         width, height = self.size
@@ -500,7 +504,7 @@ class MetamerPass(FoveationPass):
             CARRIED=carried,
             NOISE_ROWS=rows,
             NOISE_COLUMNS=columns,
-            NOISE_SCALE=MOST_STEPS * GRAIN,
+            NOISE_SCALE=GRAIN,
         )
         shader = self._compile("finish", **constants)
         shader["noise_scale"] = self.settings.noise

@@ -120,12 +120,13 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
 def chroma_skewness(lows: Sequence[Floats], pools: Pools) -> Floats:
     """Pool the third standardised moment of Cb and Cr: (h, w, 2), of blocks.
 
-    It is that of pixels halved once, which hold nearly all of chroma.
+    It is that of pixels halved once, which hold nearly all of chroma. Powers are averaged over 2x2
+    first, as coefficients' moments are.
     """
     chroma = ycbcr_from_rgb(lows[1])[..., 1:]
     powers = np.concatenate([chroma, chroma**2, chroma**3], axis=2)
     wraps = pools.geometry.wraps
-    chain = chain_of(powers, len(lows) - 2, wraps=wraps)[1:]
+    chain = chain_of(halve_box(powers), len(lows) - 3, wraps=wraps)
     first, second, third = np.split(
         select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps), 3, axis=2
     )

@@ -60,9 +60,12 @@ vec4 squares(vec4 texel) {
     vec2 chroma = (YCBCR_FROM_RGB * texel.rgb).yz;
     return vec4(chroma, chroma * chroma);
 }
-vec4 cubes(vec4 squares) { return vec4(squares.xy * squares.zw, 0.0, 0.0); }
-Row squares(Row r) { return Row(squares(r.a), squares(r.b), squares(r.c), squares(r.d)); }
-Row cubes(Row r) { return Row(cubes(r.a), cubes(r.b), cubes(r.c), cubes(r.d)); }
+#define ADD_POWERS(weight, texel)                                              \
+    {                                                                          \
+        vec4 powers = squares(texel), weighed = (weight) * powers;             \
+        squared += weighed;                                                    \
+        cubed += weighed.xy * powers.zw;                                       \
+    }
 #endif
 
 #if OWN
@@ -105,10 +108,12 @@ void main() {
     ivec4 y = neighbours(2 * texel.y - 1, size.y, false);
     Row r0 = row_at(x, y.x), r1 = row_at(x, y.y), r2 = row_at(x, y.z), r3 = row_at(x, y.w);
     imageStore(coarse, texel, outer(r0) + inner(r1) + inner(r2) + outer(r3));
+#if OWN || POWERS == 1
+    // The first of two texels stands for one that an odd border has not.
+    vec2 whole = vec2(lessThan(2 * texel + 1, size)), first = 0.5 * (2.0 - whole), next = 0.5 * whole;
+#endif
 #if OWN
     vec3 square = vec3(0.0), mean = vec3(0.0), product = vec3(0.0);
-    // The first coefficient stands for one that an odd border has not.
-    vec2 whole = vec2(lessThan(2 * texel + 1, size)), first = 0.5 * (2.0 - whole), next = 0.5 * whole;
     ADD(first.x * first.y, r0, r1, r2, a, b, c)
     ADD(next.x * first.y, r0, r1, r2, b, c, d)
     ADD(first.x * next.y, r1, r2, r3, a, b, c)
@@ -123,12 +128,16 @@ void main() {
     }
 #endif
 #if POWERS == 1
-    Row s0 = squares(r0), s1 = squares(r1), s2 = squares(r2), s3 = squares(r3);
-    imageStore(coarse_powers, ivec3(texel, 0), outer(s0) + inner(s1) + inner(s2) + outer(s3));
-    vec4 cubed = outer(cubes(s0)) + inner(cubes(s1)) + inner(cubes(s2)) + outer(cubes(s3));
-    imageStore(coarse_powers, ivec3(texel, 1), cubed);
+    vec4 squared = vec4(0.0);
+    vec2 cubed = vec2(0.0);
+    ADD_POWERS(first.x * first.y, r1.b)
+    ADD_POWERS(next.x * first.y, r1.c)
+    ADD_POWERS(first.x * next.y, r2.b)
+    ADD_POWERS(next.x * next.y, r2.c)
+    imageStore(coarse_powers, ivec3(texel, 0), squared);
+    imageStore(coarse_powers, ivec3(texel, 1), vec4(cubed, 0.0, 0.0));
 #elif POWERS == 2
     imageStore(coarse_powers, ivec3(texel, 0), LAYER(fine_powers, 0));
-    imageStore(coarse_powers, ivec3(texel, 1), LAYER(fine_powers, 1));
+    imageStore(coarse_powers, ivec3(texel, 1), vec4(LAYER(fine_powers, 1).xy, 0.0, 0.0));
 #endif
 }

@@ -135,44 +135,40 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
         gains = spectral_gains(halve_box(variances), overlap, aim=AIM)
         return np.sqrt(variances) * twice(gains, variances.shape[:2])
 
-    bands = plane[:, :, 0] * at_pixels(deviations(wanted.variances))
+    weights = at_pixels(deviations(wanted.variances))
+    bands = plane[:, :, 0] * weights
     by_level = bands.reshape(*size, levels, 3).sum(axis=3)
     ycc = np.zeros((*size, 3))
     ycc[..., 0] = by_level.sum(axis=2)
     if chroma == "luma":
         return ycc
     slopes = at_pixels(wanted.slopes.reshape(*wanted.slopes.shape[:2], -1))
-    ycc[..., 1:] = (by_level[..., None] * slopes.reshape(*size, levels, 2)).sum(axis=2)
+    slopes = slopes.reshape(*size, levels, 2)
+    ycc[..., 1:] = (by_level[..., None] * slopes).sum(axis=2)
+    squares = (weights**2).reshape(*size, levels, 3).sum(axis=3)
+    variance = (squares[..., None] * slopes**2).sum(axis=2)
     if chroma == "full":
         for channel in (1, 2):
             own = at_pixels(deviations(wanted.remainders[..., channel - 1]))
             ycc[..., channel] += (plane[:, :, channel] * own).sum(axis=2)
-    ycc[..., 1:] = bent(ycc[..., 1:], *(at_pixels(part) for part in chroma_bends(wanted, chroma)))
+            variance[..., channel - 1] += (own**2).sum(axis=2)
+    bend = at_pixels(np.clip(wanted.skewness / 6, -MOST_BEND, MOST_BEND))
+    ycc[..., 1:] = bent(ycc[..., 1:], bend, variance)
     return ycc
 
 
-def chroma_bends(wanted: Wanted, chroma: str) -> tuple[Floats, Floats]:
-    """How `bent` gives Cb and Cr the skewness of their pools: two arrays (h, w, 2), of blocks."""
-    by_level = wanted.variances.reshape(*wanted.slopes.shape[:3], 3).sum(axis=3)
-    variance = (by_level[..., None] * wanted.slopes**2).sum(axis=2)
-    if chroma == "full":
-        variance += wanted.remainders.sum(axis=2)
-    deviation = np.sqrt(variance + SMALLEST_VARIANCE)
-    bend = np.clip(wanted.skewness / 6, -MOST_BEND, MOST_BEND)
-    return bend / deviation, bend * deviation
+def bent(noise: Floats, bend: Floats, variance: Floats) -> Floats:
+    """Give normal noise of zero mean and this variance a skewness, and leave it its variance.
 
-
-def bent(noise: Floats, bend: Floats, mean: Floats) -> Floats:
-    """Give normal noise of zero mean a skewness, and leave it its variance.
-
-    ``n + bend n^2 - mean``, held where it would turn, over what that adds to its deviation. The
-    first terms of Cornish and Fisher (1938): of unit variance, noise of skewness s is
-    ``n + s (n^2 - 1) / 6``.
+    Of unit variance it is ``n + bend (n^2 - 1)``, held where it would turn back, over what that
+    adds to its deviation: the first terms of Cornish and Fisher (1938), where `bend` is a sixth of
+    the skewness.
     """
-    turned = bend * noise
-    held = np.divide(-0.25, bend, out=np.zeros_like(bend), where=bend != 0)
-    bowed = np.where(turned > -0.5, noise * (1 + turned), held) - mean
-    return np.asarray(bowed / np.sqrt(1 + 2 * bend * mean))
+    deviation = np.sqrt(variance + SMALLEST_VARIANCE)
+    turned = noise * bend / deviation
+    held = np.divide(-0.25 * deviation, bend, out=np.zeros_like(bend), where=bend != 0)
+    bowed = np.where(turned > -0.5, noise * (1 + turned), held) - bend * deviation
+    return np.asarray(bowed / np.sqrt(1 + 2 * bend**2))
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:

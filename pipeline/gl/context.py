@@ -5,6 +5,8 @@ the current one, whichever object asks. Making a context makes it current.
 """
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,6 +106,16 @@ def release_context(ctx: moderngl.Context) -> None:
     """
     ctx.release()
     ctypes.CDLL("libEGL.so.1").eglReleaseThread()
+
+
+@contextmanager
+def lent_context() -> Iterator[moderngl.Context]:
+    """Lend what `create_context` opens, for as long as the block lasts."""
+    ctx = create_context()
+    try:
+        yield ctx
+    finally:
+        release_context(ctx)
 
 
 def adopt_context() -> moderngl.Context:

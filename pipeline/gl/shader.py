@@ -6,7 +6,7 @@ Two directives beside GLSL's own:
     Puts in that file of `pipeline/shaderlib/`, once.
 ``#constant TILE``
     Becomes ``#define TILE <value>``; the host must give the value, and the shader must use it.
-    A bool becomes 1 or 0, for ``#if``.
+    A bool becomes 1 or 0, for ``#if``; numbers in a tuple become an array of floats.
 """
 
 import math
@@ -21,7 +21,7 @@ from typing import TypeAlias
 import moderngl
 import numpy as np
 
-Constant: TypeAlias = int | float | bool
+Constant: TypeAlias = int | float | bool | tuple[float, ...]
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"')
 _CONSTANT = re.compile(r"^\s*#constant\s+(\w+)")
@@ -117,6 +117,8 @@ def _read(root: Traversable, path: str, wanted_by: str) -> str:
 
 
 def _literal(key: str, value: Constant) -> str:
+    if isinstance(value, tuple):
+        return f"float[]({', '.join(_literal(key, float(number)) for number in value)})"
     if not math.isfinite(value):
         raise ShaderError(f"constant {key} must be finite (got {value})")
     # Through Python's own types: numpy writes its scalars as "np.float64(0.5)".

@@ -9,7 +9,7 @@ Twin: spectral_gains.glsl. Change both or neither.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.noise.mixing import measured_variances
+from pipeline.noise.mixing import fitted_mixing, measured_variances
 
 # Over what a plane asks for: in holes, variances fall towards the border.
 AIM = 1.03
@@ -26,14 +26,6 @@ UNEVEN = 0.045
 # measure up to a third too much on a plane: each takes its neighbours for as strong as they are
 # asked to be, though they are weakened too. After two a tenth is left.
 STEPS = 2
-GAIN_CONSTANTS: dict[str, int | float | bool] = {
-    "LEAST_GAIN": LEAST_GAIN,
-    "MOST_GAIN": MOST_GAIN,
-    "UNSEEN_VARIANCE": UNSEEN_VARIANCE,
-    "UNEVEN": UNEVEN,
-    "STEPS": STEPS,
-}
-"""What spectral_gains.glsl is compiled with, beside the levels and the aim."""
 
 
 def spectral_gains(
@@ -73,6 +65,20 @@ def spectral_gains(
         gain *= np.sqrt((variances + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE))
         gain = np.clip(gain, LEAST_GAIN, MOST_GAIN)
     return np.asarray(aim * gain)
+
+
+def gain_constants(levels: int, *, aim: float) -> dict[str, int | float | tuple[float, ...]]:
+    """What spectral_gains.glsl is compiled with."""
+    return {
+        "LEVELS": levels,
+        "LEAST_GAIN": LEAST_GAIN,
+        "MOST_GAIN": MOST_GAIN,
+        "AIM": aim,
+        "UNSEEN_VARIANCE": UNSEEN_VARIANCE,
+        "UNEVEN": UNEVEN,
+        "STEPS": STEPS,
+        "OVERLAP": tuple(overlap_by_levels(fitted_mixing(levels).overlap).ravel().tolist()),
+    }
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:

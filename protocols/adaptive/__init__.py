@@ -1,7 +1,7 @@
 """Adaptive trials: which level, or which pairs, come next.
 
 Every function here is pure. It takes the whole history (or the counts of all answers) and the
-settings, and keeps no state, so a sitting that was cut off asks for the same level again
+settings, and keeps no state, so a session that was cut off asks for the same level again
 (rule 4 of `docs/architecture.md`).
 
 - `psychometric`: the function from level to probability that all of this shares

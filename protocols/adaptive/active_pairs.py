@@ -136,9 +136,7 @@ def information_gain(scores: Scores) -> Floats:
     return np.asarray(gain)
 
 
-def next_batch(
-    wins: ArrayLike, chance: Chance, *, prior_sd_jod: float = PRIOR_SD_JOD
-) -> tuple[tuple[int, int], ...]:
+def next_batch(wins: ArrayLike, chance: Chance) -> tuple[tuple[int, int], ...]:
     """Return the n - 1 pairs to compare next, the most informative first.
 
     Parameters
@@ -147,8 +145,6 @@ def next_batch(
         ``wins[i, j]``: how often i was chosen over j so far.
     chance : Chance
         Orders pairs that are equally informative. It advances, so hand in a fresh one per batch.
-    prior_sd_jod : float
-        Standard deviation of each score beforehand.
 
     Returns
     -------
@@ -158,9 +154,9 @@ def next_batch(
     Raises
     ------
     StudyError
-        If `wins` is no such table, or `prior_sd_jod` is not positive.
+        If `wins` is no such table.
     """
-    gain = information_gain(posterior(wins, prior_sd_jod=prior_sd_jod))
+    gain = information_gain(posterior(wins))
     first, second = np.triu_indices(len(gain), k=1)
     worth = gain[first, second]
     rounded = np.rint(worth / (TIE * max(float(worth.max()), 1e-300)))

@@ -41,7 +41,7 @@ def check_levels(levels: Sequence[float], place: str = "levels") -> None:
             )
 
 
-def check_history(history: History, levels: Collection[float], place: str = "history") -> None:
+def check_history(history: History, levels: Collection[float]) -> None:
     """Refuse a history with a level that is not allowed, or an answer that is not true or false.
 
     Raises
@@ -52,9 +52,9 @@ def check_history(history: History, levels: Collection[float], place: str = "his
     for index, (level, correct) in enumerate(history):
         if level not in allowed:
             raise StudyError(
-                f"{place}[{index}]: must be one of the {len(allowed)} allowed levels from"
+                f"history[{index}]: must be one of the {len(allowed)} allowed levels from"
                 f" {min(allowed):g} to {max(allowed):g} (got {level:g}); these answers were given"
                 " with other levels: analyse them with the protocol that they were made with"
             )
         if correct not in (True, False):
-            raise StudyError(f"{place}[{index}]: the answer must be true or false (got {correct})")
+            raise StudyError(f"history[{index}]: the answer must be true or false (got {correct})")

@@ -149,7 +149,7 @@ def probability(
     return np.asarray(low + scale * (1.0 - rise if falling else rise))
 
 
-def check_shape(shape: str, place: str = "shape") -> None:
+def check_shape(shape: str) -> None:
     """Refuse a shape that is not in the table above.
 
     Raises
@@ -157,4 +157,4 @@ def check_shape(shape: str, place: str = "shape") -> None:
     StudyError
     """
     if shape not in SHAPES:
-        raise StudyError(f"{place}: must be one of {', '.join(SHAPES)} (got {shape!r})")
+        raise StudyError(f"shape: must be one of {', '.join(SHAPES)} (got {shape!r})")

@@ -1,6 +1,6 @@
 """The sections of a protocol that choose levels or pairs from the answers so far.
 
-Every choice is a pure function of (protocol, plan, journal so far): a sitting that was killed
+Every choice is a pure function of (protocol, plan, journal so far): a session that was killed
 goes on as it would have.
 """
 
@@ -92,7 +92,7 @@ class AdaptiveLevels(Adaptive):
     column: Name
     """The column of numbers that adapts."""
     by: tuple[Name, ...] = ()
-    """Every combination of values of these columns has its own track, such as `method`."""
+    """Every combination of values of these columns has its own track."""
 
     def levels(self, study: StudyProtocol) -> tuple[float, ...]:
         """Return the levels that the task's conditions have, rising."""
@@ -265,8 +265,7 @@ class UpDownLevels(AdaptiveLevels):
     start: float
     """The first level. Choose an easy one."""
     harder: Values
-    """Steps after right answers: the first entry until the first reversal, the second until the
-    next, and so on."""
+    """Steps after right answers, one for each reversal."""
     easier: Values
     """Steps after a wrong answer, as many entries."""
     in_a_row: Positive = 1

@@ -105,14 +105,14 @@ class Rings(Model):
     height_deg: Degrees = 1.25
     """Outer diameter. Stroke and gap are a fifth of it (ISO 8596)."""
     places: Positive = 5
-    """Rings of each kind per eccentricity. The circle is divided into as many equal sectors, and
-    the seed places one ring in each. Methods and scenes share the places."""
+    """Rings of each kind per eccentricity: one in each of as many equal sectors. Methods and scenes
+    share the places."""
     scenes: Literal["each", "in-turn"] = "each"
     """`each`: every ring in every picture. `in-turn`: every ring in one picture, the same for all
-    methods. Pictures take turns in an order given by the seed."""
+    methods."""
     field_deg: tuple[Degrees, Degrees] | None = None
-    """Width and height of the field around the gaze that rings may occupy, with the gaze at the
-    picture's centre. Sectors divide the arcs inside it. Default: whole circles."""
+    """Width and height of the field around the gaze that rings may occupy. Default: whole
+    circles."""
     gaps_deg: Annotated[tuple[SignedDegrees, ...], Field(min_length=1)] = (0.0,)
     """Directions of the gap, counter-clockwise from the right."""
     closed: bool = True
@@ -120,11 +120,9 @@ class Rings(Model):
     grey: Share = 0.0
     """Gamma-encoded grey of the ring."""
     background: Literal["foveated", "undistorted"] = "foveated"
-    """What surrounds the ring: the method's picture, or the original. The method always works on
-    the whole picture with the ring in it."""
+    """What surrounds the ring: the method's picture, or the original."""
     rim_deg: Degrees = 0.625
-    """For an undistorted background: how far around the ring the method's picture is shown. Over as
-    much again it blends into the original."""
+    """For an undistorted background: how far around the ring the method's picture is shown."""
 
     def arcs(self, eccentricity_deg: float) -> tuple[float, float]:
         """Return where a ring fits in the first quarter of its circle: polar angles from, to.
@@ -191,8 +189,7 @@ class Cuts(Model):
     ramp_deg: Degrees = 1.0
     """Width over which the sides blend."""
     own_seeds: bool = True
-    """Each draw has its own noise. If false, all draws of a picture by a method cut one picture,
-    made once."""
+    """Each draw has its own noise. If false, all draws cut one picture."""
 
 
 class _Drawn(TypedDict, total=False):
@@ -242,8 +239,7 @@ class FoveatedImages(Recipe):
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
     """Where the eye looks."""
     draws: Positive = 1
-    """Stimuli of each kind that differ in the seed only, if nothing is drawn in. The reference has
-    one."""
+    """Stimuli that differ in the seed only, if nothing is drawn in."""
     texture_seed: Seed = 0
     """Seed of noise, displacements, polar angles and cuts."""
     rings: Rings | None = None

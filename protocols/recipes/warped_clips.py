@@ -69,7 +69,7 @@ class CirclePath(Model):
     turns: Annotated[float, Field(gt=0)] = 1.0
     """Turns per clip."""
     start_deg: SignedDegrees = 0.0
-    """Where the first frame lies on the circle, counter-clockwise from the right."""
+    """First frame on the circle, counter-clockwise from the right."""
 
 
 class LinePath(Model):
@@ -124,7 +124,7 @@ class UpsamplingPath(Grown):
     along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")] | None = (
         None
     )
-    """How the camera of a rendered scene moves. An OpenEXR sequence has its own motion."""
+    """How the camera of a rendered scene moves."""
     second_source: bool = False
     """First fill holes from the next real frame, then with the method."""
 
@@ -162,8 +162,8 @@ class SceneBase(Model):
     parameters: Annotated[Parameters, Field(default_factory=dict)]
     """Parameters of the scene."""
     reference: bool | None = None
-    """Whether a true view exists. Scenes without one are left out of pairings with the reference.
-    Default: true for rendered scenes and for a stereo pair on the stereo path."""
+    """Whether a true view exists. Default: true for rendered scenes and for a stereo pair on the
+    stereo path."""
 
     @model_validator(mode="after")
     def _a_way_to_go(self) -> Self:
@@ -215,8 +215,8 @@ class MeshScene(SceneBase):
     scale: Annotated[float, Field(gt=0)] = 1.0
     """Metres per unit of the file."""
     lighting: Literal["unlit", "sun"] | None = None
-    """`unlit` shows colours as they are. `sun` adds a sun with shadows, and sky light. Default:
-    `sun` for files without textures and vertex colours."""
+    """`sun` adds a sun with shadows, and sky light. Default: `sun` for files without textures and
+    vertex colours."""
     sun_direction: Vector3 | None = None
     """From the scene towards the sun, y up. Default: high, from the left and the front."""
 
@@ -247,11 +247,10 @@ class StereoScene(Grown, _PhotoScene):
     right: Text
     """The right photograph."""
     disparity: Text
-    """Disparity d of the left view, as PNG, PGM, PFM, TIFF, OpenEXR, .npy or .npz. What lies at x
-    on the left lies at x - d on the right. Unknown is 0 in integer files, not finite in float
-    files."""
+    """Disparity d of the left view: what lies at x on the left lies at x - d on the right. Unknown
+    is 0 in integer files, not finite in float files."""
     units_per_px: Annotated[float, Field(gt=0)] = 1.0
-    """Value in the file for a disparity of one pixel, such as 4 for quarters of a pixel."""
+    """Value in the file for a disparity of one pixel."""
     focal_px: Annotated[float, Field(gt=0)]
     """Focal length."""
     baseline_m: Metres
@@ -294,10 +293,9 @@ class ExrScene(_PhotoScene):
     ]
     """Names of channels that differ from those of Blender, Nuke and Unreal."""
     motion: Literal["project", "nuke", "blender", "unreal"] | None = None
-    """Whose units and axes the motion uses. Default: recognised by the channel names, and this
-    project's for channels named by you."""
+    """Whose units and axes the motion uses. Default: recognised by the channel names."""
     motion_scale: float = 1.0
-    """Factor on the motion, for exports that differ from their program's documentation."""
+    """Factor on the motion."""
     depth_is: Literal["distance", "inverse"] = "distance"
     """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender does."""
     depth_scale: Annotated[float, Field(gt=0)] = 1.0
@@ -329,7 +327,7 @@ class Size(Model):
     label: Text | None = None
     """Its name in reports. Default: the name."""
     hole_share: Annotated[float, Field(gt=0, lt=0.5)] | None = None
-    """Mean share of hole pixels. The path's extent is solved for it and reported."""
+    """Mean share of hole pixels. The path's extent is solved for it."""
     extent_m: Metres | None = None
     """Radius of the circle or length of the line, instead of a share."""
 
@@ -400,7 +398,7 @@ class Clips(Grown):
     height_px: EvenPixels | None = None
     """Instead of height_deg."""
     fps: Hertz
-    """Frames per second. The display must show each frame for a whole number of refreshes."""
+    """Each frame must last a whole number of refreshes."""
     duration_s: Seconds
     """Length of a clip."""
     seed: Seed = 0
@@ -408,11 +406,11 @@ class Clips(Grown):
     bit_depth: Literal[8, 16] = 8
     """Bits per channel."""
     render_width_px: Pixels | None = None
-    """Width at which the method works, if it differs from the shown width. Needs `rescale`."""
+    """Width at which the method works, if another. Needs `rescale`."""
     rescale: Literal["none", "box", "lanczos3"] = "none"
     """Filter that brings rendered frames to display pixels, before hashing."""
     margin_share: Share = 0.15
-    """Extra picture around the source view, so that shown frames have no holes at the border."""
+    """Extra picture around the source view."""
     exr: bool = False
     """Keep float frames beside the PNGs."""
     preview: bool = True

@@ -40,7 +40,7 @@ class RatesAnalysis(Analysis):
     """The column whose values are compared. Several columns: every combination is a condition,
     written with commas, such as `"noise, standard"`."""
     baseline: Scalar | None = None
-    """The value of `by` that the others are compared with. Default: the first declared."""
+    """What the others are compared with. Default: the first declared."""
     level: Name | None = None
     """Column of numbers along which answers get better or worse. Default: none."""
     falling: bool = False

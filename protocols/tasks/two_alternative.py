@@ -19,7 +19,7 @@ class TwoAlternative(PairTask):
 
     kind: Literal["two-alternative"]
     separation_deg: Degrees
-    """Between the centres of the two, which lie symmetrically about the screen's centre."""
+    """Between the centres of the two."""
 
     sided: ClassVar[bool] = True
 

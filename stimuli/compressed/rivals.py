@@ -71,7 +71,6 @@ def rivals(
     settings: Settings,
     *,
     kinds: Iterable[str] = ("plain", "foveated", "metameric"),
-    seed: int = 0,
 ) -> list[Rival]:
     """Make a picture's files of at most `size_bytes`, by one codec.
 
@@ -88,7 +87,7 @@ def rivals(
             continue
         made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
         size = len(file_format.to_bytes(made))
-        shown = decompress(made, seed=seed)
+        shown = decompress(made, seed=0)
         found.append(Rival(kind, settings.codec, made.quality, size, shown))
     return found
 

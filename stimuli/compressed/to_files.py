@@ -20,7 +20,7 @@ from pipeline.video_file import is_video
 from stimuli import pictures
 from stimuli.compressed.rivals import measured, rivals, sheet_of
 from stimuli.exr import save_colour
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 from stimuli.video import check_video, folder_of_frames, write_video
@@ -39,7 +39,6 @@ def compress_file(
     fov_deg: float | None = None,
     settings: Settings | None = None,
     compare: Path | None = None,
-    reading: Reading | None = None,
     say: Say | None = None,
 ) -> Compressed:
     """Compress a picture, a folder of frames, or a video, for a gaze.
@@ -65,7 +64,7 @@ def compress_file(
     if compare is not None and (source.is_dir() or is_video(source)):
         raise InputError("--compare takes one picture, not frames or a video; give it a frame")
     with folder_of_frames(source) as folder:
-        frames = _frames(folder, reading or Reading(), tell)
+        frames = _frames(folder, tell)
     height, width = frames[0].shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)
     gaze_px = read_gaze(gaze, looking.geometry)
@@ -161,7 +160,7 @@ def decompress_file(
     return names
 
 
-def _frames(source: Path, reading: Reading, tell: Say) -> list[NDArray[np.float32]]:
+def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
     paths = [source]
     if source.is_dir():
         paths = sorted(p for p in source.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
@@ -171,7 +170,7 @@ def _frames(source: Path, reading: Reading, tell: Say) -> list[NDArray[np.float3
             )
     frames: list[NDArray[np.float32]] = []
     for path in paths:
-        opened = read_any(path, reading)
+        opened = read_any(path)
         if frames and opened.colour.shape != frames[0].shape:
             height, width = opened.colour.shape[:2]
             raise InputError(

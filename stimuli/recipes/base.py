@@ -49,7 +49,7 @@ class Builder:
     def lacking(self) -> list[Problem]:
         """Return what a build needs and this installation lacks, though it could be had.
 
-        No mistake of the study: where sittings run, built stimuli are enough.
+        No mistake of the study: where sessions run, built stimuli are enough.
         """
         return []
 

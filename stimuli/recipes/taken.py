@@ -127,7 +127,7 @@ class TakingBuilder(Builder, Generic[E]):
         Raises
         ------
         StudyError
-            If another build or a sitting uses the folder, it holds other things, there is no such
+            If another build or a session uses the folder, it holds other things, there is no such
             cluster, a worker died, or workers draw with different renderers.
         InputError
             With a line for every file that is not what the study says.

@@ -1,6 +1,6 @@
 """What the files of a study of warped clips show before anything is built.
 
-Files that are not there are no mistake here: where sittings run, built clips are enough.
+Files that are not there are no mistake here: where sessions run, built clips are enough.
 """
 
 from __future__ import annotations

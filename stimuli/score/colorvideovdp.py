@@ -5,14 +5,13 @@ In processes of its own: it and `pyfvvdp` put modules of the same names onto Pyt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair
-from stimuli.score.torch_parts import load_torchvision, one_thread, quiet_libraries
+from stimuli.score.torch_parts import Frames, load_torchvision, one_thread, quiet_libraries
 from stimuli.score.viewing import STANDARD_FHD, Gaze, Viewing
 
 
@@ -61,22 +60,11 @@ def open_metric(viewing: Viewing) -> Any:
         )
 
 
-@dataclass(frozen=True)
-class _Frames:
-    """The package's interface of a video source."""
-
-    pair: Pair
-    region: str
-    metric: Any
-
-    def get_video_size(self) -> tuple[int, int, int]:
-        return self.pair.height_px, self.pair.width_px, self.pair.frames
+class _Frames(Frames):
+    """A video source of the package."""
 
     def get_batch_size(self) -> int:
         return 1
-
-    def get_frames_per_second(self) -> float:
-        return self.pair.fps
 
     def get_test_frame(self, frame: int, device: Any, colorspace: str) -> Any:
         return self._light(self.pair.test_frame(frame, self.region), device, colorspace)

@@ -270,7 +270,6 @@ def score_conditions(
     gaze_px: tuple[float, float],
     out: Path,
     *,
-    workers: int = 1,
     report: Report | None = None,
 ) -> Path:
     """Score them by the metrics that know a gaze, and write tables, plots and one page."""
@@ -282,7 +281,7 @@ def score_conditions(
     if not fit:
         raise InputError(f"a picture to score must have at least 4 px an edge (has {least})")
     settings = Settings(tuple(fit), viewing, Gaze((gaze_px,)))
-    results = score(subjects, settings, cache=out / CACHE_FOLDER, workers=workers, report=report)
+    results = score(subjects, settings, cache=out / CACHE_FOLDER, workers=1, report=report)
     return write_report(results, out)
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ import numpy as np
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair
-from stimuli.score.torch_parts import one_thread, quiet_libraries
+from stimuli.score.torch_parts import Frames, one_thread, quiet_libraries
 from stimuli.score.viewing import STANDARD_FHD, Gaze, Viewing
 
 CURRENT = "fvvdp_parameters.json"
@@ -105,19 +104,8 @@ def _points(gaze: Gaze) -> Any:
     return points[0] if len(points) == 1 else points
 
 
-@dataclass(frozen=True)
-class _Frames:
-    """The package's interface of a video source."""
-
-    pair: Pair
-    region: str
-    metric: Any
-
-    def get_video_size(self) -> tuple[int, int, int]:
-        return self.pair.height_px, self.pair.width_px, self.pair.frames
-
-    def get_frames_per_second(self) -> float:
-        return self.pair.fps
+class _Frames(Frames):
+    """A video source of the package."""
 
     def get_test_frame(self, frame: int, device: Any) -> Any:
         return self._luminance(self.pair.test_frame(frame, self.region), device)

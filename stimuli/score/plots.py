@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal
@@ -17,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from protocols.outside import inline_svg
 from stimuli.score.metrics import FRAME, Metric
 from stimuli.score.run import Results
 from stimuli.score.tables import Table, method_order
@@ -42,9 +42,7 @@ def bars(table: Table) -> Figure:
     """
     metric, count = table.metric, len(table.methods)
     with figure_style():
-        figure = Figure(figsize=(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count)))
-        FigureCanvasAgg(figure)
-        figure.set_layout_engine("constrained")
+        figure = _new_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
         axes = figure.subplots()
         start = 1.0 if metric.better == "one" else _beyond_the_worst(table)
         height = 0.82 / count
@@ -99,9 +97,7 @@ def trade_off(
     if len(points) < 2:
         return None
     with figure_style():
-        figure = Figure(figsize=(5.2, 3.2))
-        FigureCanvasAgg(figure)
-        figure.set_layout_engine("constrained")
+        figure = _new_figure(5.2, 3.2)
         axes = figure.subplots()
         for index, method, time_ms, value in points:
             axes.plot(
@@ -136,9 +132,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
     columns = min(3, len(items))
     rows = math.ceil(len(items) / columns)
     with figure_style():
-        figure = Figure(figsize=(1.2 + 2.0 * columns, 0.7 + 1.7 * rows))
-        FigureCanvasAgg(figure)
-        figure.set_layout_engine("constrained")
+        figure = _new_figure(1.2 + 2.0 * columns, 0.7 + 1.7 * rows)
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for panel in panels[len(items) :]:
             panel.set_visible(False)
@@ -244,9 +238,7 @@ def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple
 def colour_bar(top: float, label: str) -> Figure:
     """Draw the scale of the error maps."""
     with figure_style():
-        figure = Figure(figsize=(3.6, 0.62))
-        FigureCanvasAgg(figure)
-        figure.set_layout_engine("constrained")
+        figure = _new_figure(3.6, 0.62)
         axes = figure.subplots()
         axes.imshow(
             np.linspace(0, 1, 256)[None], aspect="auto", cmap="inferno", extent=(0, top, 0, 1)
@@ -257,16 +249,9 @@ def colour_bar(top: float, label: str) -> Figure:
     return figure
 
 
-def inline_svg(figure: Figure, name: str, title: str) -> str:
-    """Return a figure as an SVG element with names of its own and a title for screen readers."""
-    text = _saved(figure, "svg", {"Date": None, "Creator": "metamerlab"}).decode("utf-8")
-    text = text[text.index("<svg") :]
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', text)
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    escaped = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    return text.replace("<svg ", f'<svg role="img" aria-label="{escaped}" ', 1)
+def figure_element(figure: Figure, name: str, title: str) -> str:
+    """Return a figure as an SVG element; see `inline_svg`."""
+    return inline_svg(_saved(figure, "svg", {"Date": None, "Creator": "metamerlab"}), name, title)
 
 
 def png_bytes(figure: Figure) -> bytes:
@@ -277,6 +262,13 @@ def png_bytes(figure: Figure) -> bytes:
 def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
     """Return a figure as vectors with text as text, without a date."""
     return _saved(figure, kind, {"Date" if kind == "svg" else "CreationDate": None})
+
+
+def _new_figure(width_in: float, height_in: float) -> Figure:
+    figure = Figure(figsize=(width_in, height_in))
+    FigureCanvasAgg(figure)
+    figure.set_layout_engine("constrained")
+    return figure
 
 
 def _saved(

@@ -99,7 +99,9 @@ def _draw(
     drawn: dict[str, list[_Drawn]] = {"bars": [], "bands": [], "time": [], "scale": []}
 
     def keep(group: str, name: str, caption: str, figure: Figure) -> None:
-        drawn[group].append(_Drawn(name, caption, Markup(plots.inline_svg(figure, name, caption))))
+        drawn[group].append(
+            _Drawn(name, caption, Markup(plots.figure_element(figure, name, caption)))
+        )
         folder = out / "figures"
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / f"{name}.png", plots.png_bytes(figure))

@@ -6,6 +6,25 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from stimuli.score.pair import Pair
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What the packages of visual difference predictors ask of any video source."""
+
+    pair: Pair
+    region: str
+    metric: Any
+
+    def get_video_size(self) -> tuple[int, int, int]:
+        return self.pair.height_px, self.pair.width_px, self.pair.frames
+
+    def get_frames_per_second(self) -> float:
+        return self.pair.fps
 
 
 @contextmanager

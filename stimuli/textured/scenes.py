@@ -95,8 +95,12 @@ def open_textured_scene(name: str) -> TexturedScene:
     return SCENES[name]
 
 
+ROWS = 96
+"""Of a globe's triangles, from pole to pole."""
+
+
 def globe_vertices(
-    globe: Globe, turn_deg: float = 0.0, *, rows: int = 96
+    globe: Globe, turn_deg: float = 0.0
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
     """A globe's vertices and triangles.
 
@@ -111,7 +115,7 @@ def globe_vertices(
         Position, outward normal, and u and v: longitude and colatitude in 0..1.
     triangles : ndarray of uint32, shape (M, 3)
     """
-    columns = 2 * rows
+    rows, columns = ROWS, 2 * ROWS
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
     longitude = 2 * np.pi * u - math.radians(globe.turn_deg - turn_deg)
     colatitude = np.pi * v

@@ -194,11 +194,10 @@ def saved_share(
     gaze_px: tuple[float, float],
     *,
     turn_deg: float = 0.0,
-    moment_bytes: int = MOMENT_BYTES,
 ) -> float:
     """Share of the texture's bytes that a foveated picture does not touch."""
     found = []
     for foveated in (True, False):
         fragments, shown = renderer.fragments(scene, gaze_px, foveated=foveated, turn_deg=turn_deg)
         found.append(touched(layout, fragments.where(shown), noise=foveated))
-    return saved(*(one.bytes_of_texels(moment_bytes) for one in found))
+    return saved(*(one.bytes_of_texels(MOMENT_BYTES) for one in found))

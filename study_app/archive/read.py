@@ -64,9 +64,9 @@ def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iter
 
 
 def check(path: Path, file: BinaryIO) -> Findings:
-    """Prove an archive whole: each file against the list, each sitting as `session verify` does.
+    """Prove an archive whole: each file against the list, each session as `session verify` does.
 
-    The study's file and the sittings are unpacked into a temporary folder for that, clips are not.
+    The study's file and the sessions are unpacked into a temporary folder for that, clips are not.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def _copied(data: IO[bytes], target: Path | None) -> tuple[int, str]:
 
 
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:
-    """Return what is wrong with protocol, sittings and clips as they were unpacked."""
+    """Return what is wrong with protocol, sessions and clips as they were unpacked."""
     problems, notes = [], []
     study = load_protocol(folder / index.protocol)
     if study.sha256 != index.protocol_sha256:

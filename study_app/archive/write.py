@@ -67,7 +67,7 @@ def write_archive(
     Raises
     ------
     StudyError
-        If `out` exists, something cannot be read or is a link, a sitting or a frame is not as it
+        If `out` exists, something cannot be read or is a link, a session or a frame is not as it
         was recorded (unless `as_it_is`), or the disk refuses. Nothing is left behind then.
     """
     if out.exists() or out.is_symlink():

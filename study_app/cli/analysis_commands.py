@@ -168,7 +168,7 @@ def tidy(
         say(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
     mark = " SIMULATED" if tables.simulated else ""
-    say(f"{out}: {len(tables.sessions)}{mark} sittings, {kept} of {every} main decisions kept")
+    say(f"{out}: {len(tables.sessions)}{mark} sessions, {kept} of {every} main decisions kept")
 
 
 @app.command()
@@ -177,8 +177,7 @@ def power(
         Path | None,
         typer.Argument(
             help="Protocol file (.toml), or the name of a shipped study; left out: --pairs,"
-            " --scenes, --repeats and --people say the design.",
-            show_default=False,
+            " --scenes, --repeats and --people say the design."
         ),
     ] = None,
     pair_count: Annotated[
@@ -397,7 +396,7 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
 def _pilot(
     path: Path, study: StudyProtocol, progress: Progress
 ) -> tuple[pd.DataFrame, CommonSettings]:
-    """Return decisions and settings of a pilot: of sittings, or of a table."""
+    """Return decisions and settings of a pilot: of sessions, or of a table."""
     from analysis.report.source import from_sessions, from_table
 
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()

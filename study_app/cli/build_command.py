@@ -26,8 +26,7 @@ def build(
     display: DisplayOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help=r"Processes on this machine. \[default: one per core]",
-                     show_default=False),
+        typer.Option(min=1, help=r"Processes on this machine. \[default: one per core]"),
     ] = None,
     scheduler: Annotated[
         str | None,

@@ -10,12 +10,14 @@ import typer
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
-    LOOK,
     DisplayOption,
     FovOption,
     GazeOption,
+    NumpyOption,
+    SeedOption,
     check_file,
     check_folder,
+    look_option,
     renderer,
 )
 from study_app.cli.progress import Teller
@@ -23,9 +25,7 @@ from study_app.cli.terminal import PlainConsole
 
 
 def compress(
-    picture: Annotated[
-        Path, typer.Argument(help="A picture, a folder of frames, or a video.", show_default=False)
-    ],
+    picture: Annotated[Path, typer.Argument(help="A picture, a folder of frames, or a video.")],
     out: Annotated[
         Path, typer.Option(help="The file to write, .metamer; replaced if there.")
     ] = Path("picture.metamer"),
@@ -35,14 +35,11 @@ def compress(
         typer.Option(
             min=0.1,
             help="The largest file, in 1000 bytes: the best quality that fits is looked for.",
-            show_default=False,
         ),
     ] = None,
     quality: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=95, help=r"Quality of the colours. \[default: 75]", show_default=False
-        ),
+        typer.Option(min=1, max=95, help=r"Quality of the colours. \[default: 75]"),
     ] = None,
     codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg",
     angles: Annotated[
@@ -66,10 +63,9 @@ def compress(
     fov: FovOption = None,
     compare: Annotated[
         Path | None,
-        typer.Option(
+        look_option(
             help="One labelled sheet (.png): the picture beside plain, foveated and metameric"
-            " files of this size.",
-            rich_help_panel=LOOK,
+            " files of this size."
         ),
     ] = None,
 ) -> None:
@@ -116,12 +112,12 @@ def compress(
 
 
 def decompress(
-    file: Annotated[Path, typer.Argument(help="A .metamer file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="A .metamer file.")],
     out: Annotated[
         Path,
         typer.Option(help="The picture to write, .png or .exr; for a clip a folder of frames."),
     ] = Path("picture.png"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: SeedOption = 0,
     statistics: Annotated[
         bool,
         typer.Option(
@@ -134,13 +130,10 @@ def decompress(
         typer.Option(
             metavar="FILE",
             help="For a clip: write its frames as a video too, .mp4, .webm, or lossless .avi.",
-            show_default=False,
         ),
     ] = None,
     fps: Annotated[float, typer.Option(min=1, max=1000, help="Frame rate of --video.")] = 30.0,
-    numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
-    ] = False,
+    numpy_only: NumpyOption = False,
 ) -> None:
     """Make a picture that has the colour and the statistics of a compressed file.
 

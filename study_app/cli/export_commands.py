@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from analysis.export.choices import EYES, FORMATS, ExportOptions
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
-from study_app.cli.options import SessionsArgument, SessionsProtocolOption
+from study_app.cli.options import (
+    SessionsArgument,
+    SessionsProtocolOption,
+    one_of,
+)
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import say
 
@@ -74,17 +76,8 @@ def export(
 
     with user_errors():
         study = load_protocol(protocol)
-        chosen = next((name for name in FORMATS if name == form), None)
-        if chosen is None:
-            raise StudyError(
-                f"--format: must be one of {', '.join(FORMATS)} (got {form!r})"
-                f"{did_you_mean(form, FORMATS)}"
-            )
-        eye = next((name for name in EYES if name == recorded_eye), None)
-        if eye is None:
-            raise StudyError(
-                f"--recorded-eye: must be one of {', '.join(EYES)} (got {recorded_eye!r})"
-            )
+        chosen = one_of("--format", form, FORMATS)
+        eye = one_of("--recorded-eye", recorded_eye, EYES)
         names = display or ([study.display.display] if chosen == "bids" else [])
         options = ExportOptions(
             public=public,

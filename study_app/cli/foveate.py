@@ -15,15 +15,17 @@ from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
-    LOOK,
     DisplayOption,
     FovOption,
     GazeOption,
+    NumpyOption,
     SettingsOption,
     check_outputs,
     choose_methods,
     list_option,
+    look_option,
     method_option,
+    panel_option,
     print_methods,
     renderer,
 )
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "metamer"
 DEFAULT_FPS = 30.0
-_FILE = "The file"
+_file_option = panel_option("The file")
 
 
 def _print_methods(console: Console) -> None:
@@ -62,16 +64,14 @@ def foveate(
         Path,
         typer.Argument(
             help="A picture: PNG, JPEG, TIFF, OpenEXR, Radiance, ...; or a folder of frames;"
-            " or a video.",
-            show_default=False,
+            " or a video."
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Argument(
             help="The picture to write, .png or .exr; replaced if there. For frames: a folder."
-            r" \[default: foveated.png, or foveated/]",
-            show_default=False,
+            r" \[default: foveated.png, or foveated/]"
         ),
     ] = None,
     gaze: GazeOption = None,
@@ -87,16 +87,13 @@ def foveate(
         bool,
         list_option("the conditions, their parameters and the pooling laws", _print_methods),
     ] = False,
-    numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
-    ] = False,
+    numpy_only: NumpyOption = False,
     flow: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER",
             help="For frames: NAME.flo for each but the first, how far its pixels have moved since"
             " the frame before. Noise then moves along; otherwise it is fixed to the screen.",
-            show_default=False,
         ),
     ] = None,
     video: Annotated[
@@ -104,93 +101,68 @@ def foveate(
         typer.Option(
             metavar="FILE",
             help="For frames: write them as a video too, .mp4, .webm, or lossless .avi.",
-            show_default=False,
         ),
     ] = None,
     fps: Annotated[
         float | None,
         typer.Option(
-            min=1,
-            max=1000,
-            help=r"Frame rate of --video. \[default: the input video's, or 30]",
-            show_default=False,
+            min=1, max=1000, help=r"Frame rate of --video. \[default: the input video's, or 30]"
         ),
     ] = None,
     stops: Annotated[
         float,
-        typer.Option(
-            help="Make light brighter (or darker, below 0) by this many stops.",
-            rich_help_panel=_FILE,
-        ),
+        _file_option(help="Make light brighter (or darker, below 0) by this many stops."),
     ] = 0.0,
     clip: Annotated[
         bool,
-        typer.Option(
-            "--clip",
-            help="Clip light that a display cannot show, instead of refusing it.",
-            rich_help_panel=_FILE,
+        _file_option(
+            "--clip", help="Clip light that a display cannot show, instead of refusing it."
         ),
     ] = False,
     encoded: Annotated[
         bool,
-        typer.Option(
+        _file_option(
             "--encoded",
             help="A file of floats holds display-referred colour, not scene-linear light.",
-            rich_help_panel=_FILE,
         ),
     ] = False,
     background: Annotated[
         float,
-        typer.Option(
-            min=0.0, max=1.0, help="Grey behind transparent pixels.", rich_help_panel=_FILE
-        ),
+        _file_option(min=0.0, max=1.0, help="Grey behind transparent pixels."),
     ] = 0.5,
     compare: Annotated[
         Path | None,
-        typer.Option(
+        look_option(
             help="One labelled sheet: the picture with its pools drawn in, and all conditions"
-            " (or those of --method).",
-            rich_help_panel=LOOK,
+            " (or those of --method)."
         ),
     ] = None,
     steps: Annotated[
         Path | None,
-        typer.Option(
+        look_option(
             help="Folder for pictures of every step: pools, level of detail, base, noise,"
-            " displacement; sheet.png shows them all.",
-            rich_help_panel=LOOK,
+            " displacement; sheet.png shows them all."
         ),
     ] = None,
     score: Annotated[
         Path | None,
-        typer.Option(
+        look_option(
             help="Folder for scores: statistics, bands by eccentricity, FovVideoVDP and"
-            " ColorVideoVDP (where installed), each beside what it is blind to; one page.",
-            rich_help_panel=LOOK,
+            " ColorVideoVDP (where installed), each beside what it is blind to; one page."
         ),
     ] = None,
     animate: Annotated[
         Path | None,
-        typer.Option(
-            help="Animation (.webp, or .png for APNG) in which the gaze moves.",
-            rich_help_panel=LOOK,
-        ),
+        look_option(help="Animation (.webp, or .png for APNG) in which the gaze moves."),
     ] = None,
     flip: Annotated[
         Path | None,
-        typer.Option(
-            help="Animation that alternates between this seed and the next one.",
-            rich_help_panel=LOOK,
-        ),
+        look_option(help="Animation that alternates between this seed and the next one."),
     ] = None,
     size_px: Annotated[
         int | None,
-        typer.Option(
-            min=64,
-            max=4096,
-            help=r"Longer edge of the animations. \[default: 480, --flip 960]",
-            show_default=False,
-            rich_help_panel=LOOK,
+        look_option(
+            min=64, max=4096, help=r"Longer edge of the animations. \[default: 480, --flip 960]"
         ),
     ] = None,
 ) -> None:

@@ -89,8 +89,7 @@ def new_study(
         list[float] | None,
         typer.Option(
             help="What the disparity's file stores for one pixel; this and what follows: once for"
-            " all pairs, or once for each, in their order. Left out: 1.",
-            show_default=False,
+            " all pairs, or once for each, in their order. Left out: 1."
         ),
     ] = None,
     focal_px: Annotated[

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,13 +25,20 @@ LOOK = "To look at"
 FILE_ENDINGS = (".png", ".exr")
 
 
+def panel_option(panel: str) -> Callable[..., Any]:
+    """`typer.Option` of what help lists under a heading of its own."""
+    return partial(typer.Option, rich_help_panel=panel)
+
+
+look_option = panel_option(LOOK)
+
+
 def gaze_option(default: str) -> Any:
     """``--gaze``, in pixels or degrees."""
     return typer.Option(
         metavar="X,Y",
         help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
         rf" right of and below the middle (5deg,-3deg). \[default: {default}]",
-        show_default=False,
     )
 
 
@@ -39,7 +47,6 @@ DisplayOption = Annotated[
     str | None,
     typer.Option(
         help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml file.",
-        show_default=False,
     ),
 ]
 FovOption = Annotated[
@@ -47,9 +54,10 @@ FovOption = Annotated[
     typer.Option(
         metavar="DEG",
         help=r"Visual angle of the picture's width, instead of a display. \[default: 40]",
-        show_default=False,
     ),
 ]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]
+NumpyOption = Annotated[bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")]
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -65,7 +73,6 @@ def method_option(what: str, default: str) -> Any:
         "-m",
         help=f"{what}; the first one makes OUT. May be given more than once for"
         rf" --compare. \[default: {default}]",
-        show_default=False,
     )
 
 
@@ -213,20 +220,15 @@ def check_folder(folder: Path) -> None:
 def renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
     """A context where there is OpenGL; without it numpy works, and it is said."""
     from pipeline.errors import GLUnavailableError
-    from pipeline.gl.context import create_context, release_context
+    from pipeline.gl.context import lent_context
 
-    if numpy_only:
-        yield None
-        return
-    try:
-        ctx = create_context()
-    except GLUnavailableError:
-        console.print(
-            "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
-        )
-        yield None
-        return
-    try:
+    with ExitStack() as lent:
+        ctx = None
+        if not numpy_only:
+            try:
+                ctx = lent.enter_context(lent_context())
+            except GLUnavailableError:
+                console.print(
+                    "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
+                )
         yield ctx
-    finally:
-        release_context(ctx)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
+
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
 
 SESSIONS_PROTOCOL_HELP = "Protocol the sessions followed (.toml), or the name of a shipped study."
 
@@ -27,3 +31,21 @@ NewFolderOption = Annotated[
     Path, typer.Option(help="Folder to fill. It appears only when complete.")
 ]
 ReplaceOption = Annotated[bool, typer.Option("--replace", help="Replace an earlier result.")]
+
+T = TypeVar("T", bound=str)
+
+
+def one_of(option: str, text: str, known: Collection[T]) -> T:
+    """Return the choice that an option names.
+
+    Raises
+    ------
+    StudyError
+        If it is none of them, with the nearest one.
+    """
+    for name in known:
+        if name == text:
+            return name
+    raise StudyError(
+        f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
+    )

@@ -103,7 +103,7 @@ def check(
             *study.stimuli.cut_away(),
         ):
             say(f"note: {line}")
-        # No mistake of the protocol: where sittings run, built clips are enough.
+        # No mistake of the protocol: where sessions run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):
                 say(f"note: {missing}")

@@ -30,26 +30,21 @@ def score(
         typer.Argument(
             metavar="DIR | TEST",
             help="Folder of built clips; or a clip (folder of frames) or picture to score.",
-            show_default=False,
         ),
     ] = None,
     second: Annotated[
         Path | None,
-        typer.Argument(metavar="[REFERENCE]", help="The reference for TEST.", show_default=False),
+        typer.Argument(metavar="[REFERENCE]", help="The reference for TEST."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help=r"Folder for tables, plots and the page. \[default for DIR: scores]",
-            show_default=False,
-        ),
+        typer.Option(help=r"Folder for tables, plots and the page. \[default for DIR: scores]"),
     ] = None,
     metrics: Annotated[
         str | None,
         typer.Option(
             metavar="NAME,...",
             help=r"Only these, such as psnr,fvvdp. \[default: all that this machine can compute]",
-            show_default=False,
         ),
     ] = None,
     display: Annotated[
@@ -62,14 +57,12 @@ def score(
             metavar="X,Y | FILE",
             help="Where the viewer looks, in pixels of the clip; or a CSV file with columns x_px"
             " and y_px and a line per frame. Left out: not foveated.",
-            show_default=False,
         ),
     ] = None,
     mask: Annotated[
         Path | None,
         typer.Option(
-            help="For two clips or pictures: where the holes are (white), a picture or a folder.",
-            show_default=False,
+            help="For two clips or pictures: where the holes are (white), a picture or a folder."
         ),
     ] = None,
     panorama: Annotated[
@@ -88,9 +81,7 @@ def score(
     ] = 30.0,
     workers: Annotated[
         int | None,
-        typer.Option(
-            min=1, help=r"Processes at work. \[default: one per core]", show_default=False
-        ),
+        typer.Option(min=1, help=r"Processes at work. \[default: one per core]"),
     ] = None,
     focus: Annotated[
         str | None,
@@ -98,7 +89,6 @@ def score(
             metavar="METHOD",
             help=r"For a batch: compare this method with every other. \[default:"
             " metameric against push-pull]",
-            show_default=False,
         ),
     ] = None,
     protocol: Annotated[
@@ -107,7 +97,6 @@ def score(
             metavar="STUDY",
             help="For a batch: its study, for labels instead of names on the page, in figures and"
             r" in tables for people. \[default: names; of a shipped study its labels]",
-            show_default=False,
         ),
     ] = None,
     list_metrics: Annotated[

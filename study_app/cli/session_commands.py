@@ -1,4 +1,4 @@
-"""`metamerlab session`: run a sitting with a participant, or without one."""
+"""`metamerlab session`: run a session with a participant, or without one."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def simulate(
                 done = attempt.outcome == "completed"
                 progress.update(task, description=f"{code} trials", advance=float(done))
 
-            gc.freeze()  # what is loaded by now stays: no sitting need search it for garbage
+            gc.freeze()  # what is loaded by now stays: no session need search it for garbage
             try:
                 outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
             except KeyboardInterrupt:

@@ -12,10 +12,10 @@ import typer
 from rich.table import Table
 
 from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.holes_command import export_holes
+from study_app.cli.options import one_of
 from study_app.cli.progress import progress_bar, progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say
@@ -186,28 +186,19 @@ def look(
 
         metamerlab stimuli look place.glb --interactive
     """
-    from pipeline.gl.context import create_context, release_context
+    from pipeline.gl.context import lent_context
     from protocols.load import parse_view
     from stimuli.look import LIGHTINGS, look_around
 
     with user_errors():
-        kind = next((name for name in LIGHTINGS if name == lighting), None)
-        if lighting is not None and kind is None:
-            raise StudyError(
-                f"--lighting: must be one of {', '.join(LIGHTINGS)} (got {lighting!r})"
-                f"{did_you_mean(lighting, LIGHTINGS)}"
-            )
+        kind = None if lighting is None else one_of("--lighting", lighting, LIGHTINGS)
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
-        ctx = create_context()
-        if interactive:
-            try:
+        with lent_context() as ctx:
+            if interactive:
                 _look_interactively(ctx, scene, scale, seed, chosen, kind, sun_direction)
-            finally:
-                release_context(ctx)
-            return
-        try:
+                return
             with progress_line("trying views") as report:
                 lines = look_around(
                     ctx,
@@ -221,8 +212,6 @@ def look(
                     sun_direction=sun_direction,
                     report=lambda done, total: report(done, total, "trying views"),
                 )
-        finally:
-            release_context(ctx)
         say("\n".join(lines))
         say(f"wrote {out}")
 
@@ -257,7 +246,7 @@ def panorama(
 
         metamerlab stimuli panorama place.glb --out place-360.png --height-px 1024
     """
-    from pipeline.gl.context import create_context, release_context
+    from pipeline.gl.context import lent_context
     from protocols.load import parse_view
     from stimuli.look import world_of
     from stimuli.open_scene import viewpoint_of
@@ -270,15 +259,11 @@ def panorama(
         world = world_of(scene, scale, seed)
         if view is not None:
             world = world.seen_from(viewpoint_of(parse_view(view), world))
-        ctx = create_context()
-        try:
-            with progress_line("looking around") as report:
-                colour = panorama_of(
-                    ctx, world, height_px,
-                    report=lambda done, total: report(done, total, "looking around"),
-                )  # fmt: skip
-        finally:
-            release_context(ctx)
+        with lent_context() as ctx, progress_line("looking around") as report:
+            colour = panorama_of(
+                ctx, world, height_px,
+                report=lambda done, total: report(done, total, "looking around"),
+            )  # fmt: skip
         out.parent.mkdir(parents=True, exist_ok=True)
         save_picture(out, of_colour(colour))
         say(f"wrote {out}: {colour.shape[1]} x {colour.shape[0]} px")

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
 from study_app.cli.assumed import pairs
 from study_app.cli.errors import user_errors
-from study_app.cli.options import ReplaceOption
+from study_app.cli.options import ReplaceOption, one_of
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say
 
@@ -85,7 +84,7 @@ def psychometric(
             x=level,
             by=by,
             guess=_guess(guess),
-            shape=_one_of("--shape", shape, SHAPES),
+            shape=one_of("--shape", shape, SHAPES),
             falling=falling,
             logarithmic=log or shape == "weibull",
             level=confidence,
@@ -196,7 +195,7 @@ def ratings(
             by=by,
             scale=scale_of(scale),
             baseline=baseline,
-            link=_one_of("--link", link, LINKS),
+            link=one_of("--link", link, LINKS),
             level=confidence,
         )
         hand_over(found, out, replace=replace)
@@ -262,18 +261,6 @@ def _guess(text: str) -> float | None:
     if not 0.0 <= value < 1.0:
         raise StudyError(f"--guess must be a rate from 0 to below 1, or 'fit' (got {text!r})")
     return value
-
-
-T = TypeVar("T", bound=str)
-
-
-def _one_of(option: str, text: str, known: tuple[T, ...]) -> T:
-    for name in known:
-        if name == text:
-            return name
-    raise StudyError(
-        f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
-    )
 
 
 def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:

@@ -9,12 +9,13 @@ import typer
 
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
-    LOOK,
     DisplayOption,
     FovOption,
+    SeedOption,
     SettingsOption,
     check_file,
     gaze_option,
+    look_option,
     read_parameters,
     renderer,
 )
@@ -37,9 +38,7 @@ app = typer.Typer(
 
 @app.command()
 def bake(
-    texture: Annotated[
-        Path, typer.Argument(help="A picture of 8 or 16 bits a channel.", show_default=False)
-    ],
+    texture: Annotated[Path, typer.Argument(help="A picture of 8 or 16 bits a channel.")],
     out: Annotated[
         Path, typer.Option(help="The file to write, .moments; replaced if there.")
     ] = Path("texture.moments"),
@@ -69,22 +68,19 @@ def bake(
 
 @app.command()
 def show(
-    scene: Annotated[str, typer.Argument(help="planet or spheres.", show_default=False)],
+    scene: Annotated[str, typer.Argument(help="planet or spheres.")],
     out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
         "texture.png"
     ),
     baked: Annotated[
         Path | None,
-        typer.Option(
-            help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]",
-            show_default=False,
-        ),
+        typer.Option(help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]"),
     ] = None,
     gaze: Annotated[str | None, gaze_option("where the scene says")] = None,
     display: DisplayOption = None,
     fov: FovOption = None,
     settings: SettingsOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: SeedOption = 0,
     size_px: Annotated[
         int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")
     ] = 768,
@@ -93,10 +89,7 @@ def show(
     ] = 0.0,
     animate: Annotated[
         Path | None,
-        typer.Option(
-            help="Animation (.webp, or .png for APNG) of the turning globes.",
-            rich_help_panel=LOOK,
-        ),
+        look_option(help="Animation (.webp, or .png for APNG) of the turning globes."),
     ] = None,
 ) -> None:
     """Draw a scene three times: as it is, with a foveated blur, and with noise for what it lost.

@@ -13,17 +13,20 @@ from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
-    LOOK,
     DisplayOption,
     FovOption,
     GazeOption,
+    SeedOption,
     SettingsOption,
     check_outputs,
     choose_methods,
     list_option,
+    look_option,
     method_option,
+    panel_option,
     print_methods,
 )
+from study_app.cli.options import one_of
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
@@ -35,7 +38,6 @@ if TYPE_CHECKING:
     from pipeline.warp.settings import WarpSettings
     from stimuli.exr import WarpInput
     from stimuli.one_frame import Choice, Filled
-    from stimuli.one_picture import Nearer
     from stimuli.upsampled import Eye
     from study_app.cli.warp_source import Loaded
 
@@ -44,10 +46,10 @@ _SOURCE_HELP = (
     "A file of RGBZ and flow (.exr); a picture with motion (--flow) or with depth and two poses"
     " (--depth); an image of a stereo pair (with --disparity); or a built-in pair: motorcycle."
 )
-_FILE = "File of RGBZ and flow"
-_PICTURE = "Picture with motion, or with depth and two poses"
-_STEREO = "Stereo pair"
-_GAZE = "True view around the gaze"
+_file_option = panel_option("File of RGBZ and flow")
+_picture_option = panel_option("Picture with motion, or with depth and two poses")
+_stereo_option = panel_option("Stereo pair")
+_gaze_option = panel_option("True view around the gaze")
 
 
 def _print_methods(console: Console) -> None:
@@ -57,14 +59,14 @@ def _print_methods(console: Console) -> None:
 
 
 def warp(
-    source: Annotated[str, typer.Argument(help=_SOURCE_HELP, show_default=False)],
+    source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
     out: Annotated[
         Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
     ] = Path("filled.png"),
     methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None,
     settings: SettingsOption = None,
     _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0,
+    seed: SeedOption = 0,
     rim_px: Annotated[
         int | None,
         typer.Option(
@@ -72,94 +74,76 @@ def warp(
             " pixels at a silhouette mix both sides, and would leave a ghost of the outline. Give 0"
             " to a pair rendered without anti-aliasing, 1 to a file with anti-aliased edges, more"
             " to pictures that are blurred or enlarged."
-            r" \[default: 1 for a stereo pair, 0 for a file]",
-            show_default=False,
+            r" \[default: 1 for a stereo pair, 0 for a file]"
         ),
     ] = None,
     clip: Annotated[
         bool,
-        typer.Option(
-            "--clip",
-            help="Clip light brighter than the display can show instead of refusing it.",
-            rich_help_panel=_FILE,
+        _file_option(
+            "--clip", help="Clip light brighter than the display can show instead of refusing it."
         ),
     ] = False,
     encoded: Annotated[
         bool,
-        typer.Option(
-            "--encoded",
-            help="The file's colour is display-referred already, not scene-linear.",
-            rich_help_panel=_FILE,
+        _file_option(
+            "--encoded", help="The file's colour is display-referred already, not scene-linear."
         ),
     ] = False,
     channels: Annotated[
         list[str] | None,
-        typer.Option(
+        _file_option(
             "--channel",
             metavar="WHAT=NAME",
             help="Name of a channel that is not R, G, B, Z, flow.x, flow.y or target.Z. WHAT is"
             " red, green, blue, depth, flow_x, flow_y or target_depth.",
-            rich_help_panel=_FILE,
         ),
     ] = None,
     flow: Annotated[
         Path | None,
-        typer.Option(
-            help="Where each pixel moves: a Middlebury file (.flo).", rich_help_panel=_PICTURE
-        ),
+        _picture_option(help="Where each pixel moves: a Middlebury file (.flo)."),
     ] = None,
     depth: Annotated[
         Path | None,
-        typer.Option(
+        _picture_option(
             help="Depth along the optical axis, an image of one channel; unknown is 0 in integers."
-            " Given alone, the camera moves sideways. Also useful with --flow.",
-            rich_help_panel=_PICTURE,
+            " Given alone, the camera moves sideways. Also useful with --flow."
         ),
     ] = None,
     depth_scale: Annotated[
         float,
-        typer.Option(
-            help="Metres per unit of --depth: 0.001 for millimetres.", rich_help_panel=_PICTURE
-        ),
+        _picture_option(help="Metres per unit of --depth: 0.001 for millimetres."),
     ] = 1.0,
     nearer: Annotated[
         str,
-        typer.Option(
+        _picture_option(
             help="Which surface is in front if --flow comes without --depth: fast (what moves"
-            " faster) or none.",
-            rich_help_panel=_PICTURE,
+            " faster) or none."
         ),
     ] = "fast",
     camera: Annotated[
         str | None,
-        typer.Option(
-            metavar="FX,FY,CX,CY",
-            help="Intrinsics in pixels; the first pixel's centre is at 0, 0.",
-            rich_help_panel=_PICTURE,
+        _picture_option(
+            metavar="FX,FY,CX,CY", help="Intrinsics in pixels; the first pixel's centre is at 0, 0."
         ),
     ] = None,
     pose: Annotated[
         str | None,
-        typer.Option(
+        _picture_option(
             metavar="POSE",
             help="Pose of the picture, world from camera: 'tx ty tz qx qy qz qw', 16 numbers of a"
             r" matrix, or FILE:LINE. \[default: the world's origin]",
-            show_default=False,
-            rich_help_panel=_PICTURE,
         ),
     ] = None,
     target_pose: Annotated[
         str | None,
-        typer.Option(metavar="POSE", help="Pose of the new view.", rich_help_panel=_PICTURE),
+        _picture_option(metavar="POSE", help="Pose of the new view."),
     ] = None,
     parallax: Annotated[
         float | None,
-        typer.Option(
+        _picture_option(
             metavar="SHARE",
             help="With --depth alone: move the camera to the right until near surfaces move by"
             r" this share of the width; negative: to the left. \[default: 0.03]",
-            show_default=False,
-            rich_help_panel=_PICTURE,
         ),
     ] = None,
     truth: Annotated[
@@ -168,60 +152,48 @@ def warp(
     ] = None,
     disparity: Annotated[
         Path | None,
-        typer.Option(
+        _stereo_option(
             help="Disparity of the left image: .png, .pgm, .pfm, .exr, .npy or .npz; unknown is 0"
-            " in integers, not finite in floats.",
-            rich_help_panel=_STEREO,
+            " in integers, not finite in floats."
         ),
     ] = None,
     units_per_px: Annotated[
         float,
-        typer.Option(help="Stored value of 1 px of disparity.", rich_help_panel=_STEREO),
+        _stereo_option(help="Stored value of 1 px of disparity."),
     ] = 1.0,
     right: Annotated[
         Path | None,
-        typer.Option(help="Right image. Fills are measured against it.", rich_help_panel=_STEREO),
+        _stereo_option(help="Right image. Fills are measured against it."),
     ] = None,
     focal_px: Annotated[
         float | None,
-        typer.Option(
-            help="Focal length. Without it, depths are right in ratio only.",
-            rich_help_panel=_STEREO,
-        ),
+        _stereo_option(help="Focal length. Without it, depths are right in ratio only."),
     ] = None,
-    baseline_m: Annotated[
-        float, typer.Option(help="Distance of the cameras.", rich_help_panel=_STEREO)
-    ] = 0.1,
+    baseline_m: Annotated[float, _stereo_option(help="Distance of the cameras.")] = 0.1,
     offset_px: Annotated[
         float,
-        typer.Option(
-            help="Offset of the principal points (doffs), added to the disparity for depth.",
-            rich_help_panel=_STEREO,
+        _stereo_option(
+            help="Offset of the principal points (doffs), added to the disparity for depth."
         ),
     ] = 0.0,
     amount: Annotated[
         float,
-        typer.Option(
-            help="How far to move: 1 is the right camera, 0.5 half way.", rich_help_panel=_STEREO
-        ),
+        _stereo_option(help="How far to move: 1 is the right camera, 0.5 half way."),
     ] = 1.0,
     to_left: Annotated[
         bool,
-        typer.Option(
+        _stereo_option(
             "--to-left",
             help="From the right camera to the left: SOURCE and --disparity are the right image's,"
             " --right is the left image.",
-            rich_help_panel=_STEREO,
         ),
     ] = False,
     true_within: Annotated[
         float | None,
-        typer.Option(
+        _gaze_option(
             metavar="DEG",
             help="Show the true view this far around the gaze, as a foveated display does whose"
             " periphery is filled up by warping. Fills are measured outside.",
-            show_default=False,
-            rich_help_panel=_GAZE,
         ),
     ] = None,
     gaze: GazeOption = None,
@@ -229,17 +201,15 @@ def warp(
     fov: FovOption = None,
     steps: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise.",
-            rich_help_panel=LOOK,
+        look_option(
+            help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise."
         ),
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option(
+        look_option(
             help="One labelled sheet with the fills side by side: those of --method, or of all"
-            " methods. With --true-within also crops of fovea and periphery.",
-            rich_help_panel=LOOK,
+            " methods. With --true-within also crops of fovea and periphery."
         ),
     ] = None,
 ) -> None:
@@ -269,10 +239,12 @@ def warp(
         --camera 518,519,325.5,253.5 --pose pose.txt:1 --target-pose pose.txt:2
     """
     from pipeline.warp.settings import WarpSettings
+    from stimuli.one_picture import NEARER
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
+        first = one_of("--nearer", nearer, NEARER)
         choices = _choices(methods, settings, compare is not None)
         check_outputs({"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))}, [steps])
         loaded = load(
@@ -281,9 +253,7 @@ def warp(
             PairOptions(
                 disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
             ),
-            PictureOptions(
-                flow, depth, depth_scale, _nearer(nearer), camera, pose, target_pose, parallax
-            ),
+            PictureOptions(flow, depth, depth_scale, first, camera, pose, target_pose, parallax),
             truth,
         )
         settled = asked or loaded.settings
@@ -302,7 +272,7 @@ def _run(
     steps: Path | None,
     eye: Eye | None,
 ) -> None:
-    from pipeline.gl.context import create_context, describe, release_context
+    from pipeline.gl.context import describe, lent_context
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
@@ -310,16 +280,13 @@ def _run(
     from stimuli.upsampled import periphery, upsampled, upsampled_sheet
 
     console = PlainConsole(soft_wrap=True)
-    ctx = create_context()
-    try:
+    with lent_context() as ctx:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
                 truth_mask=None if eye is None else periphery(eye),
             )  # fmt: skip
-    finally:
-        release_context(ctx)
     _print_results(console, warped, fills, settings.rim_px, eye)
     plain = fills
     if eye is not None and truth is not None:
@@ -378,15 +345,6 @@ def _eye(
     assert isinstance(looking.geometry, FlatGeometry)
     say(looking.words)
     return Eye(looking.geometry, read_gaze(gaze, looking.geometry), within_deg)
-
-
-def _nearer(text: str) -> Nearer:
-    from stimuli.one_picture import NEARER
-
-    for choice in NEARER:
-        if text == choice:
-            return choice
-    raise StudyError(f"--nearer must be {' or '.join(NEARER)} (got {text!r})")
 
 
 def _print_results(

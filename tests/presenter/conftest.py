@@ -1,4 +1,4 @@
-"""A screen without a monitor, a study of a few small clips, and ways to run sittings on it."""
+"""A screen without a monitor, a study of a few small clips, and ways to run sessions on it."""
 
 from __future__ import annotations
 

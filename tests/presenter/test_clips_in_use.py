@@ -1,4 +1,4 @@
-"""A real sitting and a real build in one folder of clips: whoever comes second is refused."""
+"""A real session and a real build in one folder of clips: whoever comes second is refused."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study,
         sitting.wait(timeout=30)
 
     assert files_of(study.stimuli) == before
-    with only_build(study.stimuli):  # both sittings were killed, and nothing of them is left
+    with only_build(study.stimuli):  # both sessions were killed, and nothing of them is left
         pass
 
 

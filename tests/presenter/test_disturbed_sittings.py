@@ -1,5 +1,5 @@
-"""What the world does to a sitting in the midst of it: sleep, an unplugged monitor, slow disks, a
-second sitting. Each has one outcome, and everything before it is kept."""
+"""What the world does to a session in the midst of it: sleep, an unplugged monitor, slow disks, a
+second session. Each has one outcome, and everything before it is kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every page as it stands on the screen, turned by real keys, in a sitting watched by the mouse."""
+"""Every page as it stands on the screen, turned by real keys, in a session watched by the mouse."""
 
 from __future__ import annotations
 

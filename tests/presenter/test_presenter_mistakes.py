@@ -1,4 +1,4 @@
-"""Every mistake before and during a windowed sitting: one message, status 2, nothing lost."""
+"""Every mistake before and during a windowed session: one message, status 2, nothing lost."""
 
 from __future__ import annotations
 

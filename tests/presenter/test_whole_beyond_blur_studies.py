@@ -92,7 +92,7 @@ def pictures_of_noise(study):
 
 
 def planned(study):
-    """The plan of the sitting, with what each trial shows."""
+    """The plan of the session, with what each trial shows."""
     return make_plan(study.protocol, study.manifest, "P01", 0).trials
 
 

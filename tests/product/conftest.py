@@ -1,4 +1,4 @@
-"""A small study whose sittings ended in every way that sittings end."""
+"""A small study whose sessions ended in every way that sessions end."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def metamerlab():
 
 @pytest.fixture(scope="session")
 def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """Return five sittings: S001 whole, S002 killed and resumed, S003 cut short while a line was
+    """Return five sessions: S001 whole, S002 killed and resumed, S003 cut short while a line was
     written, S004 withdrawn, S005 whole. Nobody may change them; `recorded` gives a copy."""
     study = Recorded(tmp_path_factory.mktemp("recorded"))
     text = shipped("studies")["demo"].read_text(encoding="utf-8")
@@ -94,7 +94,7 @@ def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 @pytest.fixture
 def recorded(recorded_once: Recorded, tmp_path: Path) -> Recorded:
-    """Return a copy of the sittings that a test may change."""
+    """Return a copy of the sessions that a test may change."""
     return recorded_once.copy(tmp_path / "recorded")
 
 

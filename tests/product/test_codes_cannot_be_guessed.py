@@ -110,7 +110,7 @@ def found_by_guessing(folder: Path, study: StudyProtocol, manifest_sha256: str) 
 
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
-    """Five sittings of a study without a secret, and of the same study with one."""
+    """Five sessions of a study without a secret, and of the same study with one."""
     made = {}
     for kind in ("older", "with a secret"):
         folder = tmp_path_factory.mktemp("study")

@@ -111,7 +111,7 @@ REFUSED = {
 }
 NOTED = {
     "milliseconds for seconds": (("gap_s = 0.5", "gap_s = 500.0"), "seconds are meant"),
-    "a sitting of a day": (("repeats = 2", "repeats = 300"), "people tire"),
+    "a session of a day": (("repeats = 2", "repeats = 300"), "people tire"),
     "clips of two pixels": (
         ("width_deg = 8.0\nheight_deg = 6.0", "width_deg = 0.05\nheight_deg = 0.05"),
         "shows little",

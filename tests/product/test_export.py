@@ -108,7 +108,7 @@ def test_who_withdrew_is_nowhere(exported, form):
     everything = everything_in(exported(form))
 
     assert "S005" in everything
-    # The exclusion rules leave the sitting that was cut short out of the table for pwcmp.
+    # The exclusion rules leave the session that was cut short out of the table for pwcmp.
     assert ("S003" in everything) is (form != "pwcmp")
     # BIDS has a list of what is odd in its README; it says that somebody withdrew, no more.
     everything = everything.replace("demo/S004: the participant withdrew", "")
@@ -326,12 +326,12 @@ def test_a_gaze_file_outside_the_sitting_is_never_read(tmp_path):
     from protocols.journal import SideFile
 
     (tmp_path / "elsewhere.csv").write_text("t_s,raw_t,x_px,y_px\n")
-    (tmp_path / "sitting").mkdir()
+    (tmp_path / "session").mkdir()
     digest = sha256_file(tmp_path / "elsewhere.csv")
 
     for name in ("../elsewhere.csv", str(tmp_path / "elsewhere.csv")):
         with pytest.raises(StudyError, match="must lie in the folder of its journal"):
-            read_samples(tmp_path / "sitting", SideFile(file=name, sha256=digest))
+            read_samples(tmp_path / "session", SideFile(file=name, sha256=digest))
 
 
 def test_codes_stay_apart_when_they_become_labels():

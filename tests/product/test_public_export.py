@@ -70,7 +70,7 @@ def plant(event: dict[str, object]) -> tuple[dict[str, object], set[str]]:
 
 @pytest.fixture
 def planted(recorded, reseal):
-    """Sittings with the secret wherever a journal, the display or the protocol takes text."""
+    """Sessions with the secret wherever a journal, the display or the protocol takes text."""
     study = recorded
     (study.folder / "desk.toml").write_text(
         (study.folder / "desk.toml").read_text()

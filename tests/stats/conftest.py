@@ -114,7 +114,7 @@ def make_decisions() -> Callable[..., pd.DataFrame]:
 
 @pytest.fixture(scope="session")
 def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
-    """Return a writer of sittings of the demonstration study, one folder per participant."""
+    """Return a writer of sessions of the demonstration study, one folder per participant."""
 
     def write(
         folder: Path,

@@ -55,7 +55,7 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
     result = run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t")
 
     assert result.exit_code == 0, result.output
-    assert "5 SIMULATED sittings, 120 of 120 main decisions kept" in result.output
+    assert "5 SIMULATED sessions, 120 of 120 main decisions kept" in result.output
     assert {path.name for path in (tmp_path / "t").iterdir()} == {
         "answers.csv",
         "attempts.csv",

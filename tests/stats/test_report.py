@@ -28,7 +28,7 @@ VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, demo_protocol, write_journals) -> Path:
-    """A report of eight simulated sittings with a hostile free answer."""
+    """A report of eight simulated sessions with a hostile free answer."""
     folder = tmp_path_factory.mktemp("report")
     write_journals(folder / "s", people=8, answer=HOSTILE)
     report_sessions(folder / "s", demo_protocol, folder / "r", figure_files=False)

@@ -1,4 +1,4 @@
-"""Reports of tasks with right answers: from sittings and from tables, numbers and page alike."""
+"""Reports of tasks with right answers: from sessions and from tables, numbers and page alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sittings whose levels and pairs follow from the answers: pure, undisturbed by voids and kills."""
+"""Sessions whose levels and pairs follow from the answers: pure, undisturbed by voids and kills."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def plan_of(rule: str):
 
 @pytest.fixture(scope="module")
 def sittings(tmp_path_factory) -> dict[str, Path]:
-    """One whole sitting of every rule, with void attempts."""
+    """One whole session of every rule, with void attempts."""
     roots = {}
     for rule in STUDIES:
         roots[rule] = tmp_path_factory.mktemp(rule)
@@ -104,7 +104,7 @@ def sittings(tmp_path_factory) -> dict[str, Path]:
 
 @EVERY
 def test_what_an_adaptive_trial_shows_follows_from_the_journal_alone(sittings, rule):
-    """Every attempt of a finished sitting, chosen again from the lines before it."""
+    """Every attempt of a finished session, chosen again from the lines before it."""
     path = sittings[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
     events, plan = read_journal(path).events, plan_of(rule)
     seen = 0
@@ -204,7 +204,7 @@ def test_answers_of_one_track_say_nothing_in_another(sittings, rule):
 @EVERY
 @pytest.mark.parametrize("kept", [3, 9, 20])
 def test_a_killed_sitting_keeps_its_levels(sittings, rule, kept, tmp_path):
-    """Cut within a line, as a power cut does; the sitting that goes on is the undisturbed one."""
+    """Cut within a line, as a power cut does; the session that goes on is the undisturbed one."""
     whole = sittings[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
     lines = whole.read_bytes().splitlines(keepends=True)
     attempts = [i for i, line in enumerate(lines) if b'"kind":"attempt"' in line]

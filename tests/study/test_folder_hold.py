@@ -1,4 +1,4 @@
-"""Builds and sittings in one folder of clips: who keeps out whom, and what is left behind."""
+"""Builds and sessions in one folder of clips: who keeps out whom, and what is left behind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import sys, time
 from pathlib import Path
 from protocols.folder_hold import kept_for_sitting
 with kept_for_sitting(Path(sys.argv[1])):
-    print("sitting", flush=True)
+    print("session", flush=True)
     time.sleep(600)
 """
 
@@ -68,7 +68,7 @@ def test_the_same_folder_by_another_name_is_the_same_folder(clips, tmp_path):
 def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
     sitting = subprocess.Popen([sys.executable, "-c", SIT, clips], stdout=subprocess.PIPE)
     with sitting:
-        assert sitting.stdout.readline() == b"sitting\n"
+        assert sitting.stdout.readline() == b"session\n"
         assert "while a session shows its clips" in refused_build(clips)
         sitting.send_signal(signal.SIGKILL)
     with only_build(clips):

@@ -127,7 +127,7 @@ def steady(clock: VirtualClock):
 
 
 def sit(folder: Path, send_of):
-    """Conduct a sitting with a tracker; return its journal."""
+    """Conduct a session with a tracker; return its journal."""
     study, clock = enforced(), VirtualClock()
     observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)

@@ -38,7 +38,7 @@ def metamerlab(*arguments: object):
 
 @pytest.fixture
 def sessions(tmp_path, sample_sessions) -> Path:
-    """Two sittings of the demo study that a test may change."""
+    """Two sessions of the demo study that a test may change."""
     shutil.copytree(sample_sessions, tmp_path / "sessions")
     return tmp_path / "sessions"
 

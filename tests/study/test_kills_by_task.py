@@ -1,4 +1,4 @@
-"""Killed at any point, a sitting of any task loses nothing, doubles nothing, and keeps order and
+"""Killed at any point, a session of any task loses nothing, doubles nothing, and keeps order and
 levels."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from study_app.simulate import Simulation, simulate_sitting
 @pytest.mark.parametrize("disk_full", [False, True], ids=["killed", "disk full"])
 @pytest.mark.parametrize("name", CASES)
 def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_full, full):
-    """SIGKILL, or a full disk, at writes spread over the whole sitting, several in each."""
+    """SIGKILL, or a full disk, at writes spread over the whole session, several in each."""
     points = (40 if full else 4) if disk_full else (200 if full else 12)
     found = kill_sittings(name, tmp_path, points, full=disk_full)
 

@@ -1,4 +1,4 @@
-"""One bad line costs one sitting at most, and what it says reaches nobody's terminal as orders."""
+"""One bad line costs one session at most, and what it says reaches nobody's terminal as orders."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_a_sitting_without_its_first_line_is_left_out_and_the_study_goes_on(sess
 
 
 def test_slots_follow_from_first_lines_alone(sessions, monkeypatch):
-    """With every journal read to its end, the hundredth sitting would begin by reading 99."""
+    """With every journal read to its end, the hundredth session would begin by reading 99."""
     monkeypatch.delattr("study_app.sittings.read_journal")
     assert next_slot(sessions, "demo") == 2
 

@@ -1,4 +1,4 @@
-"""`protocol preview`: a study as one page, drawn from what sittings are drawn from."""
+"""`protocol preview`: a study as one page, drawn from what sessions are drawn from."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def session(*words: object, passphrase: str | None = None, said: str | None = No
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory) -> Path:
-    """A study with a secret, its display, two sittings and the clips' manifest."""
+    """A study with a secret, its display, two sessions and the clips' manifest."""
     root = tmp_path_factory.mktemp("lab")
     folder = root / "my-study"
     folder.mkdir()
@@ -100,7 +100,7 @@ def test_an_archive_holds_the_study_and_its_sittings_byte_for_byte(here):
             assert archive.read(name) == (here / name).read_bytes()
         index = Index.model_validate_json(archive.read(INDEX_NAME))
 
-    assert "whole (demo: 2 sittings" in said
+    assert "whole (demo: 2 sessions" in said
     assert index.sha256 in said
     assert {"study/my-display.toml", "clips/manifest.json"} < names
     assert {f"sessions/demo/S00{n}/journal.jsonl" for n in (1, 2)} < names

@@ -1,4 +1,4 @@
-"""A whole sitting on a virtual display: flow, requeue, resume, and what was shown."""
+"""A whole session on a virtual display: flow, requeue, resume, and what was shown."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def simulation(protocol=SHORT, **fields) -> Simulation:
 
 
 def facts(attempts) -> list[tuple[object, ...]]:
-    """What a sitting decided, without its clocks."""
+    """What a session decided, without its clocks."""
     return [
         (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.condition, a.stimulus_names,
          a.answer, a.key,
@@ -337,7 +337,7 @@ def test_missed_refreshes_void_by_the_protocol_s_tolerance(tmp_path):
     [(60.0, 30.0), (60.0, 60.0), (90.0, 45.0), (120.0, 60.0), (144.0, 72.0), (240.0, 60.0)],
 )
 def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh_hz, fps):
-    """Through a whole sitting: the side files name every planted fault, and no other."""
+    """Through a whole session: the side files name every planted fault, and no other."""
     patient = changed(
         NO_GAZE,
         clips={"fps": fps, "duration_s": 18 / fps},
@@ -542,7 +542,7 @@ def test_presented_is_planned_over_random_protocols(proof_count):
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
-    """SIGKILL at random times and at random writes; every sitting goes on to the end."""
+    """SIGKILL at random times and at random writes; every session goes on to the end."""
     tiny = changed(SHORT, design={"repeats": 1})
     sim = simulation(tiny, gaze=RESTLESS, seed=3)
     began = time.perf_counter()
@@ -556,7 +556,7 @@ def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_pa
         root = tmp_path / f"killed-{sitting}"
         sitting += 1
         saved = b""
-        for _ in range(3):  # several kills in one sitting
+        for _ in range(3):  # several kills in one session
             kills += 1
             if kills % 2:
                 in_a_child(

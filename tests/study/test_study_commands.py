@@ -184,10 +184,10 @@ def test_preregister_says_what_is_read_why_so_many_when_it_stops_and_its_power(s
              "studies": 900, "assumptions": {"rate": 0.65, "scene_sd": 0.4}}  # fmt: skip
     (tmp_path / "power" / "power.json").write_text(json.dumps(found))
 
-    words = ("--power", tmp_path / "power", "--why", "A day of sittings.")
+    words = ("--power", tmp_path / "power", "--why", "A day of sessions.")
     told = metamerlab("protocol", "preregister", path, *words).stdout
 
-    assert "Reason for this number: A day of sittings." in told
+    assert "Reason for this number: A day of sessions." in told
     assert "900 simulated studies of this design with 8 participants: 0.61 that the" in told
     assert "rate 0.65, scene sd 0.4" in told
     for harmed in ({"planned": 5}, {"participants": None}, {"assumptions": []}):

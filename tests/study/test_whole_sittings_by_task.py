@@ -65,7 +65,7 @@ class Case:
     answers: tuple[str, ...]
     analysis: str
     main: int
-    """Main trials of a sitting."""
+    """Main trials of a session."""
 
 
 PREFERENCE = 'kind = "preference"\nprimary = { method = "one", against = "two" }'
@@ -125,7 +125,7 @@ class Learner(ObserverModel):
 
 
 def sit(study, display, root, code):
-    """Run a sitting on the virtual stage; return its journal, its pages and its pictures."""
+    """Run a session on the virtual stage; return its journal, its pages and its pictures."""
     setting = Simulation(study, display).setting(root, clock := VirtualClock())
     pages = []
 

@@ -112,6 +112,7 @@ def test_every_include_of_the_package_exists():
         (np.float32(0.5), "0.5"),
         (np.int64(7), "7"),
         (np.bool_(True), "1"),
+        ((0.5, -2.0), "float[](0.5, (-2.0))"),
     ],
 )
 def test_a_constant_becomes_a_define(shaders, value, text):

@@ -9,8 +9,8 @@ from analysis.detection import DiscriminationResults, abx
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares, tabulated
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, common_settings
+from analysis.tasks.rates.power import Floats, tabulated
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in, common_settings
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
 from protocols.tasks.abx import AbxAnalysis
@@ -61,30 +61,19 @@ class Abx(RatesTask):
         """Return d', critical scalings, and what all tasks with right answers have."""
 
         def sense(rows: pd.DataFrame) -> DiscriminationResults:
-            present = set(rows["condition"])
-            shown = [name for name in settings.values if name in present]
             return abx(
                 rows,
                 ("condition",),
                 rule=settings.rule,
-                reference=shown[0] if len(shown) > 1 else None,
+                reference=baseline_in(rows, settings),
                 level=settings.confidence,
             )
 
         return analyse_rates(decisions, settings, step, sense, scaling=settings.rule)
 
-    def draw(self, settings: RateSettings) -> Draw:
-        """Return the chance of a right answer, by the study's decision rule."""
-        share = self.share_of(settings)
-        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
-
     def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""
         return tabulated(lambda d: abx_share(d, settings.rule))
-
-    def judge(self) -> Judge:
-        """Return the test of differences of shares."""
-        return judge_shares
 
 
 class WhichHalfOptions(AbxOptions):

@@ -14,7 +14,7 @@ from analysis.tasks.base import Estimate, Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, prepared
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in, prepared
 from analysis.tasks.rates.study import RateResults, analyse_rates, with_shared_noise
 from analysis.tasks.rates.tables import read_answers
 from protocols.errors import StudyError
@@ -116,13 +116,11 @@ class Detection(RatesTask):
 
 def sensitivity(rows: pd.DataFrame, settings: RateSettings) -> YesNoResults:
     """Return d', criterion and bias of prepared rows by condition, against the baseline."""
-    present = set(rows["condition"])
-    shown = [name for name in settings.values if name in present]
     return yes_no(
         rows,
         ("condition",),
         signal=settings.answers[0],
-        reference=shown[0] if len(shown) > 1 else None,
+        reference=baseline_in(rows, settings),
         level=settings.confidence,
     )
 

@@ -10,8 +10,8 @@ from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.power import Draw, Floats, Judge, judge_shares, tabulated
-from analysis.tasks.rates.settings import RateSettings, RatesOptions
+from analysis.tasks.rates.power import Floats, tabulated
+from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.errors import StudyError
 
@@ -59,27 +59,16 @@ class Identification(RatesTask):
         """Return d' for m alternatives, and what all tasks with right answers have."""
 
         def sense(rows: pd.DataFrame) -> DiscriminationResults:
-            present = set(rows["condition"])
-            shown = [name for name in settings.values if name in present]
             return identification(
                 rows,
                 ("condition",),
                 alternatives=settings.alternatives,
-                reference=shown[0] if len(shown) > 1 else None,
+                reference=baseline_in(rows, settings),
                 level=settings.confidence,
             )
 
         return analyse_rates(decisions, settings, step, sense)
 
-    def draw(self, settings: RateSettings) -> Draw:
-        """Return the chance of picking the right one of m."""
-        share = self.share_of(settings)
-        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
-
     def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""
         return tabulated(lambda d: forced_choice_share(d, settings.alternatives))
-
-    def judge(self) -> Judge:
-        """Return the test of differences of shares."""
-        return judge_shares

@@ -13,7 +13,7 @@ from pydantic import Field
 from analysis.exclusions import FlowStep
 from analysis.pairings import Comparisons, pairing_rows
 from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
-from analysis.plots import power_plot
+from analysis.plots import power_plot, sized
 from analysis.preference import Preference, preferences
 from analysis.seed import SEED
 from analysis.tasks.base import (
@@ -341,7 +341,8 @@ def _power_report(curve: PowerCurve) -> PowerReport:
             for name, goal, people in curve.needed
         ),
         warnings=curve.warnings,
-        draw=lambda width: power_plot(
+        draw=sized(
+            power_plot,
             curve.participants,
             {
                 "primary comparison": curve.primary,
@@ -349,9 +350,9 @@ def _power_report(curve: PowerCurve) -> PowerReport:
                 "equivalent, if rate is .5": curve.equivalence,
             },
             planned=curve.planned,
-            width_in=width,
         ),
-        draw_designs=lambda width: power_plot(
+        draw_designs=sized(
+            power_plot,
             sorted({one.scenes for one in curve.designs}),
             {
                 f"{repeats} {'repeat' if repeats == 1 else 'repeats'}": np.array(
@@ -360,6 +361,5 @@ def _power_report(curve: PowerCurve) -> PowerReport:
                 for repeats in sorted({one.repeats for one in curve.designs})
             },
             x_label=f"Scenes, with {curve.planned or curve.participants[-1]} participants",
-            width_in=width,
         ),
     )

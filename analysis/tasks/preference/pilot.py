@@ -1,4 +1,4 @@
-"""How much people and scenes differ, from the sittings of a pilot."""
+"""How much people and scenes differ, from the sessions of a pilot."""
 
 from dataclasses import dataclass
 

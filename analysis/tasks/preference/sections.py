@@ -5,7 +5,16 @@ from markupsafe import Markup
 
 from analysis.models import ModelFit
 from analysis.preference import Preference
-from analysis.report.wording import big, grouped, number, p_number, p_text, share, share_range
+from analysis.report.wording import (
+    big,
+    grouped,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
 from analysis.tasks.blocks import (
     Block,
     Box,
@@ -83,67 +92,45 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
     level = f"{100 * cells[0].estimate.level:g} % limits"
     adjusted = f", Holm-adjusted over {len(cells)}" if table.correction == "holm" else ""
     margin = share(settings.margin)
-    shares = Table.of(
+    shares = Table.each(
         f"Every comparison, p by {TEST_NAMES[settings.test]}{adjusted}",
+        cells,
+        ("Comparison", "l c", lambda c: _name(c, settings)),
+        ("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
+        ("Share", "strong", lambda c: share(c.estimate.share)),
+        (level, "n", lambda c: share_range(c.estimate.lower, c.estimate.upper)),
         (
-            ("Comparison", "l c"),
-            ("Chosen", "n"),
-            ("Share", "strong"),
-            (level, "n"),
-            ("t(df)", "n"),
-            ("p", "n"),
-            ("p adj.", "n"),
-            ("h", ""),
-            ("OR", "n"),
-            (_BF10, "n"),
-            ("Result", "l"),
-        ),
-        [
-            (
-                _name(c, settings),
-                f"{c.answers.chosen} / {c.answers.trials}",
-                share(c.estimate.share),
-                share_range(c.estimate.lower, c.estimate.upper),
+            "t(df)",
+            "n",
+            lambda c: (
                 "none"
                 if c.test.t is None or c.test.df is None
-                else f"{number(c.test.t)} ({number(c.test.df, 1)})",
-                p_number(c.test.p),
-                p_number(c.test.p_adjusted),
-                number(c.estimate.cohens_h),
-                big(c.estimate.odds_ratio),
-                big(c.test.bayes_factor),
-                verdict(c, settings),
-            )
-            for c in cells
-        ],
-    )
-    beside = Table.of(
-        "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
-        (
-            ("Comparison", "l c"),
-            ("eff. n", ""),
-            ("Sign-flip p", "n"),
-            ("Floor", ""),
-            (f"TOST p adj. (±{margin})", "n"),
-            ("SD of participants", ""),
-            ("Pooled exact p", "n"),
-            ("Clopper-Pearson", "n"),
-            (Markup("Pooled {}").format(_BF10), "n"),
+                else f"{number(c.test.t)} ({number(c.test.df, 1)})"
+            ),
         ),
-        [
-            (
-                _name(c, settings),
-                f"{c.estimate.effective_n:.0f}",
-                p_number(c.sensitivity.sign_flip_p),
-                f"{c.sensitivity.sign_flip_floor:.2g}",
-                p_number(c.equivalence.p_adjusted),
-                share(c.answers.participant_sd),
-                p_number(c.sensitivity.exact_p),
-                share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
-                big(c.sensitivity.bayes_factor_pooled),
-            )
-            for c in cells
-        ],
+        ("p", "n", lambda c: p_number(c.test.p)),
+        ("p adj.", "n", lambda c: p_number(c.test.p_adjusted)),
+        ("h", "", lambda c: number(c.estimate.cohens_h)),
+        ("OR", "n", lambda c: big(c.estimate.odds_ratio)),
+        (_BF10, "n", lambda c: big(c.test.bayes_factor)),
+        ("Result", "l", lambda c: verdict(c, settings)),
+    )
+    beside = Table.each(
+        "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
+        cells,
+        ("Comparison", "l c", lambda c: _name(c, settings)),
+        ("eff. n", "", lambda c: f"{c.estimate.effective_n:.0f}"),
+        ("Sign-flip p", "n", lambda c: p_number(c.sensitivity.sign_flip_p)),
+        ("Floor", "", lambda c: f"{c.sensitivity.sign_flip_floor:.2g}"),
+        (f"TOST p adj. (±{margin})", "n", lambda c: p_number(c.equivalence.p_adjusted)),
+        ("SD of participants", "", lambda c: share(c.answers.participant_sd)),
+        ("Pooled exact p", "n", lambda c: p_number(c.sensitivity.exact_p)),
+        (
+            "Clopper-Pearson",
+            "n",
+            lambda c: share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
+        ),
+        (Markup("Pooled {}").format(_BF10), "n", lambda c: big(c.sensitivity.bayes_factor_pooled)),
     )
     return (
         Picture("preference"),
@@ -172,7 +159,7 @@ def _preference(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ),
         Cautions(
             "When not to trust these comparisons",
-            tuple(grouped([(_name(c, settings), c.warnings) for c in cells])),
+            grouped([(_name(c, settings), c.warnings) for c in cells]),
         ),
         Picture("forest"),
     )
@@ -314,7 +301,7 @@ def _scales(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         )
         for one in results.scales
     ]
-    return (*blocks, Cautions("When not to trust these scales", tuple(grouped(notes))))
+    return (*blocks, Cautions("When not to trust these scales", grouped(notes)))
 
 
 def _scores(one: SizeScale, settings: Settings) -> Table:
@@ -323,7 +310,7 @@ def _scores(one: SizeScale, settings: Settings) -> Table:
         limits, error = "none", "none"
         if one.intervals is not None:
             lower, upper = one.intervals.lower[i], one.intervals.upper[i]
-            limits = f"[{number(lower)}, {number(upper)}]"
+            limits = number_range(lower, upper)
             error = number(one.intervals.standard_error[i])
         rows.append((settings.label(name), number(one.scale.scores[i]), limits, error))
     return Table.of(
@@ -350,7 +337,7 @@ def _differences(one: SizeScale, settings: Settings) -> Table:
             i, j = (one.scale.conditions.index(name) for name in (c.first, c.second))
             lower = one.intervals.difference_lower[i, j]
             upper = one.intervals.difference_upper[i, j]
-            row.append(f"[{number(lower)}, {number(upper)}]")
+            row.append(number_range(lower, upper))
         both = (c.clustered_p, c.clustered_p_adjusted)
         rows.append([*row, *("none" if p is None else p_number(p) for p in both)])
     return Table.of(
@@ -364,31 +351,17 @@ def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
     biases = [bias for bias in (results.order, results.side) if bias is not None]
     blocks: list[Block] = [
         Picture("bias"),
-        Table.of(
+        Table.each(
             "Order and side bias, against .5",
-            (
-                ("Alternative", "l"),
-                ("Trials", ""),
-                ("Share", ""),
-                ("Limits", "n"),
-                ("p", "n"),
-                ("Sign-flip p", "n"),
-            ),
-            [
-                (
-                    b.alternative,
-                    str(b.trials),
-                    share(b.share),
-                    share_range(b.lower, b.upper),
-                    p_number(b.p),
-                    p_number(b.sign_flip_p),
-                )
-                for b in biases
-            ],
+            biases,
+            ("Alternative", "l", lambda b: b.alternative),
+            ("Trials", "", lambda b: str(b.trials)),
+            ("Share", "", lambda b: share(b.share)),
+            ("Limits", "n", lambda b: share_range(b.lower, b.upper)),
+            ("p", "n", lambda b: p_number(b.p)),
+            ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
         ),
-        Cautions(
-            "About these shares", tuple(grouped([(b.alternative, b.warnings) for b in biases]))
-        ),
+        Cautions("About these shares", grouped([(b.alternative, b.warnings) for b in biases])),
         *learning_blocks(results.learning),
         *reaction_blocks(results.reaction, "Size", settings.label),
         *time_model_blocks(results.times, settings.label),

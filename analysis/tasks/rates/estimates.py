@@ -6,7 +6,7 @@ import pandas as pd
 
 from analysis.rates import Difference, correct_rates, rate_contrasts
 from analysis.tasks.base import Estimate
-from analysis.tasks.rates.settings import RateSettings, prepared
+from analysis.tasks.rates.settings import RateSettings, baseline_in, prepared, shown_in
 from analysis.thresholds import fit_thresholds
 
 
@@ -20,8 +20,7 @@ def rate_estimates(decisions: pd.DataFrame, settings: RateSettings) -> tuple[Est
     """
     rows = prepared(decisions, settings)
     count = rows["condition"].value_counts()
-    shown = [name for name in settings.values if name in count.index]
-    reference = shown[0] if len(shown) > 1 else None
+    shown, reference = shown_in(rows, settings), baseline_in(rows, settings)
     if settings.adaptive and settings.level is not None:
         model = fit_thresholds(
             rows,

@@ -1,7 +1,5 @@
 """The figures of a report of right and wrong answers."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
@@ -13,10 +11,11 @@ from analysis.plots import (
     learning_plot,
     psychometric_plot,
     rates_plot,
-    reaction_plot,
     scaling_plot,
+    sized,
 )
 from analysis.tasks.blocks import ReportFigure
+from analysis.tasks.common_figures import reaction_figure, shares_figure
 from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import column_in_words
@@ -39,9 +38,7 @@ def rate_figures(
                 "correct",
                 f"Shares of right answers, and of one answer, with {limits} limits that respect"
                 f" {respected}; p against one half; dashed: one half.",
-                lambda width: detection_plot(
-                    sensitivity, label=label, width_in=width, simulated=simulated
-                ),
+                sized(detection_plot, sensitivity, label=label, simulated=simulated),
             )
         )
     else:
@@ -50,9 +47,7 @@ def rate_figures(
                 "correct",
                 f"Shares of right answers with {limits} limits that respect {respected};"
                 " p against chance, which is dashed.",
-                lambda width: rates_plot(
-                    results.rates, label=label, width_in=width, simulated=simulated
-                ),
+                sized(rates_plot, results.rates, label=label, simulated=simulated),
             )
         )
     known = isinstance(sensitivity, YesNoResults) and all(
@@ -68,9 +63,7 @@ def rate_figures(
                     if isinstance(sensitivity, YesNoResults)
                     else "."
                 ),
-                lambda width: d_prime_plot(
-                    sensitivity, label=label, width_in=width, simulated=simulated
-                ),
+                sized(d_prime_plot, sensitivity, label=label, simulated=simulated),
             )
         )
     made += _levels(results, settings, simulated=simulated)
@@ -81,36 +74,21 @@ def rate_figures(
         made.append(
             ReportFigure(
                 "learning",
-                "Right answers along the sitting; thin lines: participants; band: 95 % t limits.",
-                lambda width: learning_plot(
+                "Right answers along the session; thin lines: participants; band: 95 % t limits.",
+                sized(
+                    learning_plot,
                     rows,
                     "right",
                     y_label="Share of right answers",
                     bounds=(0.0, 1.0),
-                    width_in=width,
                     simulated=simulated,
                 ),
             )
         )
     if results.reaction:
-        timed = rows[rows["rt_s"] > 0]
-        medians = {
-            one.condition: [
-                float(value)
-                for value in timed[timed["condition"] == one.condition]
-                .groupby("participant")["rt_s"]
-                .median()
-            ]
-            for one in results.reaction
-        }
+        times = results.reaction
         made.append(
-            ReportFigure(
-                "reaction",
-                f"Participants' median reaction times, and their mean with {limits} limits.",
-                lambda width: reaction_plot(
-                    results.reaction, medians, label=label, width_in=width, simulated=simulated
-                ),
-            )
+            reaction_figure(rows, "condition", times, limits, label=label, simulated=simulated)
         )
     return tuple(made)
 
@@ -135,13 +113,13 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
             "levels",
             f"Right answers by {settings.level}: data of all participants together with binomial"
             " standard errors (thin), fitted psychometric functions (thick); dashed: chance.",
-            lambda width: psychometric_plot(
+            sized(
+                psychometric_plot,
                 series,
                 x_label=_axis(settings.level),
                 chance=settings.chance,
                 logarithmic=wide,
                 label=settings.label,
-                width_in=width,
                 simulated=simulated,
             ),
         )
@@ -153,12 +131,12 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
                 f"d' by {settings.level}: data with standard errors (thin), the population's fit"
                 " (thick); below, critical scalings of the typical participant with"
                 f" {100 * settings.confidence:g} % limits, where these data identify them.",
-                lambda width: scaling_plot(
+                sized(
+                    scaling_plot,
                     results.critical,
                     {fit.condition: counts[fit.condition] for fit in results.critical},
                     label=settings.label,
                     x_label=f"{_axis(settings.level)} (log axis)",
-                    width_in=width,
                     simulated=simulated,
                 ),
             )
@@ -168,58 +146,28 @@ def _levels(results: RateResults, settings: RateSettings, *, simulated: bool) ->
 
 def _people(results: RateResults, settings: RateSettings, *, simulated: bool) -> list[ReportFigure]:
     made = []
-    for name, title, shares in (
-        ("participants", "Participant", results.participant_shares),
-        ("scenes", "Scene", results.scene_shares),
+    label = settings.label
+    for name, shares in (
+        ("participants", results.participant_shares),
+        ("scenes", results.scene_shares),
     ):
         if shares:
-            made.append(_heat(name, title, shares, settings, simulated=simulated))
+            caption = f"Share of right answers, by {name.removesuffix('s')}."
+            columns, found = [label(condition) for condition in shares], list(shares.values())
+            made.append(
+                shares_figure(name, caption, columns, found, label=label, simulated=simulated)
+            )
     if len(results.answers) > 2:
         table = np.array(results.confusion, dtype=np.float64)
-        names = [settings.label(answer) for answer in results.answers]
+        names = [label(answer) for answer in results.answers]
         made.append(
             ReportFigure(
                 "confusion",
                 "How often each answer (columns) was given where each was right (rows).",
-                lambda width: heat_map(
-                    table,
-                    names,
-                    names,
-                    row_title="Right answer",
-                    width_in=width,
-                    simulated=simulated,
-                ),
+                sized(heat_map, table, names, names, row_title="Right answer", simulated=simulated),
             )
         )
     return made
-
-
-def _heat(
-    name: str,
-    title: str,
-    shares: Mapping[str, tuple[tuple[str, float], ...]],
-    settings: RateSettings,
-    *,
-    simulated: bool,
-) -> ReportFigure:
-    rows = sorted({row for pairs in shares.values() for row, _ in pairs})
-    table = np.full((len(rows), len(shares)), np.nan)
-    for column, pairs in enumerate(shares.values()):
-        for row, value in pairs:
-            table[rows.index(row), column] = value
-    columns = [settings.label(condition) for condition in shares]
-    return ReportFigure(
-        name,
-        f"Share of right answers, by {title.lower()}.",
-        lambda width: heat_map(
-            table,
-            [settings.label(row) for row in rows],
-            columns,
-            row_title=title,
-            width_in=width,
-            simulated=simulated,
-        ),
-    )
 
 
 def _axis(column: str | None) -> str:

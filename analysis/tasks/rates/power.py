@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.clustered import holm
-from analysis.plots import power_plot
+from analysis.plots import power_plot, sized
 from analysis.power import default_participants, first_reaching
 from analysis.psychometric import sigmoid
 from analysis.rates import Influence, contrasts, share_influence, share_limits
@@ -563,6 +563,7 @@ def _number(value: object) -> float:
 def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
     assumed = ", ".join(f"{name} {value:g}" for name, value in found.assumptions.items())
     several = found.comparisons > 1
+    shown = {**curves, **{name: one for name, one in found.also.items() if "false" not in name}}
     columns = ["participants", *curves, "false positives", *found.also]
     rows = []
     for place, people in enumerate(found.participants):
@@ -602,10 +603,5 @@ def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
             for name, goal, people in found.needed
         ),
         warnings=found.warnings,
-        draw=lambda width: power_plot(
-            found.participants,
-            {**curves, **{name: one for name, one in found.also.items() if "false" not in name}},
-            planned=found.planned,
-            width_in=width,
-        ),
+        draw=sized(power_plot, found.participants, shown, planned=found.planned),
     )

@@ -7,7 +7,16 @@ from analysis.detection import DiscriminationResults, Measure, YesNoResults
 from analysis.models import ModelFit
 from analysis.psychometric import Psychometric
 from analysis.rates import Difference, Rate
-from analysis.report.wording import big, grouped, number, p_number, p_text, share, share_range
+from analysis.report.wording import (
+    big,
+    grouped,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
 from analysis.tasks.blocks import (
     Block,
     Box,
@@ -134,36 +143,23 @@ def _correct(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
         ),
         Cautions(
             "When not to trust these shares",
-            tuple(grouped([(settings.label(one.condition), one.warnings) for one in rates])),
+            grouped([(settings.label(one.condition), one.warnings) for one in rates]),
         ),
         Picture("confusion"),
     )
 
 
 def _rate_table(caption: str, rates: Sequence[Rate], settings: RateSettings) -> Table:
-    return Table.of(
+    return Table.each(
         caption,
-        (
-            ("Condition", "l c"),
-            ("Right", "n"),
-            ("Share", "strong"),
-            (f"{100 * settings.confidence:g} % limits", "n"),
-            ("Chance", ""),
-            ("p", "n"),
-            ("Pooled exact p", "n"),
-        ),
-        [
-            (
-                settings.label(one.condition),
-                f"{one.count} / {one.trials}",
-                share(one.share),
-                share_range(one.lower, one.upper),
-                share(one.chance),
-                p_number(one.p),
-                p_number(one.exact_p),
-            )
-            for one in rates
-        ],
+        rates,
+        ("Condition", "l c", lambda one: settings.label(one.condition)),
+        ("Right", "n", lambda one: f"{one.count} / {one.trials}"),
+        ("Share", "strong", lambda one: share(one.share)),
+        (_limits(settings), "n", lambda one: share_range(one.lower, one.upper)),
+        ("Chance", "", lambda one: share(one.chance)),
+        ("p", "n", lambda one: p_number(one.p)),
+        ("Pooled exact p", "n", lambda one: p_number(one.exact_p)),
     )
 
 
@@ -191,7 +187,7 @@ def _sensitivity(results: RateResults, settings: RateSettings) -> tuple[Block, .
     notes += [
         (f"{settings.label(name)}, mixed model", fit.warnings) for name, fit in results.typical
     ]
-    blocks.append(Cautions("When not to trust these sensitivities", tuple(grouped(notes))))
+    blocks.append(Cautions("When not to trust these sensitivities", grouped(notes)))
     return tuple(blocks)
 
 
@@ -270,25 +266,14 @@ def _measure(one: Measure | None) -> tuple[str, str, str]:
 
 def _discrimination(found: DiscriminationResults, settings: RateSettings) -> list[Block]:
     return [
-        Table.of(
+        Table.each(
             f"d' from shares of right answers ({found.rule})",
-            (
-                ("Condition", "l c"),
-                ("Share", ""),
-                ("d'", "strong"),
-                (f"{100 * settings.confidence:g} % limits", "n"),
-                ("p", "n"),
-            ),
-            [
-                (
-                    settings.label(one.condition),
-                    share(one.correct.share),
-                    number(one.d_prime),
-                    f"[{_end(one.lower)}, {_end(one.upper)}]",
-                    p_number(one.correct.p),
-                )
-                for one in found.conditions
-            ],
+            found.conditions,
+            ("Condition", "l c", lambda one: settings.label(one.condition)),
+            ("Share", "", lambda one: share(one.correct.share)),
+            ("d'", "strong", lambda one: number(one.d_prime)),
+            (_limits(settings), "n", lambda one: f"[{_end(one.lower)}, {_end(one.upper)}]"),
+            ("p", "n", lambda one: p_number(one.correct.p)),
         ),
         Paragraph(
             "d': how far the stimuli lie apart, in standard deviations of the noise, for an"
@@ -302,29 +287,20 @@ def _differences(caption: str, found: Sequence[Difference], settings: RateSettin
     if not found:
         return []
     return [
-        Table.of(
+        Table.each(
             caption,
+            found,
             (
-                ("Conditions", "l c"),
-                ("Difference", "strong"),
-                (f"{100 * settings.confidence:g} % limits", "n"),
-                ("SE", ""),
-                ("df", ""),
-                ("p", "n"),
-                ("p adj.", "n"),
+                "Conditions",
+                "l c",
+                lambda one: f"{settings.label(one.first)} - {settings.label(one.second)}",
             ),
-            [
-                (
-                    f"{settings.label(one.first)} - {settings.label(one.second)}",
-                    number(one.difference),
-                    f"[{number(one.lower)}, {number(one.upper)}]",
-                    number(one.standard_error),
-                    number(one.df, 1),
-                    p_number(one.p),
-                    p_number(one.p_adjusted),
-                )
-                for one in found
-            ],
+            ("Difference", "strong", lambda one: number(one.difference)),
+            (_limits(settings), "n", lambda one: number_range(one.lower, one.upper)),
+            ("SE", "", lambda one: number(one.standard_error)),
+            ("df", "", lambda one: number(one.df, 1)),
+            ("p", "n", lambda one: p_number(one.p)),
+            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
     ]
 
@@ -355,7 +331,7 @@ def _levels(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
     if results.thresholds is not None:
         notes.append(("thresholds over participants", results.thresholds.warnings))
     notes += [(settings.label(one.condition), one.warnings) for one in results.critical]
-    return (*blocks, Cautions("When not to trust these levels", tuple(grouped(notes))))
+    return (*blocks, Cautions("When not to trust these levels", grouped(notes)))
 
 
 def _curves(results: RateResults, settings: RateSettings) -> list[Block]:
@@ -404,30 +380,30 @@ def _thresholds(
     placed = {one.condition for one in model.thresholds if one.identified(levels)}
     own = sorted({who for one in model.thresholds for who in one.individual})
     blocks: list[Block] = [
-        Table.of(
+        Table.each(
             "Thresholds in the population: one model, random over participants"
             + (" and scenes" if model.scene_sd else ""),
+            model.thresholds,
+            ("Condition", "l c", lambda one: settings.label(one.condition)),
             (
-                ("Condition", "l c"),
-                ("Threshold", "strong"),
-                (f"{100 * model.level:g} % limits", "n"),
-                ("Width, as a ratio" if model.logarithmic else "Width", ""),
+                "Threshold",
+                "strong",
+                lambda one: f"{one.value:.3g}" if one.condition in placed else NOT_IDENTIFIED,
             ),
-            [
-                (
-                    settings.label(one.condition),
-                    f"{one.value:.3g}" if one.condition in placed else NOT_IDENTIFIED,
-                    _pair(
-                        (one.lower, one.upper)
-                        if one.condition in placed
-                        and one.lower is not None
-                        and one.upper is not None
-                        else None
-                    ),
-                    f"{one.width:.3g}" if one.condition in placed else "none",
-                )
-                for one in model.thresholds
-            ],
+            (
+                f"{100 * model.level:g} % limits",
+                "n",
+                lambda one: _pair(
+                    (one.lower, one.upper)
+                    if one.condition in placed and one.lower is not None and one.upper is not None
+                    else None
+                ),
+            ),
+            (
+                "Width, as a ratio" if model.logarithmic else "Width",
+                "",
+                lambda one: f"{one.width:.3g}" if one.condition in placed else "none",
+            ),
         ),
         Paragraph(
             f"Lapse rate {share(model.lapse)}, shared by all; thresholds differ between"
@@ -473,29 +449,28 @@ def _thresholds(
 
 def _critical(fits: Sequence[CriticalScaling], settings: RateSettings) -> list[Block]:
     return [
-        Table.of(
+        Table.each(
             "The largest scaling that cannot be told apart",
+            fits,
+            ("Condition", "l c", lambda one: settings.label(one.condition)),
             (
-                ("Condition", "l c"),
-                ("Critical scaling", "strong"),
-                ("Limits", "n"),
-                ("Gain", ""),
-                ("Limits", "n"),
-                ("SD of ln s", ""),
-                ("Lapse rate", ""),
+                "Critical scaling",
+                "strong",
+                lambda one: f"{one.critical:.3g}" if one.critical_identified else NOT_IDENTIFIED,
             ),
-            [
-                (
-                    settings.label(one.condition),
-                    f"{one.critical:.3g}" if one.critical_identified else NOT_IDENTIFIED,
-                    _pair(one.critical_limits if one.critical_identified else None),
-                    f"{one.gain:.3g}" if one.gain_identified else NOT_IDENTIFIED,
-                    _pair(one.gain_limits if one.gain_identified else None),
-                    number(one.critical_sd) if one.critical_identified else "none",
-                    share(one.lapse),
-                )
-                for one in fits
-            ],
+            (
+                "Limits",
+                "n",
+                lambda one: _pair(one.critical_limits if one.critical_identified else None),
+            ),
+            ("Gain", "", lambda one: f"{one.gain:.3g}" if one.gain_identified else NOT_IDENTIFIED),
+            ("Limits", "n", lambda one: _pair(one.gain_limits if one.gain_identified else None)),
+            (
+                "SD of ln s",
+                "",
+                lambda one: number(one.critical_sd) if one.critical_identified else "none",
+            ),
+            ("Lapse rate", "", lambda one: share(one.lapse)),
         ),
         Paragraph(
             "Of the typical participant. d' is 0 up to the critical scaling s and rises towards the"
@@ -576,7 +551,7 @@ def _models(results: RateResults) -> tuple[Block, ...]:
         ),
         Cautions(
             "When not to trust these models",
-            tuple(grouped([(name, fit.warnings) for name, fit in fits])),
+            grouped([(name, fit.warnings) for name, fit in fits]),
         ),
     )
 
@@ -589,6 +564,10 @@ def _checks(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
     blocks += time_model_blocks(results.times, settings.label)
     blocks += diffusion_blocks(results.diffusion, settings.label)
     return tuple(blocks) or (Paragraph("The table holds neither order nor reaction times."),)
+
+
+def _limits(settings: RateSettings) -> str:
+    return f"{100 * settings.confidence:g} % limits"
 
 
 def _spread(fit: ModelFit) -> str:

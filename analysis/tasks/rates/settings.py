@@ -245,3 +245,15 @@ def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
     if "scene" in rows and (settings.test == "participant" or (rows["scene"] == "").all()):
         rows = rows.drop(columns="scene")
     return rows.reset_index(drop=True)
+
+
+def shown_in(rows: pd.DataFrame, settings: RateSettings) -> list[str]:
+    """Return the conditions of prepared rows, as the study declares them."""
+    present = set(rows["condition"])
+    return [name for name in settings.values if name in present]
+
+
+def baseline_in(rows: pd.DataFrame, settings: RateSettings) -> str | None:
+    """Return the first condition of prepared rows, where there are others to compare it with."""
+    shown = shown_in(rows, settings)
+    return shown[0] if len(shown) > 1 else None

@@ -22,7 +22,7 @@ from analysis.rates import Difference, Rate, correct_rates, rate, rate_contrasts
 from analysis.reaction import ReactionTimes, reaction_times
 from analysis.reaction_model import TimeModel, time_model
 from analysis.tasks.base import Step
-from analysis.tasks.rates.settings import RateSettings, prepared
+from analysis.tasks.rates.settings import RateSettings, baseline_in, prepared, shown_in
 from analysis.thresholds import ThresholdModel, fit_thresholds
 
 Floats = NDArray[np.float64]
@@ -141,14 +141,14 @@ def analyse_rates(
     notes: list[str] = []
     level = settings.confidence
     step("right answers")
-    shown = [name for name in settings.values if (rows["condition"] == name).any()]
+    shown = shown_in(rows, settings)
     rates = correct_rates(rows, BY, chance=settings.chance, level=level)
     step("sensitivity")
     tabled = rows if signal is None else with_shared_noise(rows, signal)
     if tabled is not rows:
         notes.append("conditions without noise trials of their own share those of the others")
     sensitivity = _sorted_sensitivity(sense(tabled), shown)
-    reference = shown[0] if len(shown) > 1 else None
+    reference = baseline_in(rows, settings)
     step("levels")
     counts, curves, thresholds = {}, {}, None
     if settings.level is not None:
@@ -451,21 +451,15 @@ def _learning(rows: pd.DataFrame, settings: RateSettings) -> list[tuple[str, Tre
     if "order" not in rows or rows["order"].isna().all():
         return []
     within = ("condition",) if settings.level is None else ("condition", settings.level)
-    found = []
+    found, level = [], settings.confidence
     if not settings.adaptive:
         table = rows.assign(right=rows["correct"].astype(float))
-        found.append(
-            ("right answers", trend(table, "right", within=within, level=settings.confidence))
-        )
+        found.append(("right answers", trend(table, "right", within=within, level=level)))
     timed = rows[rows["rt_s"].notna() & (rows["rt_s"] > 0)].copy()
     if not timed.empty:
         timed["log_rt"] = np.log(timed["rt_s"].astype(float))
-        found.append(
-            (
-                "logarithm of the reaction time",
-                trend(timed, "log_rt", within=within, level=settings.confidence),
-            )
-        )
+        change = trend(timed, "log_rt", within=within, level=level)
+        found.append(("logarithm of the reaction time", change))
     return found
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.columns import frame_of
 from analysis.rates import Difference
 from analysis.tasks.rates.settings import RatesOptions, by_columns
 from analysis.tasks.rates.study import RateResults
@@ -73,7 +74,7 @@ def result_tables(results: RateResults) -> dict[str, pd.DataFrame]:
     """Return rates, comparisons, counts by level and thresholds, by file name."""
     tables = {
         "rates.csv": _frame(results.rates),
-        "comparisons.csv": _differences(results),
+        "comparisons.csv": frame_of(Difference, results.comparisons),
     }
     if results.counts:
         tables["levels.csv"] = pd.DataFrame(
@@ -101,11 +102,6 @@ def result_tables(results: RateResults) -> dict[str, pd.DataFrame]:
             ]
         )
     return tables
-
-
-def _differences(results: RateResults) -> pd.DataFrame:
-    columns = list(Difference.__dataclass_fields__)
-    return pd.DataFrame([vars(one) for one in results.comparisons], columns=columns)
 
 
 def _frame(found: Sequence[object]) -> pd.DataFrame:

@@ -26,7 +26,14 @@ from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.rates.estimates import rate_estimates
 from analysis.tasks.rates.figures import rate_figures
 from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
-from analysis.tasks.rates.power import Draw, Judge, assumptions, looked_p_values, rate_power
+from analysis.tasks.rates.power import (
+    Draw,
+    Judge,
+    assumptions,
+    judge_shares,
+    looked_p_values,
+    rate_power,
+)
 from analysis.tasks.rates.sections import lead, sections
 from analysis.tasks.rates.settings import (
     RateSettings,
@@ -75,13 +82,15 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
 
-    @abstractmethod
     def draw(self, settings: RateSettings) -> Draw:
         """Return how an observer of a given sensitivity answers, for simulating power."""
+        share = self.share_of(settings)
+        assert share is not None, "a task with a criterion draws by itself"
+        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
 
-    @abstractmethod
     def judge(self) -> Judge:
-        """Return the planned test, for simulating power."""
+        """Return the planned test, for simulating power; by default of differences of shares."""
+        return judge_shares
 
     def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by; thresholds where levels adapt."""

@@ -149,7 +149,7 @@ def apa_term(fit: ModelFit, term: str) -> str:
 
 
 def apa_trend(found: Trend) -> str:
-    """Return whether an outcome changed over the sitting as a sentence."""
+    """Return whether an outcome changed over the session as a sentence."""
     return (
         f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
         f" [{number(found.lower)}, {number(found.upper)}], over {found.participants} participants,"

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.exclusions import FlowStep
-from analysis.plots import learning_plot, reaction_plot
+from analysis.plots import learning_plot, sized
 from analysis.plots.ratings import ratings_plot
 from analysis.ratings_csv import read_ratings, scale_of
 from analysis.report.wording import leading
@@ -20,6 +20,7 @@ from analysis.tasks.base import (
     TaskAnalysis,
 )
 from analysis.tasks.blocks import Block, ReportFigure, Section
+from analysis.tasks.common_figures import reaction_figure
 from analysis.tasks.ratings.sections import clearest, decisive_p, lead, sections
 from analysis.tasks.ratings.settings import RatingSettings, RatingsOptions, settings_of
 from analysis.tasks.ratings.study import RatingResults, analyse, category, fitted
@@ -139,10 +140,10 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
                 "ratings",
                 f"{shares}Places on the latent axis with {level} limits, from the first"
                 " condition on.",
-                lambda width: ratings_plot(
+                sized(
+                    ratings_plot,
                     results.model,
                     shares=settings.by is not None,
-                    width_in=width,
                     simulated=simulated,
                 ),
             )
@@ -153,33 +154,17 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
             made.append(
                 ReportFigure(
                     "learning",
-                    "Ratings, in steps of the scale, along the sitting; thin lines: participants;"
+                    "Ratings, in steps of the scale, along the session; thin lines: participants;"
                     " band: 95 % t limits.",
-                    lambda width: learning_plot(
-                        rows,
-                        "step",
-                        y_label="Rating, steps",
-                        width_in=width,
-                        simulated=simulated,
+                    sized(
+                        learning_plot, rows, "step", y_label="Rating, steps", simulated=simulated
                     ),
                 )
             )
         if results.reaction:
-            timed = decisions[decisions["rt_s"] > 0]
-            dots = {}
-            for one in results.reaction:
-                own = timed
-                if settings.by is not None:
-                    own = timed[timed[settings.by].astype(str) == one.condition]
-                medians = own.groupby("participant")["rt_s"].median()
-                dots[one.condition] = [float(value) for value in medians]
             made.append(
-                ReportFigure(
-                    "reaction",
-                    f"Participants' median reaction times, and their mean with {level} limits.",
-                    lambda width: reaction_plot(
-                        results.reaction, dots, width_in=width, simulated=simulated
-                    ),
+                reaction_figure(
+                    decisions, settings.by, results.reaction, level, simulated=simulated
                 )
             )
         return made

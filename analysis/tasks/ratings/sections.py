@@ -1,7 +1,7 @@
 """The sections of a report of ratings."""
 
 from analysis.ordinal import RatingDifference
-from analysis.report.wording import number, p_number, share
+from analysis.report.wording import number, number_range, p_number, share
 from analysis.tasks.blocks import (
     Block,
     Box,
@@ -71,36 +71,23 @@ def _ratings(results: RatingResults, settings: RatingSettings) -> tuple[Block, .
                 one.condition,
                 str(one.ratings),
                 number(one.place),
-                f"[{number(one.lower)}, {number(one.upper)}]",
+                number_range(one.lower, one.upper),
                 *([] if pairs else [number(one.mean_rating)]),
                 *([] if pairs else map(share, one.shares)),
             )
             for one in model.conditions
         ],
     )
-    differences = Table.of(
+    differences = Table.each(
         "Comparisons",
-        (
-            ("Conditions", "l c"),
-            (f"Difference, {unit}", "strong"),
-            (level, "n"),
-            ("t(df)", "n"),
-            ("p", "n"),
-            ("p adj.", "n"),
-            ("Rated higher", ""),
-        ),
-        [
-            (
-                f"{one.first} - {one.second}",
-                number(one.difference),
-                f"[{number(one.lower)}, {number(one.upper)}]",
-                f"({one.df:g})",
-                p_number(one.p),
-                p_number(one.p_adjusted),
-                share(one.superiority),
-            )
-            for one in model.contrasts
-        ],
+        model.contrasts,
+        ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
+        (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
+        (level, "n", lambda one: number_range(one.lower, one.upper)),
+        ("t(df)", "n", lambda one: f"({one.df:g})"),
+        ("p", "n", lambda one: p_number(one.p)),
+        ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+        ("Rated higher", "", lambda one: share(one.superiority)),
     )
     spread = ", ".join(f"{name} {number(sd)}" for name, sd in model.sd.items())
     told = (

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel
 from analysis.report.wording import leading, p_number, p_text
 
@@ -33,10 +34,7 @@ def rating_tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]
         lines.append(line)
     return {
         "ratings.csv": pd.DataFrame(lines),
-        "comparisons.csv": pd.DataFrame(
-            [vars(one) for one in model.contrasts],
-            columns=list(RatingDifference.__dataclass_fields__),
-        ),
+        "comparisons.csv": frame_of(RatingDifference, model.contrasts),
         "thresholds.csv": pd.DataFrame(
             {
                 "below": model.categories[:-1],

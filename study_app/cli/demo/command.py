@@ -48,7 +48,7 @@ def demo(
         int, typer.Option(min=0, help="Of noise and observers; same seed, same results.")
     ] = 0,
 ) -> None:
-    """See the whole chain at work: clips, sittings, report.
+    """See the whole chain at work: clips, sessions, report.
 
     A pair of photographs and two made scenes are warped and their holes filled; simulated
     observers compare the fills through the real session, one of them before a real window; the

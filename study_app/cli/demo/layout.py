@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from protocols.errors import StudyError
@@ -14,51 +13,19 @@ RECORD_NAME = "demo.json"
 _OURS = ("index.html", "pictures", "clips", "sessions", "report", "trial", "studies", "screen.toml")
 
 
-@dataclass(frozen=True)
 class Layout:
-    """The folder that `metamerlab demo` fills."""
+    """The folder that `metamerlab demo` fills, and what lies where in it."""
 
-    out: Path
-
-    @property
-    def page(self) -> Path:
-        """The page to look at."""
-        return self.out / "index.html"
-
-    @property
-    def pictures(self) -> Path:
-        """Fills of one pair of photographs."""
-        return self.out / "pictures"
-
-    @property
-    def clips(self) -> Path:
-        """The study's clips with their manifest."""
-        return self.out / "clips"
-
-    @property
-    def sessions(self) -> Path:
-        """Journals of all observers."""
-        return self.out / "sessions"
-
-    @property
-    def report(self) -> Path:
-        """What the analysis wrote."""
-        return self.out / "report"
-
-    @property
-    def trial(self) -> Path:
-        """Pictures of one trial as it stood on the screen."""
-        return self.out / "trial"
-
-    @property
-    def studies(self) -> Path:
-        """A folder for each study on foveated pictures."""
-        return self.out / "studies"
-
-    @property
-    def screen(self) -> Path:
-        """The display file of the screen without a monitor."""
-        return self.out / "screen.toml"
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.page = out / "index.html"
+        self.pictures = out / "pictures"  # fills of one pair of photographs
+        self.clips = out / "clips"  # of the study, with their manifest
+        self.sessions = out / "sessions"  # journals of all observers
+        self.report = out / "report"
+        self.trial = out / "trial"  # pictures of one trial as it stood on the screen
+        self.studies = out / "studies"  # a folder for each study on foveated pictures
+        self.screen = out / "screen.toml"  # the display file of the screen without a monitor
 
     def prepare(self) -> None:
         """Make the folder.

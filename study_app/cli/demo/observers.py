@@ -58,7 +58,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Observers:
-    """All sittings of a demonstration, with the clips that were built."""
+    """All sessions of a demonstration, with the clips that were built."""
 
     options: Options
     layout: Layout
@@ -71,7 +71,7 @@ class Observers:
 
     @property
     def folder(self) -> Path:
-        """Where the sittings lie."""
+        """Where the sessions lie."""
         return self.layout.sessions / self.protocol.study.name
 
     @property
@@ -85,7 +85,7 @@ class Observers:
         )  # fmt: skip
 
     def drop_stale(self) -> None:
-        """Sittings with other clips cannot be analysed with these: simulate them again."""
+        """Sessions with other clips cannot be analysed with these: simulate them again."""
         layout, key = self.layout, self._sessions_key
         if self.record.matches("sessions", key):
             return
@@ -102,11 +102,11 @@ class Observers:
             ]
             if real:
                 raise StudyError(
-                    f"{layout.sessions}: must hold simulated sittings alone (it holds recorded"
+                    f"{layout.sessions}: must hold simulated sessions alone (it holds recorded"
                     f" or damaged ones: {', '.join(real)}); move that folder away, or choose"
                     " another --out"
                 )
-            self.console.print("clips or options changed: the simulated sittings are made again")
+            self.console.print("clips or options changed: the simulated sessions are made again")
             shutil.rmtree(layout.sessions)
         shutil.rmtree(layout.trial, ignore_errors=True)
         for step in ("window", "virtual"):
@@ -150,7 +150,7 @@ class Observers:
             notes = {"flips": found.flips, "seen": found.seen, "wrong": list(found.wrong)}
         if not self._is_complete(PARTICIPANT):
             raise StudyError(
-                "the sitting in the window must be completed (it was stopped); run this again to"
+                "the session in the window must be completed (it was stopped); run this again to"
                 " go on with it"
             )
         self.record.done("window", self._sessions_key, time.monotonic() - began_s, notes)

@@ -35,7 +35,7 @@ SHOT_PX = 300
 STRIP_PX = 1600
 DETAIL_SCALE = 2
 LATE_SHARE = 0.02
-"""Of all refreshes: a machine that misses more is too slow or too busy for a real sitting."""
+"""Of all refreshes: a machine that misses more is too slow or too busy for a real session."""
 PHASES = {
     "fixate": "fixation",
     "first": "first clip",

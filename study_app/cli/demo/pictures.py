@@ -46,15 +46,14 @@ def fill_photographs(out: Path, seed: int) -> Photographs:
     GLUnavailableError, OSError
         If there is no OpenGL, or the folder cannot be written.
     """
-    from pipeline.gl.context import create_context, describe, release_context
+    from pipeline.gl.context import describe, lent_context
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import Choice, comparison, warp_and_fill
     from stimuli.scenes.stereo import PAIR_WARP, built_in_pair
 
     out.mkdir(parents=True, exist_ok=True)
-    ctx = create_context()
-    try:
+    with lent_context() as ctx:
         renderer = describe(ctx)
         pair = built_in_pair("motorcycle")
         assert pair.right is not None
@@ -66,8 +65,6 @@ def fill_photographs(out: Path, seed: int) -> Photographs:
             seed=seed,
             settings=PAIR_WARP,
         )
-    finally:
-        release_context(ctx)
     for fill in fills:
         save_colour(out / f"{fill.choice.name}.png", fill.colour)
     pictures.save_picture(out / f"{WARPED}.png", pictures.of_holes(warped.colour, warped.hole))

@@ -29,14 +29,14 @@ from study_app.strip import Seen, compare
 
 PARTICIPANT = "W001"
 _SILENCE_S = 180.0
-"""A sitting that ends no trial for so long has hung."""
+"""A session that ends no trial for so long has hung."""
 
 OnAttempt = Callable[[Attempt], None]
 
 
 @dataclass(frozen=True)
 class SittingPlan:
-    """What the sitting needs."""
+    """What the session needs."""
 
     protocol: StudyProtocol
     protocol_file: Path
@@ -53,7 +53,7 @@ class SittingPlan:
         return self.sessions / self.protocol.study.name / PARTICIPANT
 
     def command(self, *, own_screen: bool) -> list[str]:
-        """Return the arguments of `metamerlab`; a sitting that stopped is gone on with."""
+        """Return the arguments of `metamerlab`; a session that stopped is gone on with."""
         verb = "run" if is_stillborn(self.folder) or not self.folder.exists() else "resume"
         words = [
             "session", verb, str(self.protocol_file), "--stimuli", str(self.clips),
@@ -77,7 +77,7 @@ class Flip:
 
 
 def attempts_of(folder: Path) -> list[Attempt]:
-    """Return every attempt of a sitting so far."""
+    """Return every attempt of a session so far."""
     path = folder / JOURNAL_NAME
     return list(read_journal(path, lenient=True).attempts) if path.exists() else []
 
@@ -106,7 +106,7 @@ def run_in_window(
     watcher: Watcher | None = None,
     on_pictures: Callable[[Attempt, dict[int, Image]], None] | None = None,
 ) -> None:
-    """Run the sitting to its end.
+    """Run the session to its end.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def run_in_window(
             known = len(attempts)
     except queue.Empty:
         raise StudyError(
-            f"the sitting in the window ended no trial for {_SILENCE_S:.0f} s; run this again, or"
+            f"the session in the window ended no trial for {_SILENCE_S:.0f} s; run this again, or"
             " leave the window out with --no-window"
         ) from None
     finally:
@@ -163,7 +163,7 @@ def run_in_window(
     if process.returncode != 0:
         last = "\n".join(line for line in said[-12:] if line)
         raise StudyError(
-            f"the sitting in the window must end well (status {process.returncode}):\n{last}\n"
+            f"the session in the window must end well (status {process.returncode}):\n{last}\n"
             "run this again, or leave the window out with --no-window"
         )
 

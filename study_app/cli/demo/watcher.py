@@ -1,4 +1,4 @@
-"""Reads a screen while a sitting runs on it: which flip it shows, and the pixels."""
+"""Reads a screen while a session runs on it: which flip it shows, and the pixels."""
 
 from __future__ import annotations
 

@@ -114,8 +114,8 @@ _SAYS = {
     kind: (says, _KINDS[kind])
     for kind, says in {
         "inputs": "harmed files, spread over all readers",
-        "kills": "kills of sittings, spread over all tasks",
-        "full_disks": "disks that are full in the midst of a sitting",
+        "kills": "kills of sessions, spread over all tasks",
+        "full_disks": "disks that are full in the midst of a session",
         "builds": "kills of builds",
         "faults": "faults of timing that are planted",
         "captures": "captures of a screen with one thing amiss",
@@ -212,8 +212,8 @@ def table(figures: dict[str, Any]) -> str:
         "| --- | ---: | ---: | ---: |",
     ]
     says = {
-        "kills": "`kill -9` of a sitting, at any write or sync",
-        "full_disks": "disk full in a sitting, at any write or sync",
+        "kills": "`kill -9` of a session, at any write or sync",
+        "full_disks": "disk full in a session, at any write or sync",
         "builds": "`kill -9` of a build of clips",
         "faults": "late, missed and doubled flips that were planted",
         "captures": "captures of a screen with one thing amiss",

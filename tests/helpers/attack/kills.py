@@ -1,4 +1,4 @@
-"""Kills sittings, and fills their disk, at any write or sync; then lets them go on to the end."""
+"""Kills sessions, and fills their disk, at any write or sync; then lets them go on to the end."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CASES = {
     "active pairs": Case("two-interval", ACTIVE),
 }
 ROWS = {
-    # Few enough for a short sitting.
+    # Few enough for a short session.
     "yes-no": [
         ("one", "fine", pattern, contrast)
         for pattern in ("grating", "none")
@@ -77,7 +77,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Kills:
-    """What came of the kills of one task's sittings; nothing was lost, or it would have raised."""
+    """What came of the kills of one task's sessions; nothing was lost, or it would have raised."""
 
     kills: int
     """Processes that were to die or to find their disk full."""
@@ -202,7 +202,7 @@ def disturbed_at_write(point: int, part: float, full: bool = False) -> None:
 
 
 def writes_of(simulation: Simulation, root: Path) -> int:
-    """Return how often an undisturbed sitting writes or syncs."""
+    """Return how often an undisturbed session writes or syncs."""
     calls = [0]
     real_write, real_sync = os.write, os.fsync
 
@@ -231,7 +231,7 @@ def kill_sittings(
     full: bool = False,
     on_kill: Callable[[], None] = lambda: None,
 ) -> Kills:
-    """Kill sittings of one task, several times each, at writes spread over all of it.
+    """Kill sessions of one task, several times each, at writes spread over all of it.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def kill_sittings(
     Raises
     ------
     AssertionError
-        If anything was lost, doubled, or came in another order than in an undisturbed sitting.
+        If anything was lost, doubled, or came in another order than in an undisturbed session.
     """
     simulation = write_study(folder, CASES[name])
     writes = writes_of(simulation, folder / "whole")
