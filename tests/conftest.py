@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ import moderngl
 import numpy as np
 import pytest
 
-import pipeline.noise.tile
 from pipeline.errors import GLUnavailableError
 from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
@@ -107,9 +105,6 @@ wrong = "Wrong."
 {analysis}
 [privacy]
 """
-
-# Most fills of a test ask for the same noise, which is read-only and takes up to a second to make.
-pipeline.noise.tile.noise_bands = lru_cache(maxsize=2)(pipeline.noise.tile.noise_bands)
 
 # No deadline: a busy machine is not a failure. The same examples in every run of CI.
 hypothesis.settings.register_profile("local", deadline=None)

@@ -42,6 +42,11 @@ class Density:
         """From here on cells grow."""
         return max(self.start_px, self.knee_px)
 
+    def per_px(self, radius_px: Floats) -> Floats:
+        """Columns per pixel of radius (Fig. 10, a)."""
+        density = self.knee_px / np.maximum(radius_px, self.knee_px)
+        return np.where(radius_px < self.start_px, 0.0, density)
+
     def columns(self, radius_px: Floats) -> Floats:
         """Integrate the density from `start_px` on; negative before it."""
         near = np.minimum(radius_px, self.turn_px) - self.start_px

@@ -19,6 +19,7 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.video_file import is_video
 from stimuli import pictures
 from stimuli.compressed.rivals import measured, rivals, sheet_of
+from stimuli.compressed.steps import write_steps
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
@@ -39,6 +40,7 @@ def compress_file(
     fov_deg: float | None = None,
     settings: Settings | None = None,
     compare: Path | None = None,
+    steps: Path | None = None,
     say: Say | None = None,
 ) -> Compressed:
     """Compress a picture, a folder of frames, or a video, for a gaze.
@@ -54,6 +56,8 @@ def compress_file(
         As in `foveate_file`. They matter where the gaze is given in degrees, and to `compare`.
     compare : Path, optional
         A sheet (.png) of the first picture beside plain and foveated files of the same size.
+    steps : Path, optional
+        A folder for pictures of the first frame's parts; see `write_steps`.
 
     Raises
     ------
@@ -85,6 +89,8 @@ def compress_file(
         sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
         pictures.save_picture(compare, sheet)
         tell(f"wrote {compare}")
+    if steps is not None:
+        tell(f"wrote {write_steps(steps, frames[0], found)[-1]}")
     write_whole(out, data)
     tell(
         f"wrote {out}: {len(data) / 1000:.1f} kB, 1:{whole / len(data):.0f}"

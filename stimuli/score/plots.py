@@ -42,7 +42,7 @@ def bars(table: Table) -> Figure:
     """
     metric, count = table.metric, len(table.methods)
     with figure_style():
-        figure = _new_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
+        figure = new_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
         axes = figure.subplots()
         start = 1.0 if metric.better == "one" else _beyond_the_worst(table)
         height = 0.82 / count
@@ -97,7 +97,7 @@ def trade_off(
     if len(points) < 2:
         return None
     with figure_style():
-        figure = _new_figure(5.2, 3.2)
+        figure = new_figure(5.2, 3.2)
         axes = figure.subplots()
         for index, method, time_ms, value in points:
             axes.plot(
@@ -132,7 +132,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
     columns = min(3, len(items))
     rows = math.ceil(len(items) / columns)
     with figure_style():
-        figure = _new_figure(1.2 + 2.0 * columns, 0.7 + 1.7 * rows)
+        figure = new_figure(1.2 + 2.0 * columns, 0.7 + 1.7 * rows)
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for panel in panels[len(items) :]:
             panel.set_visible(False)
@@ -238,7 +238,7 @@ def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple
 def colour_bar(top: float, label: str) -> Figure:
     """Draw the scale of the error maps."""
     with figure_style():
-        figure = _new_figure(3.6, 0.62)
+        figure = new_figure(3.6, 0.62)
         axes = figure.subplots()
         axes.imshow(
             np.linspace(0, 1, 256)[None], aspect="auto", cmap="inferno", extent=(0, top, 0, 1)
@@ -264,7 +264,8 @@ def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
     return _saved(figure, kind, {"Date" if kind == "svg" else "CreationDate": None})
 
 
-def _new_figure(width_in: float, height_in: float) -> Figure:
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty figure that arranges its parts itself."""
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)
     figure.set_layout_engine("constrained")

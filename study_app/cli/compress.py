@@ -68,6 +68,13 @@ def compress(
             " files of this size."
         ),
     ] = None,
+    steps: Annotated[
+        Path | None,
+        look_option(
+            help="Folder for pictures of what the file holds: cells, maps, their density;"
+            " sheet.png shows them all."
+        ),
+    ] = None,
 ) -> None:
     """Compress a picture for one gaze.
 
@@ -95,6 +102,8 @@ def compress(
         check_file(out, (ENDING,))
         if compare is not None:
             check_file(compare, (".png",))
+        if steps is not None:
+            check_folder(steps)
         settings = Settings(
             codec,
             angles,
@@ -107,7 +116,7 @@ def compress(
         with Teller(console) as teller:
             compress_file(
                 picture, out, gaze=gaze, display=display, fov_deg=fov, settings=settings,
-                compare=compare, say=teller.say,
+                compare=compare, steps=steps, say=teller.say,
             )  # fmt: skip
 
 
