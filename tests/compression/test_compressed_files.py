@@ -208,3 +208,23 @@ def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, me
     assert code == 2, said
     assert message in said
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
+    steps = tmp_path / "parts"
+    file = tmp_path / "picture.metamer"
+    code, out, _ = run("compress", png, "--out", file, "--angles", 64, "--steps", steps)
+    assert code == 0, out
+    names = ["picture", "cells", "maps", "density", "base", "shown"]
+    numbered = [f"{number:02d}-{name}.png" for number, name in enumerate(names)]
+    assert sorted(path.name for path in steps.iterdir()) == [*numbered, "sheet.png"]
+    held = file_format.read_compressed(file)
+    with Image.open(steps / "01-cells.png") as cells, Image.open(steps / "05-shown.png") as shown:
+        assert cells.size == held.grid.shape[::-1]
+        np.testing.assert_array_equal(np.asarray(shown), np.rint(255 * decompress(held)))
+
+    code, _, _ = run(
+        "compress", png, "--out", file, "--angles", 64, "--no-statistics", "--steps", steps
+    )
+    assert code == 0  # a file without maps has no picture of them
+    assert run("compress", png, "--out", file, "--steps", png)[0] == 2

@@ -25,6 +25,15 @@ def test_columns_are_the_integral_of_the_density(start, knee, radius):
     assert Density(start, knee).columns(np.array(radius)) == pytest.approx(whole, abs=1e-6)
 
 
+@pytest.mark.parametrize(("start", "knee"), [(0, 10), (4, 10), (25, 10)])
+def test_the_density_is_the_derivative_of_the_columns(start, knee):
+    density, step = Density(start, knee), 1e-4
+    radii = np.array([30.0, 60.0, 300.0])
+    slope = (density.columns(radii + step) - density.columns(radii - step)) / (2 * step)
+    np.testing.assert_allclose(density.per_px(radii), slope, rtol=1e-5)
+    np.testing.assert_array_equal(density.per_px(np.array([start - 0.5])), 0.0)
+
+
 def test_columns_by_hand():
     # 10 columns to the knee at 10 px, then 10 ln 2 per doubling.
     density = Density(0, 10)
