@@ -63,7 +63,8 @@ def _read_pixels(path: Path) -> Pixels:
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
     if source is None:
-        reason = visible_line(oiio.geterror()) if path.is_file() else "it is a folder"
+        no_file = "it is a folder" if path.is_dir() else "it is no regular file"
+        reason = visible_line(oiio.geterror()) if path.is_file() else no_file
         raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
     try:
         spec = source.spec()

@@ -92,8 +92,9 @@ def compress_file(
     if steps is not None:
         tell(f"wrote {write_steps(steps, frames[0], found)[-1]}")
     write_whole(out, data)
+    ratio = whole / len(data)
     tell(
-        f"wrote {out}: {len(data) / 1000:.1f} kB, 1:{whole / len(data):.0f}"
+        f"wrote {out}: {len(data) / 1000:.1f} kB, 1:{ratio:.{0 if ratio >= 1 else 2}f}"
         f" ({settings.codec} quality {found.quality})"
     )
     return found
