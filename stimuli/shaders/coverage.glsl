@@ -3,3 +3,11 @@ bool uncovered(vec2 uv, float alpha) {
     float level = max(0.0, textureQueryLod(albedo, uv).x);
     return alpha * (1.0 + 0.25 * level) < 0.5;
 }
+
+// The texture's texel. Where a whole triangle has one place on the texture, nothing is filtered:
+// Mesa 25's software renderer divides by the footprint's length, and such surfaces were black.
+vec4 texel_at(vec2 place) {
+    vec4 found = texture(albedo, place);
+    if (dFdx(place) == vec2(0.0) && dFdy(place) == vec2(0.0)) found = textureLod(albedo, place, 0.0);
+    return found;
+}

@@ -8,5 +8,5 @@ uniform sampler2D albedo;
 #include "coverage.glsl"
 
 void main() {
-    if (uncovered(uv, texture(albedo, uv).a)) discard;
+    if (uncovered(uv, texel_at(uv).a)) discard;
 }

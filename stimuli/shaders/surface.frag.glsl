@@ -47,7 +47,7 @@ float sunlit(vec3 facing) {
 }
 
 void main() {
-    vec4 texel = texture(albedo, uv);
+    vec4 texel = texel_at(uv);
     if (cutout && uncovered(uv, texel.a)) discard;
     vec3 colour = texel.rgb * tint.rgb;
     if (lit) {
