@@ -132,25 +132,24 @@ vec3 baked_colour(vec2 place_px, float rho, float eta, float strength) {
             slopes[k] = found.cross / (found.square.x + found.square.y + found.square.z + SMALLEST_VARIANCE);
         }
     }
-    vec3 given[HALVINGS], next[HALVINGS];
+    vec3 given[HALVINGS], measured[HALVINGS];  // measure all, then mend: Mesa 25 gets it wrong from copies
     for (int k = 0; k < HALVINGS; ++k) given[k] = asked[k];
     for (int n = 0; n < GAIN_STEPS; ++n) {
         for (int k = 0; k < HALVINGS; ++k) {
-            next[k] = vec3(0.0);
+            measured[k] = vec3(0.0);
             if (asked[k] == vec3(0.0)) continue;
-            vec3 measured = vec3(0.0);
             float finer = clamp(float(k) - rho, 0.0, float(OVERLAP_STAGES - 1));
             int stage = min(int(finer), OVERLAP_STAGES - 2);
             float share = finer - float(stage);
             for (int d = -OVERLAP_REACH; d <= OVERLAP_REACH; ++d)
                 if (k + d >= 0 && k + d < HALVINGS) {
                     int form = stage * (2 * OVERLAP_REACH + 1) + OVERLAP_REACH + d;
-                    measured += mix(overlap[form] * given[k + d],
-                                    overlap[form + 2 * OVERLAP_REACH + 1] * given[k + d], share);
+                    measured[k] += mix(overlap[form] * given[k + d],
+                                       overlap[form + 2 * OVERLAP_REACH + 1] * given[k + d], share);
                 }
-            next[k] = given[k] * (asked[k] + UNSEEN_VARIANCE) / (measured + UNSEEN_VARIANCE);
         }
-        for (int k = 0; k < HALVINGS; ++k) given[k] = next[k];
+        for (int k = 0; k < HALVINGS; ++k)
+            given[k] *= (asked[k] + UNSEEN_VARIANCE) / (measured[k] + UNSEEN_VARIANCE);
     }
     vec3 ycc = vec3(0.0);
     for (int k = 0; k < HALVINGS; ++k)
