@@ -50,7 +50,6 @@ LEVELS = (1, 2, 3, 4, 5, 6)
 ORIENTATIONS = (1, 2, 4, 6)
 TIMED_EDGE_PX = 1024
 OURS, PRINTED, LIBRARY = "ours", "as printed", "odak"
-ODAK_LAW = {"law": "quadratic", "alpha": 0.2}
 
 Picture = NDArray[np.float32]
 

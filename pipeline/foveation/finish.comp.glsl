@@ -1,6 +1,6 @@
 #version 430
 // Finish: the last push, noise on top of it, faded in beyond the fovea and clipped; the fovea is
-// copied. A call makes 2x2 pixels, which share what weighs their noise.
+// copied. A call makes 2x2 pixels, which share what weighs their finer levels' noise.
 // Twin: shaped_noise() and finished() in reference.py. Change both or neither.
 
 #constant TILE        // work-group edge, 2x2 pixels
@@ -127,7 +127,8 @@ void main() {
     if (any(greaterThanEqual(first, size))) return;
 #if NOISE
     vec4 luma = vec4(0.0), blue_chroma = vec4(0.0), red_chroma = vec4(0.0);  // of 2x2 pixels
-    vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
+    vec2 blocks = vec2(textureSize(weights, 0).xy);
+    vec2 at = 0.5 * (vec2(cell) + 0.5) / blocks, half_px = vec2(0.125) / blocks;
     vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
     vec4 more_red = vec4(0.0);
 #if LEVELS + 2 * BENT > 4
@@ -138,16 +139,16 @@ void main() {
     Spot at_c = spot_of(first + ivec2(0, 1)), at_d = spot_of(first + 1);
     Carried in_a = carried_at(at_a), in_b = carried_at(at_b);
     Carried in_c = carried_at(at_c), in_d = carried_at(at_d);
-#define SHAPED(level)                                                                  \
-    vec4(dot(w.xyz, CARRIED_NOISE(in_a, at_a, level)), dot(w.xyz, CARRIED_NOISE(in_b, at_b, level)), \
-         dot(w.xyz, CARRIED_NOISE(in_c, at_c, level)), dot(w.xyz, CARRIED_NOISE(in_d, at_d, level)))
+#define NOISE_OF(level)                                                               \
+    mat4x3(CARRIED_NOISE(in_a, at_a, level), CARRIED_NOISE(in_b, at_b, level),        \
+           CARRIED_NOISE(in_c, at_c, level), CARRIED_NOISE(in_d, at_d, level))
 #else
     ivec2 place = wrapped(cell);
     uvec4 words[(3 * LEVELS + 3) / 4];
     for (int layer = 0; layer < words.length(); ++layer)
         words[layer] = texelFetch(noise, ivec3(place, layer), 0);
 #define BAND(band) steps_of(words[(band) / 4][(band) % 4])
-#define SHAPED(level) (w.x * BAND(3 * level) + w.y * BAND(3 * level + 1) + w.z * BAND(3 * level + 2))
+#define NOISE_OF(level) transpose(mat3x4(BAND(3 * level), BAND(3 * level + 1), BAND(3 * level + 2)))
 #endif
 #if BENT
     float blue_variance = 0.0, red_variance = 0.0;
@@ -160,14 +161,29 @@ void main() {
 #else
 #define ADD_VARIANCE(w, slope)
 #endif
-#define ADD_LEVEL(level, slope)                                      \
-    {                                                                \
-        vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);   \
-        vec4 shaped = SHAPED(level);                                 \
+#define ADD_SHAPED(slope)                                            \
         luma += shaped;                                              \
         blue_chroma += w.a * shaped;                                 \
         red_chroma += (slope) * shaped;                              \
-        ADD_VARIANCE(w, slope)                                       \
+        ADD_VARIANCE(w, slope)
+#define ADD_LEVEL(level, slope)                                      \
+    {                                                                \
+        vec4 w = textureLod(weights, vec3(at, float(level)), 0.0);   \
+        vec4 shaped = w.xyz * NOISE_OF(level);                       \
+        ADD_SHAPED(slope)                                            \
+    }
+    // Weights are linear within 2x2 pixels: what these share is their mean.
+#define ADD_SMOOTH_LEVEL(level, slope)                                                      \
+    {                                                                                       \
+        vec4 w_a = textureLod(weights, vec3(at - half_px, float(level)), 0.0);              \
+        vec4 w_b = textureLod(weights, vec3(at + vec2(half_px.x, -half_px.y), float(level)), 0.0); \
+        vec4 w_c = textureLod(weights, vec3(at + vec2(-half_px.x, half_px.y), float(level)), 0.0); \
+        vec4 w_d = textureLod(weights, vec3(at + half_px, float(level)), 0.0);              \
+        vec4 w = 0.25 * (w_a + w_b + w_c + w_d);                                            \
+        mat4x3 own = NOISE_OF(level);                                                       \
+        vec4 shaped = vec4(dot(w_a.xyz, own[0]), dot(w_b.xyz, own[1]),                      \
+                           dot(w_c.xyz, own[2]), dot(w_d.xyz, own[3]));                     \
+        ADD_SHAPED(slope)                                                                   \
     }
     ADD_LEVEL(0, red.x)
 #if LEVELS > 1
@@ -177,13 +193,13 @@ void main() {
     ADD_LEVEL(2, red.z)
 #endif
 #if LEVELS > 3
-    ADD_LEVEL(3, red.w)
+    ADD_SMOOTH_LEVEL(3, red.w)
 #endif
 #if LEVELS > 4
-    ADD_LEVEL(4, more_red.x)
+    ADD_SMOOTH_LEVEL(4, more_red.x)
 #endif
 #if LEVELS > 5
-    ADD_LEVEL(5, more_red.y)
+    ADD_SMOOTH_LEVEL(5, more_red.y)
 #endif
     luma *= NOISE_SCALE;
     blue_chroma *= NOISE_SCALE;

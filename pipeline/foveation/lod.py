@@ -40,12 +40,6 @@ def lod_of(sigma_px: Floats) -> Floats:
     return np.asarray(level + (variance - (power - 1)) / (3 * power))
 
 
-def sigma_of(lod: Floats) -> Floats:
-    """Invert `lod_of`."""
-    level = np.floor(lod)
-    return np.asarray(np.sqrt(HALVED_VARIANCE * (4.0**level - 1 + 3 * 4.0**level * (lod - level))))
-
-
 @dataclass(frozen=True)
 class Pools:
     """The pools of one picture under one gaze."""

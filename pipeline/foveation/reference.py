@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from pipeline.colour import RGB_FROM_YCBCR
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
-from pipeline.foveation.geometry import Geometry, pixel_centres
+from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import SMALLEST_VARIANCE, Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
-from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import noise_strength
 from pipeline.noise.gains import spectral_gains
@@ -32,6 +31,9 @@ AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
 MOST_BEND = 0.5
 """See `bent`: of noise of unit variance, whose shorter side then ends at its deviation."""
+FIRST_SMOOTH = 3
+"""Pixels of 2x2 share what weighs finer levels' noise; noise from this level on is so smooth that
+shared weights would show as a comb."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,8 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
 def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Floats:
     """Weigh each band's noise by the deviation that its pool has lost: Y'CbCr, (H, W, 3).
 
-    Weights are found for blocks of 4x4 pixels, and interpolated at 2x2, which share them.
+    Weights are found for blocks of 4x4 pixels and interpolated: at 2x2 pixels, which share them;
+    those of noise from `FIRST_SMOOTH` on at every pixel.
     """
     overlap = fitted_mixing(levels).overlap
     size = plane.shape[:2]
@@ -135,8 +138,14 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
         gains = spectral_gains(halve_box(variances), overlap, aim=AIM)
         return np.sqrt(variances) * twice(gains, variances.shape[:2])
 
-    weights = at_pixels(deviations(wanted.variances))
-    bands = plane[:, :, 0] * weights
+    def weighed(noise: Floats, wide: Floats, shared: Floats) -> Floats:
+        smooth = 3 * FIRST_SMOOTH
+        own = enlarge(wide[..., smooth:], size, 2, wraps=wraps)
+        return noise * np.concatenate([shared[..., :smooth], own], axis=2)
+
+    lost = deviations(wanted.variances)
+    weights = at_pixels(lost)
+    bands = weighed(plane[:, :, 0], lost, weights)
     by_level = bands.reshape(*size, levels, 3).sum(axis=3)
     ycc = np.zeros((*size, 3))
     ycc[..., 0] = by_level.sum(axis=2)
@@ -149,8 +158,9 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
     variance = (squares[..., None] * slopes**2).sum(axis=2)
     if chroma == "full":
         for channel in (1, 2):
-            own = at_pixels(deviations(wanted.remainders[..., channel - 1]))
-            ycc[..., channel] += (plane[:, :, channel] * own).sum(axis=2)
+            remainder = deviations(wanted.remainders[..., channel - 1])
+            own = at_pixels(remainder)
+            ycc[..., channel] += weighed(plane[:, :, channel], remainder, own).sum(axis=2)
             variance[..., channel - 1] += (own**2).sum(axis=2)
     bend = at_pixels(np.clip(wanted.skewness / 6, -MOST_BEND, MOST_BEND))
     ycc[..., 1:] = bent(ycc[..., 1:], bend, variance)
@@ -181,18 +191,3 @@ def finished(picture: NDArray[np.floating], changed: Floats, pools: Pools) -> ND
     fade = pools.fade()[..., None]
     result = np.clip(picture + fade * (changed - picture), 0, 1).astype(np.float32)
     return np.where(fade > 0, result, picture.astype(np.float32))
-
-
-def clipped_share(picture: NDArray[np.floating], changed: Floats, pools: Pools) -> float:
-    """Share of samples beyond the fovea that leave [0, 1] before they are clipped."""
-    fade = pools.fade()[..., None]
-    result = picture + fade * (changed - picture)
-    outside = (fade > 0) & ((result < 0) | (result > 1))
-    return float(outside.sum() / max(1, 3 * (fade > 0).sum()))
-
-
-def pools_of(
-    geometry: Geometry, gaze_px: tuple[float, float], pooling: Pooling | None = None
-) -> Pools:
-    """Pools with the default law `v1` unless another is given."""
-    return Pools(geometry, gaze_px, pooling or Pooling())

@@ -13,7 +13,7 @@ from pipeline.foveation.geometry import (
     eccentricity_deg,
     pixel_centres,
 )
-from pipeline.foveation.lod import Pools, lod_of, sigma_of
+from pipeline.foveation.lod import HALVED_VARIANCE, Pools, lod_of
 from pipeline.foveation.pooling import Pooling, make_pooling
 
 
@@ -154,10 +154,10 @@ def test_a_constant_alone_chooses_its_law():
     assert make_pooling() == Pooling("linear", 0.25)
 
 
-def test_lod_and_deviation_are_inverse():
-    sigma = np.array([0.0, 0.01, 0.5, 1.2405, 3.0, 77.0])
-    np.testing.assert_allclose(sigma_of(lod_of(sigma)), sigma, atol=1e-12)
-    assert lod_of(np.array([0.0])) == 0
+def test_whole_lods_have_the_deviations_of_as_many_halvings():
+    halvings = np.arange(6)
+    sigma = np.sqrt(HALVED_VARIANCE * (4.0**halvings - 1))
+    np.testing.assert_allclose(lod_of(sigma), halvings, atol=1e-12)
 
 
 def test_lod_grows_by_one_where_pools_double():
