@@ -19,10 +19,18 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
 from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
-from pipeline.foveation.moments import PARTNER_SHARE, chroma_skewness, wanted_by_blocks
+from pipeline.foveation.moments import PARTNER_SHARE, Wanted, chroma_skewness, wanted_by_blocks
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
-from pipeline.foveation.reference import bent, blur, blurred, metamer, metamer_parts
+from pipeline.foveation.reference import (
+    FIRST_SMOOTH,
+    bent,
+    blur,
+    blurred,
+    metamer,
+    metamer_parts,
+    shaped_noise,
+)
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
@@ -245,6 +253,28 @@ def test_full_chroma_gives_back_what_luma_cannot_explain(rng):
     assert deviation["follow"] < 0.7 * deviation["full"]
     true = ycbcr_from_rgb(picture)[..., 1].std()
     assert deviation["full"] == pytest.approx(true, rel=0.2)
+
+
+@pytest.mark.parametrize(("level", "shared"), [(FIRST_SMOOTH - 1, True), (FIRST_SMOOTH, False)])
+def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
+    """Smooth noise under weights that go on in steps would show a comb of 2 px."""
+    levels, blocks = FIRST_SMOOTH + 2, 16
+    variances = np.zeros((blocks, blocks, 3 * levels))
+    variances[..., 3 * level] = np.square(0.01 + 0.004 * np.arange(blocks))
+    wanted = Wanted(
+        variances, np.zeros((blocks, blocks, levels, 2)),
+        np.zeros((*variances.shape, 2)), np.zeros((blocks, blocks, 2)),
+    )  # fmt: skip
+    plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))
+
+    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False)[8, 16:-16, 0]
+
+    within, between = np.diff(luma)[::2], np.diff(luma)[1::2]
+    if shared:
+        np.testing.assert_array_equal(within, 0)
+        assert between.min() > 0
+    else:
+        np.testing.assert_allclose(within, between.mean(), rtol=0.2)
 
 
 def test_pooled_residual_is_the_blur_of_equal_pooling():
