@@ -141,7 +141,8 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
     def weighed(noise: Floats, wide: Floats, shared: Floats) -> Floats:
         smooth = 3 * FIRST_SMOOTH
         own = enlarge(wide[..., smooth:], size, 2, wraps=wraps)
-        return noise * np.concatenate([shared[..., :smooth], own], axis=2)
+        weights: Floats = np.concatenate([shared[..., :smooth], own], axis=2)
+        return noise * weights
 
     lost = deviations(wanted.variances)
     weights = at_pixels(lost)
