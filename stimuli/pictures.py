@@ -18,6 +18,7 @@ from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import nearest_depth_m
 
 Picture: TypeAlias = NDArray[np.uint8]
+Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 HOLE_COLOUR = (255, 0, 255)  # photographs hold no magenta
 _BACKGROUND = (24, 24, 24)
@@ -143,6 +144,36 @@ def sheet(pictures: Sequence[tuple[str, Picture]], columns: int | None = None) -
 def save_picture(path: Path, picture: Picture) -> None:
     """Write a picture whole or not at all."""
     write_pixels(path, picture, ("R", "G", "B"))
+
+
+def save_steps(
+    folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
+) -> list[Path]:
+    """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is missing; files of the same names are replaced.
+    size : tuple of int
+        Height and width of every picture on the sheet: small ones are enlarged, large ones shrunk.
+    columns : int, optional
+        Of the sheet; by default about as many as rows.
+
+    Returns
+    -------
+    list of Path
+        What was written, the sheet last.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written, labelled = [], []
+    for number, (name, label, picture) in enumerate(steps):
+        written.append(folder / f"{number:02d}-{name}.png")
+        save_picture(written[-1], picture)
+        labelled.append((f"{number:02d} {label}", fitted(picture, size)))
+    written.append(folder / "sheet.png")
+    save_picture(written[-1], sheet(labelled, columns))
+    return written
 
 
 def _grey(values: NDArray[np.floating]) -> Picture:

@@ -24,11 +24,9 @@ from pipeline.synthesis.settings import MetamericSettings
 from stimuli import pictures
 from stimuli.exr import WarpInput
 from stimuli.one_frame import Filled
-from stimuli.pictures import Picture
+from stimuli.pictures import Picture, Step
 
 METAMERIC = "metameric"
-
-Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 
 def write_steps(
@@ -39,19 +37,9 @@ def write_steps(
     *,
     seed: int,
 ) -> list[Path]:
-    """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
+    """Write every step as `pictures.save_steps` does, and return what it returns.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if it is missing; files of the same names are replaced.
-    fills : sequence of Filled
-        A metameric fill adds the steps inside it: base, bands, moments, noise.
-
-    Returns
-    -------
-    list of Path
-        What was written, the sheet last.
+    A metameric fill among `fills` adds the steps inside it: base, bands, moments, noise.
     """
     steps = list(_warp_steps(frame, warped))
     for filled in fills:
@@ -61,20 +49,7 @@ def write_steps(
         name = "".join(c if c.isalnum() or c in "-." else "_" for c in filled.choice.label)
         label = f"filled: {filled.choice.label}"
         steps.append((f"filled-{name}", label, pictures.of_colour(filled.colour)))
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for number, (name, _, picture) in enumerate(steps):
-        path = folder / f"{number:02d}-{name}.png"
-        pictures.save_picture(path, picture)
-        written.append(path)
-    # On a sheet all pictures have one size: coarse levels are enlarged, groups of bands shrunk.
-    sheet = folder / "sheet.png"
-    labelled = [
-        (f"{number:02d} {label}", pictures.fitted(picture, warped.size))
-        for number, (_, label, picture) in enumerate(steps)
-    ]
-    pictures.save_picture(sheet, pictures.sheet(labelled))
-    return [*written, sheet]
+    return pictures.save_steps(folder, steps, warped.size)
 
 
 def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[Step]:

@@ -19,7 +19,6 @@ from pipeline.compression.codec import decoded_base, decoded_cells, decompress
 from pipeline.compression.file_format import Compressed
 from pipeline.compression.grid import PolarGrid
 from stimuli import pictures
-from stimuli.foveated.look_through import numbered
 from stimuli.pictures import Picture
 
 _MAP_COLOURS = ("#67000d", "#b11218", "#e32f27", "#f6583e", "#fc8a6a")
@@ -29,21 +28,14 @@ _PICTURE_COLOUR = "#0072B2"
 def write_steps(
     folder: Path, picture: NDArray[np.float32], held: Compressed, *, seed: int = 0
 ) -> list[Path]:
-    """Write numbered pictures of the first frame's parts, and ``sheet.png`` of them all.
+    """Write the first frame's parts as `pictures.save_steps` does, and return what it returns.
 
     Parameters
     ----------
-    folder : Path
-        Made if it is missing; files of the same names are replaced.
     picture : ndarray of shape (H, W, 3)
         What was compressed, encoded R'G'B' in [0, 1].
     seed : int
         Of the noise in what is shown.
-
-    Returns
-    -------
-    list of Path
-        What was written, the sheet last.
     """
     grids, base = held.map_grids(), held.bases[0]
     steps = [
@@ -65,20 +57,9 @@ def write_steps(
         ("base", "colour alone", pictures.of_colour(decoded_base(base, held.grid, held.codec))),
         ("shown", f"with noise, seed {seed}", pictures.of_colour(decompress(held, seed=seed))),
     ]
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for number, (name, _, step) in enumerate(steps):
-        path = numbered(folder, number, name)
-        pictures.save_picture(path, step)
-        written.append(path)
     height = max(picture.shape[0], 240)
     size = (height, max(picture.shape[1], height))
-    labelled = [
-        (f"{number:02d} {label}", pictures.fitted(step, size))
-        for number, (_, label, step) in enumerate(steps)
-    ]
-    pictures.save_picture(folder / "sheet.png", pictures.sheet(labelled, columns=3))
-    return [*written, folder / "sheet.png"]
+    return pictures.save_steps(folder, steps, size, columns=3)
 
 
 def density_picture(base: PolarGrid, maps: list[PolarGrid]) -> Picture:

@@ -163,8 +163,3 @@ def check_choices(choices: Sequence[Choice]) -> None:
     """Make every condition once, so that mistakes are told before any work."""
     for choice in choices:
         pooling_of(choice)
-
-
-def numbered(folder: Path, number: int, name: str) -> Path:
-    """``FOLDER/07-NAME.png``."""
-    return folder / f"{number:02d}-{name}.png"

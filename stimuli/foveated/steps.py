@@ -28,11 +28,9 @@ from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import BLOCK_HALVINGS
 from stimuli import pictures
-from stimuli.foveated.look_through import Seen, numbered, pooling_of
+from stimuli.foveated.look_through import Seen, pooling_of
 from stimuli.foveated.rings import draw_gaze, draw_pools
-from stimuli.pictures import Picture
-
-Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
+from stimuli.pictures import Step
 
 
 def write_steps(
@@ -44,18 +42,7 @@ def write_steps(
     *,
     seed: int,
 ) -> list[Path]:
-    """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
-
-    Parameters
-    ----------
-    folder : Path
-        Made if it is missing; files of the same names are replaced.
-
-    Returns
-    -------
-    list of Path
-        What was written, the sheet last.
-    """
+    """Write every step as `pictures.save_steps` does, and return what it returns."""
     geometry = viewing.of(colour.shape[1], colour.shape[0])
     steps: list[Step] = []
     for one in seen:
@@ -79,20 +66,7 @@ def write_steps(
         steps.append(
             (f"{one.choice.file_name}-shown", f"{one.choice.label}", pictures.of_colour(one.colour))
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for number, (name, _, picture) in enumerate(steps):
-        path = numbered(folder, number, name)
-        pictures.save_picture(path, picture)
-        written.append(path)
-    sheet = folder / "sheet.png"
-    size = (colour.shape[0], colour.shape[1])
-    labelled = [
-        (f"{number:02d} {label}", pictures.fitted(picture, size))
-        for number, (_, label, picture) in enumerate(steps)
-    ]
-    pictures.save_picture(sheet, pictures.sheet(labelled))
-    return [*written, sheet]
+    return pictures.save_steps(folder, steps, (colour.shape[0], colour.shape[1]))
 
 
 def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
