@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.geometry import (
     CapGeometry,
     EquirectangularGeometry,
@@ -26,6 +25,7 @@ from pipeline.foveation.geometry import (
     check_gaze,
 )
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
+from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
