@@ -122,8 +122,8 @@ def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> lis
         raise InputError("--sun-direction needs --lighting sun (got unlit); leave one of them out")
     if not (np.isfinite(sun_direction).all() and any(sun_direction)):
         raise InputError(
-            f"--sun-direction must be finite and not zero (got {vector_text(sun_direction)}); give it"
-            " as -1 1 0.5, say"
+            f"--sun-direction must be finite and not zero (got {vector_text(sun_direction)});"
+            " give it as -1 1 0.5, say"
         )
     return [*lines, f"sun_direction = {vector_text(sun_direction)}"]
 
