@@ -18,7 +18,13 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import ChainPass, given
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.look import Look, Picture
-from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
+from pipeline.foveation.moments import (
+    LEAST_TIGHTNESS,
+    LOOSE_VARIANCE,
+    PARTNER_SHARE,
+    SMALLEST_VARIANCE,
+    STRONGEST_BEND,
+)
 from pipeline.foveation.noise_plane import (
     GRAIN,
     carried_noise,
@@ -34,7 +40,7 @@ from pipeline.foveation.passes import (
     screen_noise,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import AIM, MOST_BEND
+from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.compute import Shader
 from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
@@ -187,7 +193,7 @@ class MetamerPass(FoveationPass):
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
-        layers = levels + -(-(levels + 2 * self._chroma) // 4)
+        layers = levels + -(-(levels + 3 * self._chroma) // 4)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         self._gains = self._compile(
             "gains",
@@ -196,7 +202,9 @@ class MetamerPass(FoveationPass):
             PARTNER_SHARE=PARTNER_SHARE,
             CHROMA=self._chroma,
             COARSER=count > 2,
-            MOST_BEND=MOST_BEND,
+            LEAST_TIGHTNESS=LEAST_TIGHTNESS,
+            LOOSE_VARIANCE=LOOSE_VARIANCE,
+            STRONGEST_BEND=STRONGEST_BEND,
         )
         self._gains.hold(weights=self._weights)
         self._finish = self._compile_finish(carried=False)

@@ -25,6 +25,7 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.reference import MOST_BEND
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
@@ -134,6 +135,7 @@ def finish_constants(**changes: Constant) -> dict[str, Constant]:
         "BASE": True,
         "LEVELS": 1,
         "BENT": False,
+        "MOST_BEND": MOST_BEND,
         "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
         "CARRIED": False,
         "TEXELS_PER_PX": TEXELS_PER_PX,
