@@ -88,7 +88,7 @@ def test_a_seed_decides_every_byte(png, tmp_path):
 
 
 def test_a_parameter_reaches_the_condition(png, tmp_path, colour):
-    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=0.9", *FAST)
+    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=.9", *FAST)
 
     wide = foveate(colour, (32, 24), method="blur", scaling=0.9)
     np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, np.rint(255 * wide))
