@@ -541,7 +541,5 @@ def test_the_picture_itself_is_never_written_over(png, tmp_path, option):
 
 
 def test_a_sheet_says_how_wide_each_condition_pools():
-    assert (
-        _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate, rate 0.35, fovea 1 deg"
-    )
+    assert _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate 0.35, fovea 1 deg"
     assert _named(Choice("reference")) == "reference"
