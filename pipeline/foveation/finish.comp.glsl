@@ -62,7 +62,8 @@ vec4 bent(vec4 chroma, float skewness, float tightness, float variance) {
     vec4 bowed = mix(vec4(-0.25 * deviation / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
     bowed = (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
     float lean = 1.5 * skewness * (1.0 + tightness), root = sqrt(lean * lean + tightness);
-    return clamp(bowed, -deviation / (root + lean), deviation / (root - lean));
+    float reach = deviation / tightness;
+    return clamp(bowed, reach * (lean - root), reach * (lean + root));
 }
 #endif
 

@@ -188,9 +188,8 @@ def bent(noise: Floats, skewness: Floats, tightness: Floats, variance: Floats) -
     bowed = np.where(turned > -0.5, noise * (1 + turned), held) - bend * deviation
     lean = 1.5 * skewness * (1 + tightness)
     root = np.sqrt(lean**2 + tightness)
-    return np.clip(
-        bowed / np.sqrt(1 + 2 * bend**2), -deviation / (root + lean), deviation / (root - lean)
-    )
+    reach = deviation / tightness
+    return np.clip(bowed / np.sqrt(1 + 2 * bend**2), reach * (lean - root), reach * (lean + root))
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:
