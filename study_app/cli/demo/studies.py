@@ -78,7 +78,8 @@ def show_moving_gaze(path: Path, frames: int = FRAMES) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with lent_context() as ctx:
         picture = built_in_pair("motorcycle").left
-        wander(path, picture, Flat(width_deg=40), Choice("metamer"), frames=frames, ctx=ctx)
+        choice = Choice("metamer", {"law": "authors"})
+        wander(path, picture, Flat(width_deg=40), choice, frames=frames, ctx=ctx)
 
 
 def show_study(name: str, folder: Path, observers: int = OBSERVERS) -> None:
