@@ -125,9 +125,9 @@ def trial_strip(study: StudyProtocol, display: Display, trial: PlannedTrial) -> 
 
 def side_by_side(study: StudyProtocol, display: Display, stimuli: Sequence[Picture]) -> Picture:
     """Return the strip of a trial of `two-alternative`, with stimuli of another task's study."""
-    apart_deg = 1.1 * study.warped.clips.width_deg
-    task = TwoAlternative(kind="two-alternative", separation_deg=apart_deg)
     distance_px = display.distance_mm / display.pitch_x_mm
+    half_deg = float(np.degrees(np.arctan(0.55 * stimuli[0].shape[1] / distance_px)))
+    task = TwoAlternative(kind="two-alternative", separation_deg=2 * half_deg)
     return strip(study.model_copy(update={"task": task}), display, stimuli, distance_px)
 
 
