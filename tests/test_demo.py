@@ -518,13 +518,14 @@ def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monk
 
 def test_side_by_side_each_stimulus_stands_on_its_side_of_the_dot():
     study, display = load_study(Path("showcase"), None)
-    black, white = (np.full((60, 80, 3), level, np.uint8) for level in (0, 255))
+    black, white = (np.full((240, 320, 3), level, np.uint8) for level in (0, 255))
 
-    fixate, both, respond = screens_of(side_by_side(study, display, [black, white]), 60)
+    fixate, both, respond = screens_of(side_by_side(study, display, [black, white]), 240)
 
-    assert (both[:, :80] == 0).all()
-    assert (both[:, -80:] == 255).all()
-    assert (both[0, 80:-80] == 128).all()
+    assert (both[0, :320] == 0).all()
+    assert (both[0, -320:] == 255).all()
+    assert (both[0, 320:-320] == 128).all()
+    assert both.shape == (240, 320 * 2 + 32, 3)
     assert (fixate[0] == 128).all()
     assert (respond == 128).all()
 
