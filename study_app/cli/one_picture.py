@@ -46,7 +46,7 @@ GazeOption = Annotated[str | None, gaze_option("the middle")]
 DisplayOption = Annotated[
     str | None,
     typer.Option(
-        help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml file.",
+        help="The display that shows it, pixel for pixel: a shipped name or a .toml file.",
     ),
 ]
 FovOption = Annotated[
