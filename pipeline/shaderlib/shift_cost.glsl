@@ -31,10 +31,19 @@ bool is_inside(ivec2 place) {
     return all(greaterThanEqual(place, ivec2(0))) && all(lessThan(place, imageSize(planes)));
 }
 
+int guide_of(Tile tile) { return rounded(tile.guide, tile.count); }
+
+ivec2 corner_of(Tile tile) {
+    return ivec2(rounded(tile.corner_x, SUBPIXELS * tile.count),
+                 rounded(tile.corner_y, SUBPIXELS * tile.count));
+}
+
+// Whether what is there may be copied to a tile that lies `nearer` than it by so much.
+bool is_source(uvec2 found, int nearer) { return !hole_in(found) && nearer <= THRESHOLD_STEPS; }
+
 int cost_of(Tile tile, ivec2 shift) {
-    int guide = rounded(tile.guide, tile.count);
-    ivec2 corner = ivec2(rounded(tile.corner_x, SUBPIXELS * tile.count),
-                         rounded(tile.corner_y, SUBPIXELS * tile.count));
+    int guide = guide_of(tile);
+    ivec2 corner = corner_of(tile);
     int pixels = 0, sources = 0, compared = 0, farther = 0, own_error = 0, beside_error = 0;
     for (int y = -WINDOW_PX; y < TILE_PX + WINDOW_PX; y += WINDOW_STEP_PX) {
         for (int x = -WINDOW_PX; x < TILE_PX + WINDOW_PX; x += WINDOW_STEP_PX) {
@@ -47,7 +56,7 @@ int cost_of(Tile tile, ivec2 shift) {
             if (!is_inside(place + shift)) continue;
             uvec2 found = imageLoad(planes, place + shift).rg;
             int nearer = guide - guide_in(found);
-            if (hole_in(found) || nearer > THRESHOLD_STEPS) continue;
+            if (!is_source(found, nearer)) continue;
             int error = squared(colour_in(shown) - (own ? low_in(found) : colour_in(found)));
             sources += int(own);
             compared += int(!own);

@@ -12,7 +12,7 @@ struct Tile {
     int corner_y;    // sum of where they see the first pixel, in parts of a pixel
     int corner_x;
     int guide;       // sum
-    int unused;
+    int across_px;   // how wide the hole is along the way, at most
     ivec2 shift[2];  // x, y; before and after a sweep, in turn
     uint there;      // sums of squared luma: what the base has above a low-pass,
     uint wanted;     // and what is copied

@@ -43,6 +43,7 @@ void cut(ivec2 pixel, ivec4 way) {
     atomicAdd(tiles[tile].way_x, way.x);
     atomicAdd(tiles[tile].way_y, way.y);
     atomicMax(tiles[tile].way_px, way.z);
+    atomicMax(tiles[tile].across_px, way.w);
     atomicAdd(tiles[tile].corner_x, corner.x);
     atomicAdd(tiles[tile].corner_y, corner.y);
     float guide = max(0.0, 1.0 - z_near_m / imageLoad(depth_m, pixel).r);

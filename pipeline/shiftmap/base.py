@@ -29,7 +29,7 @@ class Ways:
     step: NDArray[np.intp]  # (N, 2), from pixel to pixel: -1, 0 or 1
     steps: NDArray[np.intp]  # (N,), to the first known pixel; 0: the background is out of reach
     end: NDArray[np.intp]  # (N, 2), the pixel whose colour goes on
-    across_px: NDArray[np.intp]  # (N,), how wide the hole is along the way
+    across_px: NDArray[np.intp]  # (N,), how wide the hole is along the way, at most the reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Base:
 
 
 def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float) -> Ways:
-    """Walk from every hole pixel to the background's side, and once the other way."""
+    """Walk from every hole pixel to the background's side, and the other way to the hole's end."""
     scene = Scene(~warped.hole, guide, warped.flow_px[..., ::-1].astype(np.float64), threshold)
     pixel = np.argwhere(warped.hole)
     border, step, found = background_border(scene, pixel, WAY_REACH_PX)
@@ -54,20 +54,21 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     inset = scene.is_background(border + step, pixel)
     end = np.where(found[:, None], border + inset[:, None] * step, pixel)
     behind = _hole_pixels_behind(warped.hole, pixel, step)
-    return Ways(pixel, step, steps, end, np.where(found, steps + behind, 0))
+    across_px = np.minimum(steps + behind, WAY_REACH_PX)
+    return Ways(pixel, step, steps, end, np.where(found, across_px, 0))
 
 
 def _hole_pixels_behind(
     hole: NDArray[np.bool_], pixel: NDArray[np.intp], step: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """How many come next the other way, `WIDE_PX` at most; open behind counts as that many."""
+    """How many come next the other way, `WIDE_PX` more where the hole is open behind."""
     count = np.zeros(len(pixel), np.intp)
-    walking = np.ones(len(pixel), bool)
-    for k in range(1, WIDE_PX + 1):
-        place = pixel - k * step
+    walking = np.flatnonzero(step.any(axis=1))
+    for k in range(1, WAY_REACH_PX + 1):
+        place = pixel[walking] - k * step[walking]
         outside = ((place < 0) | (place >= hole.shape)).any(axis=1)
-        count[walking & outside] = WIDE_PX
-        walking &= ~outside & at(hole, place)
+        count[walking[outside]] += WIDE_PX
+        walking = walking[~outside & at(hole, place)]
         count[walking] = k
     return count
 

@@ -15,6 +15,7 @@ void main() {
     tiles[tile].corner_y = 0;
     tiles[tile].corner_x = 0;
     tiles[tile].guide = 0;
+    tiles[tile].across_px = 0;
     tiles[tile].there = 0u;
     tiles[tile].wanted = 0u;
 }

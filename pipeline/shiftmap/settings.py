@@ -21,7 +21,7 @@ SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp give
 TILE = TILE_PX * SUBPIXELS
 
 # Of the search. Costs are whole numbers, so that both twins choose alike.
-LENGTHS = 32  # first shifts: along the parallax, from just past the hole, pixel by pixel
+LENGTHS = 32  # first shifts: along the parallax, pixel by pixel
 STEPS_PX = (4, 1)  # of each sweep, along rows and columns; an even number of sweeps
 ENCODED_STEPS = 255  # colours are compared in these
 GUIDE_STEPS = 32767  # and guides in these

@@ -54,8 +54,9 @@ class Tiles:
         Its first pixel in the target, rounded.
     guide : (N,)
         Mean over its hole pixels, in `GUIDE_STEPS`.
-    way, way_px : (N, 2), (N,)
-        The sum over its hole pixels of the step to the background; the most steps there.
+    way, way_px, across_px : (N, 2), (N,), (N,)
+        The sum over its hole pixels of the step to the background; the most steps there; how wide
+        the hole is along the way, at most.
     count : (N,)
         How many hole pixels it has.
     """
@@ -66,6 +67,7 @@ class Tiles:
     guide: NDArray[np.intp]
     way: NDArray[np.intp]
     way_px: NDArray[np.intp]
+    across_px: NDArray[np.intp]
     count: NDArray[np.intp]
 
     def at(self, place: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -112,15 +114,19 @@ def cut_tiles(
     def summed_pairs(values: NDArray[np.integer]) -> NDArray[np.intp]:
         return np.stack([summed(values[:, 0]), summed(values[:, 1])], axis=1)
 
-    way_px = np.zeros(len(used), np.intp)
-    np.maximum.at(way_px, of_pixel, ways.steps[some])
+    def most(values: NDArray[np.intp]) -> NDArray[np.intp]:
+        found = np.zeros(len(used), np.intp)
+        np.maximum.at(found, of_pixel, values)
+        return found
+
     centre = SUBPIXELS * pixel + SUBPIXELS // 2
     corner = rounded(summed_pairs(centre - part), SUBPIXELS * count[:, None])
     index = np.full(shape, -1, np.intp)
     cell = np.stack(np.divmod(used, shape[1]), axis=1)
     index[cell[:, 0], cell[:, 1]] = np.arange(len(used))
     way = summed_pairs(ways.step[some])
-    return Tiles(cell, index, corner, rounded(summed(guide[thick]), count), way, way_px, count)
+    px = most(ways.steps[some]), most(ways.across_px[some])
+    return Tiles(cell, index, corner, rounded(summed(guide[thick]), count), way, *px, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +176,14 @@ class Search:
     def _inside(self, place: NDArray[np.intp]) -> NDArray[np.bool_]:
         return np.asarray(((place >= 0) & (place < self._size)).all(axis=-1))
 
+    def _sources(
+        self, which: NDArray[np.intp], place: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """By how much places, (M, n, 2), are nearer than tiles, (M,), and which may be copied."""
+        nearer = self.tiles.guide[which, None] - at(self._planes.guide, place)
+        known = self._inside(place) & ~at(self._planes.hole, place)
+        return nearer, known & (nearer <= self._threshold)
+
     def cost(self, which: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the cost of moving tiles `which`, (M,), by `shift`, (M, 2), neighbours aside.
 
@@ -180,8 +194,7 @@ class Search:
         """
         planes = self._planes
         place = self._pixel[which] + shift[:, None]
-        nearer = self.tiles.guide[which, None] - at(planes.guide, place)
-        source = self._inside(place) & ~at(planes.hole, place) & (nearer <= self._threshold)
+        nearer, source = self._sources(which, place)
         own, beside = self._own[which], self._beside[which]
         there = np.where(own[..., None], at(planes.low, place), at(planes.colour, place))
         error = ((self._shown[which] - there) ** 2).sum(axis=-1)
@@ -200,7 +213,11 @@ class Search:
         return np.asarray(cost)
 
     def first_shifts(self) -> NDArray[np.intp]:
-        """Return each tile's best shift along the parallax, from just past the hole on."""
+        """Return each tile's best shift along the parallax.
+
+        They go from the whole hole's width on: shorter ones bring one piece of the background to
+        several tiles. Where no background lies so far, they go from just past the hole.
+        """
         tiles = self.tiles
         every = np.arange(len(tiles.cell))
         longer = np.abs(tiles.way).max(axis=1)
@@ -208,9 +225,14 @@ class Search:
         none = 5 * longer <= tiles.count
         way = np.where(none[:, None], (0, 1), tiles.way)
         longer = np.where(none, 1, longer)[:, None]
-        shifts = [
-            rounded((tiles.way_px + 1 + length)[:, None] * way, longer) for length in range(LENGTHS)
-        ]
+
+        def along(length_px: NDArray[np.intp]) -> NDArray[np.intp]:
+            return rounded(length_px[:, None] * way, longer)
+
+        middle = tiles.corner + TILE_PX // 2 + along(tiles.across_px + 1)
+        far = self._sources(every, middle[:, None])[1][:, 0]
+        start = np.where(far, tiles.across_px, tiles.way_px)
+        shifts = [along(start + 1 + length) for length in range(LENGTHS)]
         best = np.stack([self.cost(every, shift) for shift in shifts]).argmin(axis=0)
         return np.asarray(np.stack(shifts)[best, every])
 

@@ -1,5 +1,5 @@
 #version 430
-// From every hole pixel to its end on the background's side, and once the other way.
+// From every hole pixel to its end on the background's side, and the other way to the hole's end.
 // Twin: find_ways() in base.py. Change both or neither.
 
 #constant WIDE_PX  // a hole that is open behind is as wide as the way says, and this more
@@ -19,12 +19,12 @@ layout(rgba32f) uniform writeonly image2D ends;   // low-pass and guide there
 #include "quarters.glsl"
 
 int hole_pixels_behind(ivec2 pixel, ivec2 direction) {
-    for (int count = 1; count <= WIDE_PX; ++count) {
-        ivec2 place = pixel - count * direction;
-        if (!is_inside(place)) return WIDE_PX;
-        if (!is_hole(place)) return count - 1;
+    for (int count = 0; count < REACH; ++count) {
+        ivec2 place = pixel - (count + 1) * direction;
+        if (!is_inside(place)) return count + WIDE_PX;
+        if (!is_hole(place)) return count;
     }
-    return WIDE_PX;
+    return REACH;
 }
 
 void find_way(ivec2 pixel) {
@@ -37,7 +37,7 @@ void find_way(ivec2 pixel) {
     ivec2 end = pixel + side.steps * side.direction;
     // Past the mixed colours of a silhouette, where what comes next is background too.
     if (is_background(end + side.direction, guide)) end += side.direction;
-    int across_px = side.steps + hole_pixels_behind(pixel, side.direction);
+    int across_px = min(side.steps + hole_pixels_behind(pixel, side.direction), REACH);
     imageStore(ways, pixel, ivec4(side.direction, side.steps, across_px));
     float end_guide = guide_at(end);
     imageStore(ends, pixel, vec4(low_at(end, end_guide), end_guide));

@@ -1,5 +1,7 @@
 """The parts of `shift-map` against values worked by hand and plain loops."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,7 @@ from pipeline.shiftmap.settings import (
     SUBPIXELS,
     TILE_PX,
     WAY_REACH_PX,
+    WIDE_PX,
     WINDOW_PX,
     WINDOW_STEP_PX,
     ShiftMapSettings,
@@ -95,6 +98,18 @@ def test_ways_lead_to_the_background_and_know_how_wide_the_hole_is():
     assert ways.end[row].tolist() == [[1, 14]] * 5
     assert (ways.across_px == 5).all()
     assert (ways.step == (0, 1)).all()
+
+
+def test_a_hole_is_as_wide_as_its_ways_and_what_comes_behind_them():
+    """Open behind, where the frame ends, it counts as `WIDE_PX` wider; at most the reach counts."""
+
+    def widths(colour, **where):
+        ways = ways_of(beside_foreground(colour, **where))
+        return set(ways.across_px[ways.pixel[:, 0] == 1].tolist())
+
+    assert widths(np.zeros((3, 60, 3)), width_px=40) == {40}
+    assert widths(np.zeros((3, 60, 3)), width_px=40, left_px=0) == {40 + WIDE_PX}
+    assert widths(np.zeros((3, 300, 3)), width_px=WAY_REACH_PX, left_px=0) == {WAY_REACH_PX}
 
 
 def test_a_hole_that_only_something_nearer_borders_has_no_ways():
@@ -238,6 +253,7 @@ def test_tiles_lie_in_the_source_frame_and_know_their_corner():
     assert found.guide.tolist() == [9]
     assert found.way.tolist() == [[0, 64]]
     assert found.way_px.tolist() == [8]
+    assert found.across_px.tolist() == [8]
     assert grid_subpixels(flow_px)[0, 11].tolist() == [SUBPIXELS // 2, 8 * SUBPIXELS + 64]
 
 
@@ -315,6 +331,36 @@ def test_no_shift_leads_out_of_what_takes_part_in_a_fill():
 
     assert farthest < 3 * 128
     assert len(STEPS_PX) % 2 == 0  # the last sweep writes where the first had read
+
+
+@pytest.mark.parametrize(
+    ("background_px", "wanted"),
+    [(100, [33] * 4), (20, [33, 33, 21, 16])],
+    ids=["wide background", "narrow background"],
+)
+def test_first_shifts_are_longer_than_the_hole_is_wide_where_background_lies_there(
+    background_px, wanted
+):
+    """By hand: a hole of 32 px before one colour, which goes on for 20 px in the second case.
+
+    A shift of 33 px leads the tiles' middles to columns 37, 45, 53 and 61: two lie beyond it, and
+    their tiles begin at 17 and 9 px. Of equal costs the first counts. Of the third tile's columns
+    compared, 8, 11, ... 29, one or more find no source, one alone from 21 px on; of the fourth's,
+    16, 19, ... 31, all find one from 16 px on.
+    """
+    size = (16, 160)
+    hole = np.zeros(size, bool)
+    hole[:8, :32] = True
+    guide = np.where(np.arange(size[1]) < 32 + background_px, 20000, 0) * np.ones(size, int)
+    colour = np.zeros((*size, 3), int)
+    pixels = np.argwhere(hole)
+    steps = 32 - pixels[:, 1]
+    ways = dataclasses.replace(ways_to_the_right(pixels, steps), across_px=np.full(len(steps), 32))
+    tiles = cut_tiles(hole, guide, np.zeros((*size, 2), np.float32), ways)
+
+    shift = Search(tiles, Planes(hole, guide, colour, colour), THRESHOLD).first_shifts()
+
+    assert shift.tolist() == [[0, px] for px in wanted]
 
 
 def test_the_shift_of_a_repeating_texture_is_its_period(repeating):

@@ -137,7 +137,7 @@ def test_tiles_are_the_same_bit_for_bit(run):
     assert run.fill_pass.lists.entry_counts()[TILES][0] == len(tiles.count)
     assert (rows[:, 0] == tiles.count).all()
     assert (rows[:, 1:3] == tiles.way).all()
-    assert (rows[:, 3] == tiles.way_px).all()
+    assert (rows[:, [3, 7]] == np.stack([tiles.way_px, tiles.across_px], axis=1)).all()
     corner = rounded(rows[:, 4:6].astype(np.intp), SUBPIXELS * tiles.count[:, None])
     assert (corner == tiles.corner).all()
     assert (rounded(rows[:, 6].astype(np.intp), tiles.count) == tiles.guide).all()
