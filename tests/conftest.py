@@ -11,7 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import hypothesis
 import moderngl
@@ -446,8 +446,11 @@ class GLWatch:
     call to free them. A program that was released but is still bound counts as gone.
     """
 
-    KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Sampler", "VertexArray")
-    AT_ONCE = 512  # more than a test ever holds
+    # Of each kind more than a test ever holds at once.
+    KINDS: ClassVar = {
+        "Texture": 512, "Buffer": 512, "Framebuffer": 128, "Renderbuffer": 128, "Sampler": 128,
+        "VertexArray": 128, "Program": 512,
+    }  # fmt: skip
     DELETE_STATUS = 0x8B80
 
     def __init__(self) -> None:
@@ -466,13 +469,13 @@ class GLWatch:
         nexts, alive = self._next_names(), set()
         for kind, first in self._first.items():
             exists = self._call(f"glIs{kind}", ctypes.c_ubyte, ctypes.c_uint)
-            names = range(first, max(nexts[kind], first + self.AT_ONCE))
-            alive |= {f"{kind.lower()} {name}" for name in names if exists(name)}
+            names = range(first, max(nexts[kind], first + self.KINDS[kind]))
+            alive |= {f"{kind.lower()} {name}" for name in filter(exists, names)}
         return {name for name in alive if not self._is_released_program(name)}
 
     def _next_names(self) -> dict[str, int]:
         nexts, name = {}, ctypes.c_uint()
-        for kind in self.KINDS:
+        for kind in self.KINDS.keys() - {"Program"}:
             self._call(f"glGen{kind}s", None, ctypes.c_int, ctypes.c_void_p)(1, ctypes.byref(name))
             nexts[kind] = name.value
             delete = self._call(f"glDelete{kind}s", None, ctypes.c_int, ctypes.c_void_p)
