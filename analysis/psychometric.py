@@ -1,5 +1,6 @@
 """Psychometric functions with guess and lapse rates, by maximum likelihood."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,6 +38,11 @@ OPEN_RANGES = 10.0
 """A limit outside the levels shown by more than so many of their ranges is none."""
 
 FLAT = "performance is the same at every level: no curve can be placed"
+
+_LOW, _HIGH, _MIDDLE = (
+    math.log(-math.log(1.0 - rise)) for rise in (WIDTH_EDGE, 1.0 - WIDTH_EDGE, 0.5)
+)
+"""Where Gumbel's function is .05, .95 and one half."""
 
 SATURATED = 0.01
 """A level whose rise is this near 0 or 1 says nothing about the width."""
@@ -114,15 +120,13 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
         return np.asarray(
             expit((x - threshold) / width * 2.0 * np.log((1.0 - WIDTH_EDGE) / WIDTH_EDGE))
         )
-    low, high = np.log(-np.log(1.0 - WIDTH_EDGE)), np.log(-np.log(WIDTH_EDGE))
-    middle = np.log(np.log(2.0))
     if shape == "gumbel":
-        level = (high - low) / width * (x - threshold) + middle
+        level = (_HIGH - _LOW) / width * (x - threshold) + _MIDDLE
         return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
     # On log x the rise from .05 to .95 spans `slope`; the width on x fixes it.
-    slope = _weibull_slope(threshold, width, low - middle, high - middle)
+    slope = _weibull_slope(threshold, width)
     with np.errstate(divide="ignore"):
-        level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + middle
+        level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + _MIDDLE
     return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
 
 
@@ -239,9 +243,10 @@ class _Problem:
         if self.prior is None:
             return 0.0
         fitted = [guess] * (self.guess is None) + [lapse] * (self.lapse is None)
-        rates = np.clip(fitted, 1e-9, 1.0)
         a, b = self.prior
-        return float(np.sum((a - 1.0) * np.log(rates) + (b - 1.0) * np.log1p(-rates)))
+        return sum(
+            (a - 1.0) * math.log(max(rate, 1e-9)) + (b - 1.0) * math.log1p(-rate) for rate in fitted
+        )
 
     def starts(self) -> list[Floats]:
         scale = self._scale
@@ -348,16 +353,17 @@ def _signed(limits: tuple[float, float] | None, sign: float) -> tuple[float, flo
     return -limits[1], -limits[0]
 
 
-def _weibull_slope(threshold: float, width: float, low: float, high: float) -> float:
+def _weibull_slope(threshold: float, width: float) -> float:
     """Return the slope on log x for which x(.95) - x(.05) equals `width`."""
+    low, high = _LOW - _MIDDLE, _HIGH - _MIDDLE
 
     def gap(log_slope: float) -> float:
-        slope = np.exp(log_slope)
-        return float(threshold * (np.exp(high / slope) - np.exp(low / slope)) - width)
+        slope = math.exp(log_slope)
+        return threshold * (math.exp(high / slope) - math.exp(low / slope)) - width
 
-    lower, upper = np.log(0.02), np.log(1e4)
+    lower, upper = math.log(0.02), math.log(1e4)
     if gap(lower) < 0:
         return 0.02
     if gap(upper) > 0:
         return 1e4
-    return float(np.exp(optimize.brentq(gap, lower, upper, xtol=1e-12)))
+    return math.exp(optimize.brentq(gap, lower, upper, xtol=1e-12))
