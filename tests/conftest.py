@@ -28,25 +28,32 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 LONGEST = (
     "tests/presenter/test_guide.py",
     "tests/test_demo.py",
-    "tests/presenter/test_whole_beyond_blur_studies.py",
-    "tests/presenter/test_every_task_was_shown.py",
-    "tests/test_docs.py",
-    "tests/presenter/test_presenter_mistakes.py",
     "tests/stats/test_task_reports.py",
     "tests/batch/test_stimuli_build.py",
-    "tests/presenter/test_a_labs_study.py",
+    "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/stats/test_report.py",
+    "tests/presenter/test_every_task_was_shown.py",
+    "tests/twins/test_warp_gpu.py",
     "tests/test_tutorials.py",
+    "tests/test_docs.py",
+    "tests/study/test_kills_by_task.py",
+    "tests/product/test_new_study_tasks.py",
+    "tests/score/test_score_libraries.py",
+    "tests/twins/test_metameric_gpu.py",
+    "tests/twins/test_inpaint_gpu.py",
+    "tests/test_metameric_invariants.py",
+    "tests/presenter/test_presenter_mistakes.py",
+    "tests/batch/test_beyond_blur_stimuli.py",
+    "tests/product/test_own_material.py",
+    "tests/batch/test_foveated_recipe.py",
+    "tests/score/test_score_foveated.py",
+    "tests/presenter/test_a_labs_study.py",
     "tests/presenter/test_display_commands.py",
     "tests/presenter/test_pages_and_mouse.py",
     "tests/presenter/test_disturbed_sittings.py",
-    "tests/stats/test_report.py",
-    "tests/twins/test_warp_gpu.py",
-    "tests/study/test_kills_by_task.py",
     "tests/presenter/test_lsl_gaze.py",
-    "tests/test_metameric_invariants.py",
-    "tests/product/test_new_study_tasks.py",
-    "tests/product/test_own_material.py",
-    "tests/batch/test_beyond_blur_stimuli.py",
+    "tests/test_site.py",
+    "tests/denoising/test_denoising_training.py",
 )
 IN_TURN = """
 import json, sys
@@ -193,7 +200,13 @@ def cost_name(nodeid: str) -> str:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch the costs where they are asked for."""
+    """Watch the costs where they are asked for; let Mesa compile shaders fast, unless `--full`.
+
+    For pictures as small as ours, its software renderer takes longer to make its programs quick
+    than to run them as they are. Both compute the same.
+    """
+    if not config.getoption("--full"):
+        os.environ.setdefault("GALLIVM_PERF", "nopt")
     if config.getoption("--costs"):
         config.pluginmanager.register(Costs(), "costs")
 
