@@ -14,13 +14,10 @@ struct Rank { uint key, claim; };
 
 layout(std430) buffer Ranks { Rank ranks[]; };  // per target pixel; side by side for the caches
 layout(std430) buffer Lists {
-    uint large_count;
+    uint counts[2];    // of quads left to large.comp.glsl, and of small quads that contested
     uint left_count;
-    uint unreached;           // nonzero: some target pixel was reached by no quad
-    uint contested_count;
-    uint contested_groups_x;  // of small.comp.glsl's second dispatch
-    uint contested_groups_y;
-    uint contested_groups_z;
+    uint unreached;    // nonzero: some target pixel was reached by no quad
+    uint groups_x, groups_y, groups_z;  // of small.comp.glsl's second dispatch
     // From the start on, quads left to large.comp.glsl; from the end on, small quads that
     // contested; a quad is in one of the two at most. Afterwards, pixels that the first
     // resolve.comp.glsl leaves to the second. Room for all there are.
@@ -28,6 +25,8 @@ layout(std430) buffer Lists {
 };
 // What to draw of each large quad: bit k for part k, TORN, CONTESTED. From classify.comp.glsl.
 layout(std430) buffer Parts { uint parts[]; };
+
+const int LARGE = 0, CONTESTED_SMALL = 1;  // of counts
 
 const uint TORN = 1u << 8;
 const uint CONTESTED = 1u << 9;

@@ -5,6 +5,8 @@
 // Change both or neither.
 
 #constant LANES       // work-group size
+#constant ROW         // of small.comp.glsl
+#constant MOST_GROUPS  // of small.comp.glsl
 #constant SURFACE_PX  // sides in line that must stretch alike to be one surface
 
 layout(local_size_x = LANES) in;
@@ -103,9 +105,15 @@ uint parts_of_torn(ivec2 first) {
 }
 
 void main() {
+    if (gl_GlobalInvocationID.x == 0u) {
+        uint groups = (counts[CONTESTED_SMALL] + ROW - 1u) / ROW;
+        groups_x = min(groups, MOST_GROUPS);
+        groups_y = (groups + MOST_GROUPS - 1u) / MOST_GROUPS;
+        groups_z = 1u;
+    }
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;
-    for (uint slot = gl_GlobalInvocationID.x; slot < large_count; slot += stride) {
+    for (uint slot = gl_GlobalInvocationID.x; slot < counts[LARGE]; slot += stride) {
         uint index = entries[slot];
         ivec2 first = place_of(int(index), mesh.x);
         uint found = 1u;

@@ -58,7 +58,7 @@ bool draw(Quad quad, uint quad_part, bool stretched) {
 
 void main() {
     ivec2 mesh = mesh_size();
-    for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
+    for (uint slot = gl_WorkGroupID.x; slot < counts[LARGE]; slot += gl_NumWorkGroups.x) {
         uint found = parts[slot];
         if (round_index != 0 && (found & CONTESTED) == 0u) continue;
         uint index = entries[slot];
