@@ -14,10 +14,10 @@ struct Rank { uint key, claim; };
 
 layout(std430) buffer Ranks { Rank ranks[]; };  // per target pixel; side by side for the caches
 layout(std430) buffer Lists {
-    uint counts[2];    // of quads left to large.comp.glsl, and of small quads that contested
+    uint counts[2];  // of quads left to large.comp.glsl, and of small quads that contested
     uint left_count;
-    uint unreached;    // nonzero: some target pixel was reached by no quad
-    uint groups_x, groups_y, groups_z;  // of small.comp.glsl's second dispatch
+    uint unreached;  // nonzero: some target pixel was reached by no quad
+    uvec3 contested_groups;  // of small.comp.glsl's second dispatch
     // From the start on, quads left to large.comp.glsl; from the end on, small quads that
     // contested; a quad is in one of the two at most. Afterwards, pixels that the first
     // resolve.comp.glsl leaves to the second. Room for all there are.
@@ -32,10 +32,10 @@ const uint TORN = 1u << 8;
 const uint CONTESTED = 1u << 9;
 
 // Triangle abc or acd of a part of a quad: 2 * (quad + part * quads), + 1 for acd.
-const uint FIRST = 1u << 31;  // beside it: loses to claims without
+const uint FIRST = 1u << 31;  // of who came first: loses to claims without
 
 const uint UNRIVALLED = 1u;
-// Inverse depths (1/m) that differ by nothing farther out: their bits leave room for the two flags.
+// Inverse depths beyond these, 1/m, are taken for them: the others' bits leave room for two flags.
 const float FARTHEST = uintBitsToFloat(0x20000000u), NEAREST = uintBitsToFloat(0x5F000000u);
 
 // One program does both rounds, and the key's arithmetic is `precise`, so that both compute the

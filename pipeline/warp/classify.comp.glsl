@@ -107,9 +107,8 @@ uint parts_of_torn(ivec2 first) {
 void main() {
     if (gl_GlobalInvocationID.x == 0u) {
         uint groups = (counts[CONTESTED_SMALL] + ROW - 1u) / ROW;
-        groups_x = min(groups, MOST_GROUPS);
-        groups_y = (groups + MOST_GROUPS - 1u) / MOST_GROUPS;
-        groups_z = 1u;
+        contested_groups =
+            uvec3(min(groups, MOST_GROUPS), (groups + MOST_GROUPS - 1u) / MOST_GROUPS, 1u);
     }
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;

@@ -24,7 +24,7 @@ MOST_GROUPS = 32768  # in a row of work groups: every driver takes that many
 PARTS = 8  # of a quad, each of two triangles that may win a pixel
 MOST_QUADS = 2**31 // (2 * PARTS) - 1
 NOTHING = 0xFF  # every byte of the key of a pixel that no quad reached
-COUNTERS = np.array([0, 0, 0, 0, 0, 1, 1], np.uint32).tobytes()  # see warp_rank.glsl
+COUNTERS = bytes(28)  # see warp_rank.glsl
 CONTESTED_GROUPS = 16  # bytes into them
 RINGS = 2  # of vertices around the source
 
@@ -80,8 +80,8 @@ class WarpPass(Pass):
             HIDE=settings.variant == "remove",
         )
         self._resolve, self._left = (
-            self._shader("warp/resolve.comp.glsl", ROW=ROW, EXTEND=extend, LEFT=left)
-            for left in (False, True)
+            self._shader("warp/resolve.comp.glsl", GROUP=group, EXTEND=extend, LEFT=left)
+            for group, left in ((ROW, False), (lanes, True))
         )
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [

@@ -4,11 +4,11 @@
 // parts, which few pixels show; so the first is short and needs no double.
 // Twin: resolve() in reference.py. Change both or neither.
 
-#constant ROW     // work-group size, pixels in a row
+#constant GROUP   // work-group size, pixels in a row
 #constant EXTEND  // whether unreached pixels are continued afterwards
 #constant LEFT    // whether to do what the first program left
 
-layout(local_size_x = ROW) in;
+layout(local_size_x = GROUP) in;
 
 #include "warp_mesh.glsl"
 #include "warp_rank.glsl"
@@ -90,7 +90,7 @@ void show_left(ivec2 pixel) {
 }
 
 void main() {
-    uint stride = gl_NumWorkGroups.x * ROW;
+    uint stride = gl_NumWorkGroups.x * GROUP;
     for (uint slot = gl_GlobalInvocationID.x; slot < left_count; slot += stride)
         show_left(place_of(int(entries[slot]), target_size.x));
 }

@@ -34,8 +34,8 @@ void main() {
     int side = max(max(longest(quad.b - quad.a), longest(quad.c - quad.b)),
                    max(longest(quad.d - quad.c), longest(quad.a - quad.d)));
     bool doubtful = side > stretch && !ring;
-    // Pixels whose centres lie in the bounding box, but for its right and lower edge: what lies
-    // there belongs to the next. Strips of a torn quad reach beyond it.
+    // Pixels whose centres lie in the bounding box; what lies on its right or lower edge belongs
+    // to the next. Strips of a torn quad reach beyond it.
     int reach = doubtful ? REACH : 0;
     ivec2 start = max((low - reach + SUB / 2 - 1) >> 8, ivec2(0));
     ivec2 last = min((high + reach - SUB / 2 - 1) >> 8, target_size - 1);
@@ -47,14 +47,16 @@ void main() {
     uint index = uint(first.y * mesh.x + first.x);
     bool listed = ring || doubtful || !few, contested = false;
     ivec2 pixel = start;
-    for (int left = listed ? 0 : box.x * box.y; left > 0; --left) {
+    int left = box.x * box.y;
+    do {  // see large.comp.glsl
+        if (listed) break;
         ivec2 centre = pixel * SUB + SUB / 2;
         Areas area = narrow_areas(quad.a - centre, quad.b - centre,
                                   quad.c - centre, quad.d - centre);
         if (rank(quad, area, index, false, pixel)) contested = true;
         ++pixel.x;
         if (pixel.x > last.x) pixel = ivec2(start.x, pixel.y + 1);
-    }
+    } while (--left > 0);
     if (listed || contested) {
         uint slot = atomicAdd(counts[listed ? LARGE : CONTESTED_SMALL], 1u);
         entries[listed ? slot : quads - 1u - slot] = index;
