@@ -4,10 +4,10 @@
 // Twin: torn_quads(), with_strips(), with_thin() and thin_and_mixed() in reference.py.
 // Change both or neither.
 
-#constant LANES       // work-group size
-#constant ROW         // of small.comp.glsl
-#constant MOST_GROUPS  // of small.comp.glsl
-#constant SURFACE_PX  // sides in line that must stretch alike to be one surface
+#constant LANES        // work-group size
+#constant ROW          // of small.comp.glsl, whose second dispatch is sized here
+#constant MOST_GROUPS  // the same
+#constant SURFACE_PX   // sides in line that must stretch alike to be one surface
 
 layout(local_size_x = LANES) in;
 

@@ -71,7 +71,11 @@ class WarpPass(Pass):
             "warp/small.comp.glsl", ROW=ROW, MOST_GROUPS=MOST_GROUPS, SMALL=SMALL, EXTEND=extend
         )
         self._classify = self._shader(
-            "warp/classify.comp.glsl", LANES=lanes, ROW=ROW, MOST_GROUPS=MOST_GROUPS, SURFACE_PX=settings.surface_px
+            "warp/classify.comp.glsl",
+            LANES=lanes,
+            ROW=ROW,
+            MOST_GROUPS=MOST_GROUPS,
+            SURFACE_PX=settings.surface_px,
         )
         self._large = self._shader(
             "warp/large.comp.glsl",

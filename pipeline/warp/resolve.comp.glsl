@@ -32,6 +32,12 @@ void store(ivec2 pixel) {
     imageStore(warped_flow_px, pixel, vec4(motion, 0.0, 0.0));
 }
 
+void take_if_farther(float there, vec2 motion_there) {
+    if (there <= depth) return;
+    depth = there;
+    motion = motion_there;
+}
+
 // 1 / depth is linear in the image plane. This form gives back one depth of three exactly
 // where it alone counts, and where all three are the same.
 float blend_depth(vec3 metres, vec2 weight) {
@@ -122,12 +128,9 @@ void main() {
         float beyond = imageLoad(depth_m, s).x;
         depth = metres.x;
         motion = fp;
-        float other = upper ? metres.y : beyond;
-        if (other > depth) { depth = other; motion = upper ? fq : fs; }
-        other = upper ? beyond : metres.z;
-        if (other > depth) { depth = other; motion = upper ? fs : fr; }
-        other = upper ? metres.z : metres.y;
-        if (other > depth) { depth = other; motion = upper ? fr : fq; }
+        take_if_farther(upper ? metres.y : beyond, upper ? fq : fs);    // b
+        take_if_farther(upper ? beyond : metres.z, upper ? fs : fr);    // d
+        take_if_farther(upper ? metres.z : metres.y, upper ? fr : fq);  // c
     } else {
         ivec2 centre = pixel * SUB + SUB / 2;
         ivec2 to_p = position(vp, fp) - centre;
