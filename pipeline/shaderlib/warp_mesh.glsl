@@ -49,11 +49,15 @@ ivec2 subpixels(vec2 flow) {
     return ivec2(roundEven(clamp(flow * float(SUB), -2.0 * GUARD, 2.0 * GUARD)));
 }
 
+// Of a vertex of ring 1 or a pixel.
 ivec2 position(ivec2 vertex, vec2 flow) {
-    ivec2 size = imageSize(depth_m);
-    ivec2 home = clamp(2 * (vertex - RINGS) + 1, ivec2(0), 2 * size) * (SUB / 2);
-    ivec2 at = home + subpixels(flow) - SUB * target_origin;
-    ivec2 last = size + 2 * RINGS - 1;
+    ivec2 home = clamp(2 * (vertex - RINGS) + 1, ivec2(0), 2 * imageSize(depth_m)) * (SUB / 2);
+    return home + subpixels(flow) - SUB * target_origin;
+}
+
+ivec2 position_in_any_ring(ivec2 vertex, vec2 flow) {
+    ivec2 at = position(vertex, flow);
+    ivec2 last = imageSize(depth_m) + 2 * RINGS - 1;
     if (vertex.x == 0) at.x = min(at.x, -SUB);
     if (vertex.y == 0) at.y = min(at.y, -SUB);
     if (vertex.x == last.x) at.x = max(at.x, (target_size.x + 1) * SUB);
@@ -95,10 +99,10 @@ Quad load_quad(ivec2 first, int part) {
     quad.fb = imageLoad(flow_px, pb).xy;
     quad.fc = imageLoad(flow_px, pc).xy;
     quad.fd = imageLoad(flow_px, pd).xy;
-    quad.a = position(va, quad.fa);
-    quad.b = position(vb, quad.fb);
-    quad.c = position(vc, quad.fc);
-    quad.d = position(vd, quad.fd);
+    quad.a = position_in_any_ring(va, quad.fa);
+    quad.b = position_in_any_ring(vb, quad.fb);
+    quad.c = position_in_any_ring(vc, quad.fc);
+    quad.d = position_in_any_ring(vd, quad.fd);
     quad.depth = vec4(imageLoad(depth_m, pa).x, imageLoad(depth_m, pb).x,
                       imageLoad(depth_m, pc).x, imageLoad(depth_m, pd).x);
     if (strip) {

@@ -4,8 +4,10 @@
 // Twin: torn_quads(), with_strips(), with_thin() and thin_and_mixed() in reference.py.
 // Change both or neither.
 
-#constant LANES       // work-group size
-#constant SURFACE_PX  // sides in line that must stretch alike to be one surface
+#constant LANES        // work-group size
+#constant ROW          // of small.comp.glsl, whose second dispatch is sized here
+#constant MOST_GROUPS  // the same
+#constant SURFACE_PX   // sides in line that must stretch alike to be one surface
 
 layout(local_size_x = LANES) in;
 
@@ -103,9 +105,14 @@ uint parts_of_torn(ivec2 first) {
 }
 
 void main() {
+    if (gl_GlobalInvocationID.x == 0u) {
+        uint groups = (counts[CONTESTED_SMALL] + ROW - 1u) / ROW;
+        contested_groups =
+            uvec3(min(groups, MOST_GROUPS), (groups + MOST_GROUPS - 1u) / MOST_GROUPS, 1u);
+    }
     ivec2 mesh = mesh_size();
     uint stride = gl_NumWorkGroups.x * LANES;
-    for (uint slot = gl_GlobalInvocationID.x; slot < large_count; slot += stride) {
+    for (uint slot = gl_GlobalInvocationID.x; slot < counts[LARGE]; slot += stride) {
         uint index = entries[slot];
         ivec2 first = place_of(int(index), mesh.x);
         uint found = 1u;

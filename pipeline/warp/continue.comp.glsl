@@ -9,7 +9,7 @@
 layout(local_size_x = LANES) in;
 
 layout(std430) buffer Lists {
-    uint large_count;
+    uint counts[2];
     uint left_count;
     uint unreached;
 };

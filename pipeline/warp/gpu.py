@@ -23,8 +23,8 @@ GROUPS = 512  # work groups that share what is listed
 MOST_GROUPS = 32768  # in a row of work groups: every driver takes that many
 PARTS = 8  # of a quad, each of two triangles that may win a pixel
 MOST_QUADS = 2**31 // (2 * PARTS) - 1
-UNTOUCHED = (0xFFFFFFFF, 0x7FFFFFFF)  # a pixel's key and claim
-COUNTERS = np.array([0, 0, 0, 0, 0, 1, 1], np.uint32).tobytes()  # see warp_rank.glsl
+NOTHING = 0xFF  # every byte of the key of a pixel that no quad reached
+COUNTERS = bytes(28)  # see warp_rank.glsl
 CONTESTED_GROUPS = 16  # bytes into them
 RINGS = 2  # of vertices around the source
 
@@ -71,7 +71,11 @@ class WarpPass(Pass):
             "warp/small.comp.glsl", ROW=ROW, MOST_GROUPS=MOST_GROUPS, SMALL=SMALL, EXTEND=extend
         )
         self._classify = self._shader(
-            "warp/classify.comp.glsl", LANES=lanes, SURFACE_PX=settings.surface_px
+            "warp/classify.comp.glsl",
+            LANES=lanes,
+            ROW=ROW,
+            MOST_GROUPS=MOST_GROUPS,
+            SURFACE_PX=settings.surface_px,
         )
         self._large = self._shader(
             "warp/large.comp.glsl",
@@ -80,8 +84,8 @@ class WarpPass(Pass):
             HIDE=settings.variant == "remove",
         )
         self._resolve, self._left = (
-            self._shader("warp/resolve.comp.glsl", ROW=ROW, EXTEND=extend, LEFT=left)
-            for left in (False, True)
+            self._shader("warp/resolve.comp.glsl", GROUP=group, EXTEND=extend, LEFT=left)
+            for group, left in ((ROW, False), (lanes, True))
         )
         self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
@@ -101,9 +105,8 @@ class WarpPass(Pass):
             stretch=settings.stretch_subpixels(self.window),
         )
         self._lists = self._buffer(_list_bytes(source_size, self.window))
-        untouched = np.full((height * width, 2), UNTOUCHED, np.uint32)
         self._hold(
-            ranks=self._buffer(untouched.tobytes()),
+            ranks=self._buffer(bytes([NOTHING]) * (8 * width * height)),
             lists=self._lists,
             parts=self._buffer(4 * math.prod(self._mesh)),
         )

@@ -29,12 +29,14 @@ bool draw(Quad quad, uint quad_part, bool stretched) {
     // Pixels outside the quad may be tried: one more on each side.
     bool narrow = longest(highest_at - lowest_at) <= NARROW - 4 * SUB;
     int low = max((lowest_at.y + SUB / 2 - 1) >> 8, 0);
-    int high = min((highest_at.y - SUB / 2) >> 8, target_size.y - 1);
+    int high = min((highest_at.y - SUB / 2 - 1) >> 8, target_size.y - 1);
     int rows = 1;  // at once
     while (rows < LANES && rows < high - low + 1) rows *= 2;
     int across = LANES / rows;
     bool contested = false;
-    for (int y = low + lane / across; y <= high; y += rows) {
+    // Loops test at their ends: where they test first, llvmpipe runs them once too often.
+    int y = low + lane / across;
+    do {
         int centre = y * SUB + SUB / 2;
         vec2 span = vec2(2.0 * GUARD, -2.0 * GUARD);
         cross_edge(quad.a, quad.b, centre, span);
@@ -44,21 +46,25 @@ bool draw(Quad quad, uint quad_part, bool stretched) {
         cross_edge(quad.a, quad.c, centre, span);
         ivec2 pixels = ivec2(floor(span / float(SUB)));
         int left = max(pixels.x - 1, 0), right = min(pixels.y + 1, target_size.x - 1);
-        for (int x = left + lane % across; x <= right; x += across) {
+        int x = left + lane % across;
+        do {
+            if (x > right || y > high) break;
             ivec2 at = ivec2(x, y) * SUB + SUB / 2;
             ivec2 a = quad.a - at, b = quad.b - at, c = quad.c - at, d = quad.d - at;
             Areas area;
             if (narrow) area = narrow_areas(a, b, c, d);
             else area = wide_areas(a, b, c, d);
             if (rank(quad, area, quad_part, stretched, ivec2(x, y))) contested = true;
-        }
-    }
+            x += across;
+        } while (x <= right);
+        y += rows;
+    } while (y <= high);
     return contested;
 }
 
 void main() {
     ivec2 mesh = mesh_size();
-    for (uint slot = gl_WorkGroupID.x; slot < large_count; slot += gl_NumWorkGroups.x) {
+    for (uint slot = gl_WorkGroupID.x; slot < counts[LARGE]; slot += gl_NumWorkGroups.x) {
         uint found = parts[slot];
         if (round_index != 0 && (found & CONTESTED) == 0u) continue;
         uint index = entries[slot];
@@ -69,13 +75,14 @@ void main() {
         ivec2 first = place_of(int(index), mesh.x);
         bool contested = false;
         // Strips before the quad that they lie on, which then does not contest their pixels.
-        while (shown != 0u) {
+        do {
+            if (shown == 0u) break;
             int part = findMSB(shown);
             shown ^= 1u << part;
             if (draw(load_quad(first, part), index + uint(part) * uint(mesh.x * mesh.y),
                      stretched && part == 0))
                 contested = true;
-        }
+        } while (shown != 0u);
         if (contested) atomicOr(parts[slot], CONTESTED);
     }
 }

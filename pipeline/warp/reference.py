@@ -402,9 +402,12 @@ def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
 
 
 def pixel_box(at: Ints, window: Window, reach: int = 0) -> tuple[Ints, Ints]:
-    """Give the first and last pixel (x, y) of each quad's bounding box, grown by `reach`."""
+    """Give the first and last pixel (x, y) of each quad's bounding box, grown by `reach`.
+
+    Centres on the box's right or lower edge belong to the next quad.
+    """
     low = (at.min(axis=1) - reach + SUBPIXELS // 2 - 1) // SUBPIXELS
-    high = (at.max(axis=1) + reach - SUBPIXELS // 2) // SUBPIXELS
+    high = (at.max(axis=1) + reach - SUBPIXELS // 2 - 1) // SUBPIXELS
     last = (window.width_px - 1, window.height_px - 1)
     return np.maximum(low, 0), np.minimum(high, last)
 

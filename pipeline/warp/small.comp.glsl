@@ -15,22 +15,13 @@ layout(local_size_x = ROW) in;
 
 uniform int stretch;  // sub-pixels; a longer side may be torn
 
-void contest(uint index, uint quads) {
-    uint slot = atomicAdd(contested_count, 1u);
-    entries[quads - 1u - slot] = index;
-    if (slot % ROW != 0u) return;
-    uint group = slot / ROW;
-    if (group < MOST_GROUPS) atomicAdd(contested_groups_x, 1u);
-    else if (group % MOST_GROUPS == 0u) atomicAdd(contested_groups_y, 1u);
-}
-
 void main() {
     ivec2 mesh = mesh_size();
     uint quads = uint(mesh.x * mesh.y);
     ivec2 first = ivec2(gl_GlobalInvocationID.xy);
     if (round_index != 0) {
         uint slot = gl_WorkGroupID.y * MOST_GROUPS * ROW + gl_GlobalInvocationID.x;
-        if (slot >= contested_count) return;
+        if (slot >= counts[CONTESTED_SMALL]) return;
         first = place_of(int(entries[quads - 1u - slot]), mesh.x);
     }
     if (any(greaterThanEqual(first, mesh))) return;
@@ -43,29 +34,31 @@ void main() {
     int side = max(max(longest(quad.b - quad.a), longest(quad.c - quad.b)),
                    max(longest(quad.d - quad.c), longest(quad.a - quad.d)));
     bool doubtful = side > stretch && !ring;
-    // Pixels whose centres lie in the bounding box. Strips of a torn quad reach beyond it.
+    // Pixels whose centres lie in the bounding box; what lies on its right or lower edge belongs
+    // to the next. Strips of a torn quad reach beyond it.
     int reach = doubtful ? REACH : 0;
     ivec2 start = max((low - reach + SUB / 2 - 1) >> 8, ivec2(0));
-    ivec2 last = min((high + reach - SUB / 2) >> 8, target_size - 1);
+    ivec2 last = min((high + reach - SUB / 2 - 1) >> 8, target_size - 1);
     ivec2 box = last - start + 1;
     if (any(lessThan(box, ivec2(1)))) return;
 
     bool few = max(box.x, box.y) <= SMALL && box.x * box.y <= SMALL
             && longest(high - low) <= NARROW;
     uint index = uint(first.y * mesh.x + first.x);
-    if (ring || doubtful || !few) {
-        entries[atomicAdd(large_count, 1u)] = index;
-        return;
-    }
-    bool contested = false;
+    bool listed = ring || doubtful || !few, contested = false;
     ivec2 pixel = start;
-    for (int left = box.x * box.y; left > 0; --left) {
+    int left = box.x * box.y;
+    do {  // see large.comp.glsl
+        if (listed) break;
         ivec2 centre = pixel * SUB + SUB / 2;
         Areas area = narrow_areas(quad.a - centre, quad.b - centre,
                                   quad.c - centre, quad.d - centre);
         if (rank(quad, area, index, false, pixel)) contested = true;
         ++pixel.x;
         if (pixel.x > last.x) pixel = ivec2(start.x, pixel.y + 1);
+    } while (--left > 0);
+    if (listed || contested) {
+        uint slot = atomicAdd(counts[listed ? LARGE : CONTESTED_SMALL], 1u);
+        entries[listed ? slot : quads - 1u - slot] = index;
     }
-    if (contested) contest(index, quads);
 }
