@@ -417,7 +417,8 @@ def _log_likelihood(
     d = scaling_d_prime(
         scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None], law
     )
-    share = np.clip((1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse, 1e-12, 1.0 - 1e-12)
+    share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
+    share = np.minimum(np.maximum(share, 1e-12), 1.0 - 1e-12)  # `np.clip` takes twice as long
     yes, no = np.log(share), np.log1p(-share)
     return np.asarray(
         np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1)),

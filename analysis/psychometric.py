@@ -1,7 +1,9 @@
 """Psychometric functions with guess and lapse rates, by maximum likelihood."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,11 @@ OPEN_RANGES = 10.0
 """A limit outside the levels shown by more than so many of their ranges is none."""
 
 FLAT = "performance is the same at every level: no curve can be placed"
+
+_LOW, _HIGH, _MIDDLE = (
+    math.log(-math.log(1.0 - rise)) for rise in (WIDTH_EDGE, 1.0 - WIDTH_EDGE, 0.5)
+)
+"""Where Gumbel's function is .05, .95 and one half."""
 
 SATURATED = 0.01
 """A level whose rise is this near 0 or 1 says nothing about the width."""
@@ -113,15 +120,13 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
         return np.asarray(
             expit((x - threshold) / width * 2.0 * np.log((1.0 - WIDTH_EDGE) / WIDTH_EDGE))
         )
-    low, high = np.log(-np.log(1.0 - WIDTH_EDGE)), np.log(-np.log(WIDTH_EDGE))
-    middle = np.log(np.log(2.0))
     if shape == "gumbel":
-        level = (high - low) / width * (x - threshold) + middle
+        level = (_HIGH - _LOW) / width * (x - threshold) + _MIDDLE
         return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
     # On log x the rise from .05 to .95 spans `slope`; the width on x fixes it.
-    slope = _weibull_slope(threshold, width, low - middle, high - middle)
+    slope = _weibull_slope(threshold, width)
     with np.errstate(divide="ignore"):
-        level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + middle
+        level = slope * (np.log(np.maximum(x, 0.0)) - np.log(threshold)) + _MIDDLE
     return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
 
 
@@ -172,8 +177,8 @@ def fit_psychometric(
     sign = -1.0 if falling else 1.0
     problem = _Problem(x, successes, trials, guess, lapse, shape, sign, rate_prior)
     best, height = problem.fit()
-    likelihood = height - problem.log_prior(best)
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
+    likelihood = height - problem.log_prior(guess_rate, lapse_rate)
     share = successes / trials
     saturated = float(np.sum(stats.binom.logpmf(successes, trials, share)))
     constant = saturated - float(np.sum(_log_terms(successes, trials, share)))
@@ -218,10 +223,11 @@ class _Problem:
         rates = list(theta[2:])
         guess = self.guess if self.guess is not None else 0.5 * float(np.sin(rates.pop(0)) ** 2)
         lapse = self.lapse if self.lapse is not None else LAPSE_MAX * float(np.sin(rates[0]) ** 2)
-        scale = self._scale()
+        scale = self._scale
         threshold = _exp(theta[0]) if self.shape == "weibull" else theta[0] * scale
         return float(threshold), _exp(theta[1]) * scale, guess, lapse
 
+    @cached_property
     def _scale(self) -> float:
         return float(np.ptp(self.x))
 
@@ -229,21 +235,21 @@ class _Problem:
         threshold, width, guess, lapse = self.unpack(theta)
         rise = sigmoid(self.x, threshold, self.sign * width, self.shape)
         share = guess + (1.0 - guess - lapse) * rise
-        likelihood = float(np.sum(_log_terms(self.successes, self.trials, share)))
-        return -likelihood - self.log_prior(theta)
+        likelihood = float(_log_terms(self.successes, self.trials, share).sum())
+        return -likelihood - self.log_prior(guess, lapse)
 
-    def log_prior(self, theta: Floats) -> float:
-        """Return the log prior of the fitted rates, without its constant."""
+    def log_prior(self, guess: float, lapse: float) -> float:
+        """Return the log prior of the rates that are fitted, without its constant."""
         if self.prior is None:
             return 0.0
-        _, _, guess, lapse = self.unpack(theta)
         fitted = [guess] * (self.guess is None) + [lapse] * (self.lapse is None)
-        rates = np.clip(fitted, 1e-9, 1.0)
         a, b = self.prior
-        return float(np.sum((a - 1.0) * np.log(rates) + (b - 1.0) * np.log1p(-rates)))
+        return sum(
+            (a - 1.0) * math.log(max(rate, 1e-9)) + (b - 1.0) * math.log1p(-rate) for rate in fitted
+        )
 
     def starts(self) -> list[Floats]:
-        scale = self._scale()
+        scale = self._scale
         places = np.quantile(self.x, [0.25, 0.5, 0.75])
         rates = [0.6] * ((self.guess is None) + (self.lapse is None))
         return [
@@ -262,8 +268,9 @@ class _Problem:
         self, hold: tuple[int, float] | None = None, start: Floats | None = None
     ) -> tuple[Floats, float]:
         def run(theta: Floats) -> float:
-            if hold is not None:
-                theta = np.insert(theta, *hold)
+            if hold is not None:  # as `np.insert`, which takes longer than the rest
+                place, value = hold
+                theta = np.concatenate((theta[:place], (value,), theta[place:]))
             return self.loss(theta)
 
         # The best few of a grid of starts, roughly; then the best of those, sharply.
@@ -332,11 +339,11 @@ def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
 
 
 def _exp(value: float) -> float:
-    return float(np.exp(np.clip(value, -LOG_MAX, LOG_MAX)))
+    return float(np.exp(min(max(value, -LOG_MAX), LOG_MAX)))
 
 
 def _log_terms(successes: Floats, trials: Floats, share: Floats) -> Floats:
-    share = np.clip(share, 1e-12, 1.0 - 1e-12)
+    share = np.minimum(np.maximum(share, 1e-12), 1.0 - 1e-12)  # `np.clip` takes twice as long
     return np.asarray(successes * np.log(share) + (trials - successes) * np.log1p(-share))
 
 
@@ -346,16 +353,17 @@ def _signed(limits: tuple[float, float] | None, sign: float) -> tuple[float, flo
     return -limits[1], -limits[0]
 
 
-def _weibull_slope(threshold: float, width: float, low: float, high: float) -> float:
+def _weibull_slope(threshold: float, width: float) -> float:
     """Return the slope on log x for which x(.95) - x(.05) equals `width`."""
+    low, high = _LOW - _MIDDLE, _HIGH - _MIDDLE
 
     def gap(log_slope: float) -> float:
-        slope = np.exp(log_slope)
-        return float(threshold * (np.exp(high / slope) - np.exp(low / slope)) - width)
+        slope = math.exp(log_slope)
+        return threshold * (math.exp(high / slope) - math.exp(low / slope)) - width
 
-    lower, upper = np.log(0.02), np.log(1e4)
+    lower, upper = math.log(0.02), math.log(1e4)
     if gap(lower) < 0:
         return 0.02
     if gap(upper) > 0:
         return 1e4
-    return float(np.exp(optimize.brentq(gap, lower, upper, xtol=1e-12)))
+    return math.exp(optimize.brentq(gap, lower, upper, xtol=1e-12))

@@ -24,11 +24,7 @@ from stimuli.scenes.registry import build_scene
 from stimuli.steps import metameric_steps
 from study_app.cli.demo.pictures import most_holes
 
-FILLS = (
-    ("push-pull", "push-pull", {}),
-    ("metameric", "metameric", {}),
-    ("metameric, texture from the background", "metameric", {"texture": "background"}),
-)
+FILLS = "push-pull", "metameric", "background-extension", "shift-map"
 
 SEED = 1
 DETAIL_PX = (120, 160)
@@ -61,9 +57,9 @@ def main(argv: list[str]) -> int:
     tiles = [
         ("warped: what the source did not see", pictures.of_holes(warped.colour, warped.hole)),
     ]
-    for label, name, parameters in FILLS:
-        method = create_method(name, ctx, parameters)
-        tiles.append((label, pictures.of_colour(method.fill(warped, SEED))))
+    for name in FILLS:
+        method = create_method(name, ctx)
+        tiles.append((name, pictures.of_colour(method.fill(warped, SEED))))
         method.release()
     tiles.append(("the true view", pictures.of_colour(footage.truth(arguments.frame))))
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

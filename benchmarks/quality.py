@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, astuple
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import moderngl
 
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS
@@ -32,7 +31,6 @@ VARIANTS = [
     for continuation in ("repeat", "mirror")
     for inset_px in (0, 1, 2)
 ]
-RESULTS = Path(__file__).parent / "results" / "quality.json"
 PART = PagePart("quality table")
 
 
@@ -103,9 +101,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--variants", action="store_true", help="variants of one method instead")
     parser.add_argument("--docs", type=PART.page, help="document whose table of means is replaced")
-    parser.add_argument(
-        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
-    )
+    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
     arguments = parser.parse_args(argv)
     every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
     choices = VARIANTS if arguments.variants else every
@@ -118,16 +114,17 @@ def main(argv: list[str]) -> int:
     print(table(results))
     if arguments.variants:
         return 0
-    record = {
-        "version": package_version(),
-        "revision": code_revision(),
-        "renderer": renderer,
-        "pairs": {
-            name: {"hole_share": share, "methods": {m: asdict(q) for m, q in fills.items()}}
-            for name, (share, fills) in results.items()
-        },
-    }
-    arguments.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    if arguments.json is not None:
+        record = {
+            "version": package_version(),
+            "revision": code_revision(),
+            "renderer": renderer,
+            "pairs": {
+                name: {"hole_share": share, "methods": {m: asdict(q) for m, q in fills.items()}}
+                for name, (share, fills) in results.items()
+            },
+        }
+        write_record(arguments.json, record)
     if arguments.docs is not None:
         PART.replace(arguments.docs, means(results))
     return 0

@@ -74,7 +74,6 @@ HEADINGS = {
     "vertical": "Vertical motion",
     "6dof": "Six degrees of freedom",
 }
-RESULTS = Path(__file__).parent / "results" / "scores.json"
 BRIEF = ("fvvdp", "cvvdp", "psnr", "hf-ratio", "flicker", "statistics")
 BRIEF_PARTS = {name: PagePart(name) for name in ("clips", "recirculation")}
 PART, VARIANTS_PART = PagePart("scores"), PagePart("variants")
@@ -226,9 +225,7 @@ def main(argv: list[str]) -> int:
         help=f"one table of {', '.join(BRIEF)}, and the part of the document that it replaces",
     )
     parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
-    parser.add_argument(
-        "--json", type=file_to_write, help=f"where to store the numbers, e.g. {RESULTS}"
-    )
+    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
     arguments = parser.parse_args(argv)
     methods = list(VARIANTS) if arguments.variants else arguments.methods
     part = VARIANTS_PART if arguments.variants else BRIEF_PARTS.get(arguments.brief, PART)

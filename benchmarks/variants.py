@@ -37,7 +37,6 @@ from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
 
-RESULTS = Path(__file__).parent / "results" / "variants.json"
 CLIP_EDGE_PX = 192
 CLIP_FRAMES = 10
 CLIP_STEP_PX = 0.7  # motion of the background per frame; the disc moves 3.3 more
@@ -292,9 +291,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="script/bench variants", description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
-    parser.add_argument(
-        "--json", type=file_to_write, default=RESULTS, help="where to store the numbers"
-    )
+    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
     arguments = parser.parse_args(argv)
     ctx = create_context()
     try:
@@ -304,17 +301,18 @@ def main(argv: list[str] | None = None) -> int:
         release_context(ctx)
     print(table(results))
     print("flicker of the truth:", {k: round(v, 4) for k, v in truth_flicker.items()})
-    record = {
-        "version": package_version(),
-        "revision": code_revision(),
-        "renderer": renderer,
-        "truth_flicker": truth_flicker,
-        "scenes": {
-            scene: {label: asdict(scored) for label, scored in rows.items()}
-            for scene, rows in results.items()
-        },
-    }
-    write_record(arguments.json, record)
+    if arguments.json is not None:
+        record = {
+            "version": package_version(),
+            "revision": code_revision(),
+            "renderer": renderer,
+            "truth_flicker": truth_flicker,
+            "scenes": {
+                scene: {label: asdict(scored) for label, scored in rows.items()}
+                for scene, rows in results.items()
+            },
+        }
+        write_record(arguments.json, record)
     return 0
 
 

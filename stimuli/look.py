@@ -13,7 +13,8 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import View
 from stimuli import pictures
-from stimuli.open_scene import viewpoint_of
+from stimuli.look_page import LookServer
+from stimuli.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.registry import build_scene, scene_names
@@ -95,8 +96,6 @@ def look_interactively(
 
     `opened` is told the page's address, `say` the line of every view that is taken.
     """
-    from stimuli.look_page import LookServer
-
     light = _light_lines(lighting, sun_direction)
     world = world_of(scene, scale, seed, lighting, sun_direction)
     renderer = Renderer(ctx, world)
@@ -123,10 +122,10 @@ def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> lis
         raise InputError("--sun-direction needs --lighting sun (got unlit); leave one of them out")
     if not (np.isfinite(sun_direction).all() and any(sun_direction)):
         raise InputError(
-            f"--sun-direction must be finite and not zero (got {_numbers(sun_direction)}); give it"
-            " as -1 1 0.5, say"
+            f"--sun-direction must be finite and not zero (got {vector_text(sun_direction)});"
+            " give it as -1 1 0.5, say"
         )
-    return [*lines, f"sun_direction = {_numbers(sun_direction)}"]
+    return [*lines, f"sun_direction = {vector_text(sun_direction)}"]
 
 
 def _is_built_in(scene: str) -> bool:
@@ -250,18 +249,6 @@ def _interest(renderer: Renderer, view: Viewpoint) -> float:
     if near < LEAST_NEAR * float(np.linalg.norm(high - low)) / 2:
         score *= 0.2
     return score
-
-
-def view_line(view: Viewpoint) -> str:
-    """Return a view as a protocol says it."""
-    return (
-        f"view = {{ position_m = {_numbers(view.position_m)}, look_at_m ="
-        f" {_numbers(view.look_at_m)}, vertical_fov_deg = {view.vertical_fov_deg:g} }}"
-    )
-
-
-def _numbers(vector: Vector) -> str:
-    return "[" + ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in vector) + "]"
 
 
 def _vector(values: np.ndarray) -> Vector:

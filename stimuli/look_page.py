@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from stimuli.look import view_line
+from stimuli.open_scene import view_line
 from stimuli.pictures import of_colour
 from stimuli.render import Renderer
 from stimuli.world import Viewpoint

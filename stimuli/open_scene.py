@@ -21,7 +21,7 @@ from protocols.recipes.warped_clips import (
 )
 from stimuli.scenery import RenderedScenery, Scenery
 from stimuli.scenes.registry import build_scene, scene_entry
-from stimuli.world import Viewpoint, World
+from stimuli.world import Vector, Viewpoint, World
 
 BASE_MODULES = ("stimuli.clip", "stimuli.footage", "stimuli.open_scene", "stimuli.solve")
 
@@ -129,3 +129,16 @@ def viewpoint_of(view: View, world: World) -> Viewpoint:
     if view.vertical_fov_deg is not None:
         chosen = replace(chosen, vertical_fov_deg=view.vertical_fov_deg)
     return chosen
+
+
+def view_line(view: Viewpoint) -> str:
+    """Return a view as a protocol says it."""
+    return (
+        f"view = {{ position_m = {vector_text(view.position_m)}, look_at_m ="
+        f" {vector_text(view.look_at_m)}, vertical_fov_deg = {view.vertical_fov_deg:g} }}"
+    )
+
+
+def vector_text(vector: Vector) -> str:
+    """Return a vector as a protocol says it."""
+    return "[" + ", ".join(f"{round(value, 6) + 0.0:.4g}" for value in vector) + "]"

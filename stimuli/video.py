@@ -31,6 +31,18 @@ class Unpacked:
     folder: Path
     fps: float
     frames: int
+    promised: int
+    """Frames that the file says it has; some files only estimate it."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of it."""
+        if self.promised <= self.frames + 1:
+            return []
+        return [
+            f"of {self.promised} frames that the video should have, {self.frames} could be read:"
+            " was it cut short?"
+        ]
 
 
 @contextmanager
@@ -56,6 +68,7 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
             edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
             check_values(path, *(round(video.get(edge)) for edge in edges), 3)
             fps = float(video.get(cv2.CAP_PROP_FPS))
+            promised = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
             count = 0
             while True:
                 with reading(path, "a whole video", InputError), quiet_stderr():
@@ -73,7 +86,7 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
             raise InputError(
                 f"{path}: must have frames and a rate (has {count} at {fps:g} a second)"
             )
-        yield Unpacked(folder, fps, count)
+        yield Unpacked(folder, fps, count, promised)
 
 
 @contextmanager

@@ -219,7 +219,7 @@ class ClipStore:
         return StudyError(
             f"{self._folder}: the next frame must come from the disk (none came for {waited_s:g}"
             " s); everything up to here is saved. See to the disk or its network, copy the clips to"
-            " a disk of this machine, and 'metamerlab session resume'"
+            " a disk of this machine, then run 'metamerlab session resume'"
         )
 
     def close(self) -> None:

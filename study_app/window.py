@@ -233,7 +233,7 @@ class Window:
         if lost := self._display_lost():
             raise StudyError(
                 f"display {self.display.name!r}: {lost}; everything up to here is saved. Put the"
-                " display in order and 'metamerlab session resume'"
+                " display in order, then run 'metamerlab session resume'"
             )
 
     def _display_lost(self) -> str:

@@ -11,7 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import hypothesis
 import moderngl
@@ -28,25 +28,32 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 LONGEST = (
     "tests/presenter/test_guide.py",
     "tests/test_demo.py",
-    "tests/presenter/test_whole_beyond_blur_studies.py",
-    "tests/presenter/test_every_task_was_shown.py",
-    "tests/test_docs.py",
-    "tests/presenter/test_presenter_mistakes.py",
     "tests/stats/test_task_reports.py",
     "tests/batch/test_stimuli_build.py",
-    "tests/presenter/test_a_labs_study.py",
+    "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/stats/test_report.py",
+    "tests/presenter/test_every_task_was_shown.py",
+    "tests/twins/test_warp_gpu.py",
     "tests/test_tutorials.py",
+    "tests/test_docs.py",
+    "tests/study/test_kills_by_task.py",
+    "tests/product/test_new_study_tasks.py",
+    "tests/score/test_score_libraries.py",
+    "tests/twins/test_metameric_gpu.py",
+    "tests/twins/test_inpaint_gpu.py",
+    "tests/test_metameric_invariants.py",
+    "tests/presenter/test_presenter_mistakes.py",
+    "tests/batch/test_beyond_blur_stimuli.py",
+    "tests/product/test_own_material.py",
+    "tests/batch/test_foveated_recipe.py",
+    "tests/score/test_score_foveated.py",
+    "tests/presenter/test_a_labs_study.py",
     "tests/presenter/test_display_commands.py",
     "tests/presenter/test_pages_and_mouse.py",
     "tests/presenter/test_disturbed_sittings.py",
-    "tests/stats/test_report.py",
-    "tests/twins/test_warp_gpu.py",
-    "tests/study/test_kills_by_task.py",
     "tests/presenter/test_lsl_gaze.py",
-    "tests/test_metameric_invariants.py",
-    "tests/product/test_new_study_tasks.py",
-    "tests/product/test_own_material.py",
-    "tests/batch/test_beyond_blur_stimuli.py",
+    "tests/test_site.py",
+    "tests/denoising/test_denoising_training.py",
 )
 IN_TURN = """
 import json, sys
@@ -193,7 +200,13 @@ def cost_name(nodeid: str) -> str:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch the costs where they are asked for."""
+    """Watch the costs where they are asked for; let Mesa compile shaders fast, unless `--full`.
+
+    For pictures as small as ours, its software renderer takes longer to make its programs quick
+    than to run them as they are. Both compute the same.
+    """
+    if not config.getoption("--full"):
+        os.environ.setdefault("GALLIVM_PERF", "nopt")
     if config.getoption("--costs"):
         config.pluginmanager.register(Costs(), "costs")
 
@@ -446,8 +459,11 @@ class GLWatch:
     call to free them. A program that was released but is still bound counts as gone.
     """
 
-    KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Sampler", "VertexArray")
-    AT_ONCE = 512  # more than a test ever holds
+    # Of each kind more than a test ever holds at once.
+    KINDS: ClassVar = {
+        "Texture": 512, "Buffer": 512, "Framebuffer": 128, "Renderbuffer": 128, "Sampler": 128,
+        "VertexArray": 128, "Program": 512,
+    }  # fmt: skip
     DELETE_STATUS = 0x8B80
 
     def __init__(self) -> None:
@@ -466,13 +482,13 @@ class GLWatch:
         nexts, alive = self._next_names(), set()
         for kind, first in self._first.items():
             exists = self._call(f"glIs{kind}", ctypes.c_ubyte, ctypes.c_uint)
-            names = range(first, max(nexts[kind], first + self.AT_ONCE))
-            alive |= {f"{kind.lower()} {name}" for name in names if exists(name)}
+            names = range(first, max(nexts[kind], first + self.KINDS[kind]))
+            alive |= {f"{kind.lower()} {name}" for name in filter(exists, names)}
         return {name for name in alive if not self._is_released_program(name)}
 
     def _next_names(self) -> dict[str, int]:
         nexts, name = {}, ctypes.c_uint()
-        for kind in self.KINDS:
+        for kind in self.KINDS.keys() - {"Program"}:
             self._call(f"glGen{kind}s", None, ctypes.c_int, ctypes.c_void_p)(1, ctypes.byref(name))
             nexts[kind] = name.value
             delete = self._call(f"glDelete{kind}s", None, ctypes.c_int, ctypes.c_void_p)

@@ -33,7 +33,7 @@ from study_app.cli.demo.pictures import Photographs, most_holes
 from study_app.cli.demo.run import run_demo
 from study_app.cli.demo.screen import PROGRAMS
 from study_app.cli.demo.sitting import Flip, clip_place
-from study_app.cli.demo.studies import STUDIES, chosen_trial, trial_strip
+from study_app.cli.demo.studies import STUDIES, chosen_trial, side_by_side, trial_strip
 from study_app.cli.demo.watcher import Place, Watcher
 from study_app.sittings import find_sittings
 from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
@@ -504,7 +504,7 @@ def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monk
     )
     phases = {
         "beyond-blur-task": 3, "beyond-blur-preference": 5, "beyond-blur-detection": 3,
-        "critical-scaling-halves": 5,
+        "critical-scaling": 7, "critical-scaling-halves": 5,
     }  # fmt: skip
     assert set(phases) == set(STUDIES)
     for name, count in phases.items():
@@ -514,6 +514,38 @@ def test_a_trial_of_each_study_on_foveated_pictures_is_drawn_phase_by_phase(monk
         shown = strip[20:250]
         grey = (shown == 128).all(axis=2).mean()
         assert 0.3 < grey < 0.75, name
+
+
+def test_side_by_side_each_stimulus_stands_on_its_side_of_the_dot():
+    study, display = load_study(Path("showcase"), None)
+    black, white = (np.full((240, 320, 3), level, np.uint8) for level in (0, 255))
+
+    fixate, both, respond = screens_of(side_by_side(study, display, [black, white]), 240)
+
+    assert (both[0, :320] == 0).all()
+    assert (both[0, -320:] == 255).all()
+    assert (both[0, 320:-320] == 128).all()
+    assert both.shape == (240, 320 * 2 + 32, 3)
+    assert (fixate[0] == 128).all()
+    assert (respond == 128).all()
+
+
+def screens_of(strip: np.ndarray, height: int) -> list[np.ndarray]:
+    """The screens on a sheet of one row, without the labels below."""
+    inside = (strip[: height + 12] != strip[0, 0]).any(axis=2)
+    rows, columns = inside.any(axis=1), inside.any(axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], columns, [0]])))
+    top = int(rows.argmax())
+    return [strip[top : top + height, a:b] for a, b in edges.reshape(-1, 2)]
+
+
+@pytest.mark.usefixtures("shared_gl_context")
+def test_the_moving_gaze_visits_a_photograph(tmp_path):
+    studies.show_moving_gaze(tmp_path / "studies" / "gaze.webp", frames=3)
+
+    with Image.open(tmp_path / "studies" / "gaze.webp") as moving:
+        assert getattr(moving, "n_frames", 1) == 3
+        assert moving.size[0] == 480
 
 
 def test_a_study_in_the_demonstration_is_simulated_and_reported(tmp_path, monkeypatch):

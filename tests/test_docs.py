@@ -66,6 +66,8 @@ def text_files(root: Path) -> list[tuple[Path, str]]:
             if name not in NOT_OURS and not name.endswith(("_cache", ".egg-info", ".hypothesis"))
         ]
         for name in names:
+            if name in NOT_OURS:
+                continue  # `.git` is a file in a worktree
             path = Path(folder, name)
             try:
                 found.append((path, path.read_text(encoding="utf-8")))

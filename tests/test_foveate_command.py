@@ -88,7 +88,7 @@ def test_a_seed_decides_every_byte(png, tmp_path):
 
 
 def test_a_parameter_reaches_the_condition(png, tmp_path, colour):
-    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=0.9", *FAST)
+    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=.9", *FAST)
 
     wide = foveate(colour, (32, 24), method="blur", scaling=0.9)
     np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, np.rint(255 * wide))
@@ -541,7 +541,5 @@ def test_the_picture_itself_is_never_written_over(png, tmp_path, option):
 
 
 def test_a_sheet_says_how_wide_each_condition_pools():
-    assert (
-        _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate, rate 0.35, fovea 1 deg"
-    )
+    assert _named(Choice("blur", {"rate": 0.35})) == "blur (rate 0.35)\nrate 0.35, fovea 1 deg"
     assert _named(Choice("reference")) == "reference"

@@ -28,6 +28,7 @@ from protocols.schema import StudyProtocol
 
 HTML_NAME = "report.html"
 JSON_NAME = "results.json"
+_WIDTHS = {"narrow": (ONE_COLUMN_IN, "1-column"), "wide": (TWO_COLUMNS_IN, "2-column")}
 _LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "matplotlib")
 
 
@@ -154,10 +155,9 @@ def _draw(
     for number, figure in enumerate(figures):
         say("drawing figures", number, len(figures))
         entry: dict[str, str | Markup] = {"name": figure.name, "caption": figure.caption}
-        for key, width in (("narrow", ONE_COLUMN_IN), ("wide", TWO_COLUMNS_IN)):
-            made = figure.draw(width)
+        for key, (width_in, columns) in _WIDTHS.items():
+            made = figure.draw(width_in)
             if files:
-                columns = "1-column" if key == "narrow" else "2-column"
                 svg = save_figure(made, folder, f"{figure.name}-{columns}")[0].read_bytes()
             else:
                 svg = figure_bytes(made, "svg")

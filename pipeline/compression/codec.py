@@ -28,7 +28,7 @@ from pipeline.compression.lost import (
 )
 from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
-from pipeline.foveation.condition import check_picture
+from pipeline.foveation.look import check_picture
 from pipeline.foveation.noise_plane import check_seed
 
 Floats = NDArray[np.float64]

@@ -19,7 +19,8 @@ from pipeline.compression.file_format import Compressed
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.gpu import (
+from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
+from pipeline.foveation.passes import (
     TILE,
     PicturePass,
     Pooled,
@@ -27,7 +28,6 @@ from pipeline.foveation.gpu import (
     halved,
     screen_noise,
 )
-from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.compute import Shader

@@ -127,9 +127,7 @@ def wanted_of(maps: Sequence[LostMap]) -> Wanted:
         variances.append(np.clip(column, 0, 1)[..., None] * read[..., :3])
         slopes.append(read[..., 3:])
     nothing = np.zeros((*at[0].shape, 3 * len(maps), 2))
-    return Wanted(
-        np.concatenate(variances, axis=2), np.stack(slopes, axis=2), nothing, nothing[:, :, 0]
-    )
+    return Wanted(np.concatenate(variances, axis=2), np.stack(slopes, axis=2), nothing)
 
 
 def noise_of(maps: Sequence[LostMap], seed: int) -> Floats:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.gpu import (
+from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
+from pipeline.foveation.passes import (
     TILE,
     PicturePass,
     Pooled,
@@ -19,7 +20,6 @@ from pipeline.foveation.gpu import (
     halved,
     screen_noise,
 )
-from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload

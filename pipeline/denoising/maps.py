@@ -81,9 +81,9 @@ class MomentMaps:
         return MomentMaps(np.clip(base.astype(np.float64), 0, 1), deviations, slopes)
 
     def wanted(self) -> Wanted:
-        """What noise has to give; chroma that does not go with luma is left out, and skewness."""
+        """What noise has to give; chroma that does not go with luma is left out, and its shape."""
         nothing = np.zeros((*self.deviations.shape, 2))
-        return Wanted(self.deviations**2, self.slopes, nothing, nothing[:, :, 0])
+        return Wanted(self.deviations**2, self.slopes, nothing)
 
 
 def maps_of(picture: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> MomentMaps:

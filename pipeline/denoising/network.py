@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, maps_of
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
-from pipeline.foveation.condition import check_picture
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
 from pipeline.foveation.lod import Pools
+from pipeline.foveation.look import check_picture
 from pipeline.foveation.pooling import Pooling
 from pipeline.methods.onnx_files import one_line, open_session
 from protocols.outside import reading

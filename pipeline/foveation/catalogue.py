@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, ClassVar, Unpack
 
 from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
-from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.pooling import (
     CONSTANTS,
     Pooling,

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.condition import Condition, Look, Picture, check_picture
+from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
+from pipeline.foveation.look import Look, Picture, check_picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.registry import Entry, check_given, defaults_of, find
 

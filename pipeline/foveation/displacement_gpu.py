@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.features.gpu import band_constants
 from pipeline.foveation.chain import chain_length, chain_of
+from pipeline.foveation.chain_gpu import ChainPass
 from pipeline.foveation.displacement import (
     CUBIC,
     LEAST_MATCH,
@@ -22,18 +23,11 @@ from pipeline.foveation.displacement import (
     white_energies,
 )
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.gpu import (
-    Call,
-    ChainPass,
-    FoveationPass,
-    PicturePass,
-    Pooled,
-    halved,
-    resolutions,
-)
+from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.passes import PicturePass, Pooled, halved, resolutions
 from pipeline.foveation.sphere import FINEST, noise_key
 from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.shader import Constant

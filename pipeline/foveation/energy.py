@@ -34,8 +34,8 @@ from pipeline.errors import InputError, MissingExtraError
 from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.catalogue import Metamer, Pooled
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.condition import Look, Picture
 from pipeline.foveation.lod import Pools
+from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished

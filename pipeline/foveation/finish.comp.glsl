@@ -24,7 +24,8 @@ uniform sampler2D coarse;  // chosen, linear
 
 #if NOISE
 #constant LEVELS
-#constant BENT             // 1: Cb and Cr have skewness
+#constant BENT             // 1: Cb and Cr have a shape
+#constant MOST_BEND        // of noise of unit variance
 #constant SMALLEST_VARIANCE  // added to chroma's
 #constant CARRIED          // 1: noise is looked up where the surface was; 0: it lies on the screen
 uniform sampler2DArray weights;  // by blocks, linear; see gains.comp.glsl
@@ -52,13 +53,17 @@ ivec2 wrapped(ivec2 texel) {
 }
 
 #if BENT
+#define SLOT(i) ((i) < 4 ? red[(i) % 4] : more_red[(i) % 4])
 // Twin: bent() in reference.py.
-vec4 bent(vec4 chroma, float bend, float variance) {
-    float deviation = sqrt(variance + SMALLEST_VARIANCE);
+vec4 bent(vec4 chroma, float skewness, float tightness, float variance) {
+    float deviation = sqrt(variance + SMALLEST_VARIANCE), bend = clamp(skewness, -MOST_BEND, MOST_BEND);
     vec4 turned = (bend / deviation) * chroma;
     // Held where it would turn back.
     vec4 bowed = mix(vec4(-0.25 * deviation / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
-    return (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
+    bowed = (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
+    float lean = 1.5 * skewness * (1.0 + tightness), root = sqrt(lean * lean + tightness);
+    float reach = deviation / tightness;
+    return clamp(bowed, reach * (lean - root), reach * (lean + root));
 }
 #endif
 
@@ -131,8 +136,13 @@ void main() {
     vec2 at = 0.5 * (vec2(cell) + 0.5) / blocks, half_px = vec2(0.125) / blocks;
     vec4 red = textureLod(weights, vec3(at, float(LEVELS)), 0.0);
     vec4 more_red = vec4(0.0);
-#if LEVELS + 2 * BENT > 4
+#if LEVELS + 3 * BENT > 4
     more_red = textureLod(weights, vec3(at, float(LEVELS + 1)), 0.0);
+#endif
+#if LEVELS + 3 * BENT > 8
+    float tightness = textureLod(weights, vec3(at, float(LEVELS + 2)), 0.0).x;
+#elif BENT
+    float tightness = SLOT(LEVELS + 2);
 #endif
 #if CARRIED
     Spot at_a = spot_of(first), at_b = spot_of(first + ivec2(1, 0));
@@ -205,9 +215,8 @@ void main() {
     blue_chroma *= NOISE_SCALE;
     red_chroma *= NOISE_SCALE;
 #if BENT
-#define SLOT(i) ((i) < 4 ? red[(i) % 4] : more_red[(i) % 4])
-    blue_chroma = bent(blue_chroma, SLOT(LEVELS), blue_variance);
-    red_chroma = bent(red_chroma, SLOT(LEVELS + 1), red_variance);
+    blue_chroma = bent(blue_chroma, SLOT(LEVELS), tightness, blue_variance);
+    red_chroma = bent(red_chroma, SLOT(LEVELS + 1), tightness, red_variance);
 #endif
     mat3 colour = noise_scale * RGB_FROM_YCBCR;
     store(first, size, colour * vec3(luma.x, blue_chroma.x, red_chroma.x));

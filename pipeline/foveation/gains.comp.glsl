@@ -1,15 +1,16 @@
 #version 430
 // Gains: what each block of 4x4 pixels multiplies every band's noise by. A call makes 2x2 blocks, with
 // one spectral gain: what bands measure of each other is most of the work.
-// Twin: wanted_by_blocks() in moments.py, shaped_noise() and chroma_bends() in reference.py. Change
-// both or neither.
+// Twin: wanted_by_blocks() in moments.py, shaped_noise() in reference.py. Change both or neither.
 
 #constant TILE               // work-group edge, 2x2 blocks
 #constant SMALLEST_VARIANCE  // added to what is divided by
 #constant PARTNER_SHARE      // of the small pool beside, along each axis
 #constant CHROMA             // 1: Cb and Cr go with luma; 0: none
 #constant COARSER            // 1: resolution 2 is not the coarsest
-#constant MOST_BEND          // of noise of unit variance
+#constant LEAST_TIGHTNESS    // of chroma, at least
+#constant LOOSE_VARIANCE     // of chroma: less is hardly bound
+#constant STRONGEST_BEND     // a sixth of its skewness, at most
 
 #include "pools.glsl"
 #include "spectral_gains.glsl"
@@ -17,7 +18,7 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 // A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then, four a layer,
-// Cr of the levels, and how Cb and Cr's noise is bent.
+// Cr of the levels, and the shape of Cb and Cr's noise.
 layout(rgba16f) uniform writeonly image2DArray weights;
 // Moments as pull.comp.glsl writes them, of resolutions 1 and 2; chosen, of the coarser ones: level k's
 // at k + 1. The last push, to resolution 2, is done here.
@@ -46,7 +47,7 @@ vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * 
 
 // What a block's noise is to be multiplied by, but for the gains. Room for the most levels, for
 // indices written out: arrays that are indexed by a variable are slow.
-struct Block { vec4 weights[6], red[2]; };
+struct Block { vec4 weights[6], red[3]; };
 
 // What the pool of a block has in a layer of resolution 2, and in the same of the coarser one.
 #if COARSER
@@ -57,15 +58,21 @@ struct Block { vec4 weights[6], red[2]; };
 #endif
 
 #if CHROMA
-// Bend of Cb and Cr's noise, were it of unit variance.
-vec2 bend_of(ivec2 block, vec2 within, float pool) {
+struct Chroma { vec2 variance; vec3 shape; };
+
+// Twin: chroma_shape() in moments.py.
+Chroma chroma_at(ivec2 block, vec2 within, float pool) {
     float share = beyond_lod(pool, 2);
-    vec4 powers = CHOSEN(powers_2, powers_3, 0, share);
-    vec2 first = powers.xy, second = powers.zw, third = CHOSEN(powers_2, powers_3, 1, share).xy;
-    vec2 variance = max(second - first * first, 0.0) + SMALLEST_VARIANCE;
-    vec2 skewness = (third - 3.0 * first * second + 2.0 * first * first * first)
-                  / (variance * sqrt(variance));
-    return clamp(skewness / 6.0, -MOST_BEND, MOST_BEND);
+    vec4 powers = CHOSEN(powers_2, powers_3, 0, share), higher = CHOSEN(powers_2, powers_3, 1, share);
+    vec2 first = powers.xy, second = powers.zw, third = higher.xy, squared = first * first;
+    vec2 variance = max(second - squared, 0.0) + SMALLEST_VARIANCE;
+    vec2 cube = third - 3.0 * first * second + 2.0 * first * squared;
+    vec2 quartic = higher.zw - 4.0 * first * third + 6.0 * squared * second - 3.0 * squared * squared;
+    vec2 skewed = 3.0 * cube * cube / variance;
+    float room = dot(6.0 * variance * variance + skewed - 2.0 * quartic, vec2(1.0));
+    float whole = dot(4.0 * quartic - skewed, vec2(1.0)) + LOOSE_VARIANCE * LOOSE_VARIANCE;
+    vec2 bend = clamp(cube / (6.0 * variance * sqrt(variance)), -STRONGEST_BEND, STRONGEST_BEND);
+    return Chroma(variance, vec3(bend, clamp(room / whole, LEAST_TIGHTNESS, 1.0)));
 }
 #endif
 
@@ -113,13 +120,15 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
         variance *= 1.0 - kept * kept;                                                         \
         asked[level] += 0.25 * variance;                                                       \
         vec2 slopes = slopes_of(first, second);                                                \
+        if (level > 0) given += dot(variance, vec3(1.0)) * slopes * slopes;                    \
         own.weights[level] = vec4(sqrt(variance), slopes.x);                                   \
         own.red[level / 4][level % 4] = slopes.y;                                              \
     }
 
 Block block_at(ivec2 block) {
     Block own;
-    own.red[0] = own.red[1] = vec4(0.0);
+    own.red[0] = own.red[1] = own.red[2] = vec4(0.0);
+    vec2 given = vec2(0.0);  // variance of chroma by the levels from the second on
     // The block's place in resolution 3, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * (vec2(block) + 0.5) / vec2((imageSize(weights).xy + 1) / 2);
     float pool = pool_at(seen_at(4.0 * (vec2(block) + 0.5)));
@@ -140,9 +149,14 @@ Block block_at(ivec2 block) {
     READ(5, moments_6, 6)
 #endif
 #if CHROMA
-    vec2 bend = bend_of(block, within, pool);
-    own.red[LEVELS / 4][LEVELS % 4] = bend.x;
-    own.red[(LEVELS + 1) / 4][(LEVELS + 1) % 4] = bend.y;
+    // No more than there is in the pool.
+    Chroma chroma = chroma_at(block, within, pool);
+    vec2 limit = sqrt(min(chroma.variance / (given + SMALLEST_VARIANCE), 1.0));
+#define LIMIT(level) { own.weights[level].a *= limit.x; own.red[level / 4][level % 4] *= limit.y; }
+    EACH_LEVEL(LIMIT)
+    own.red[LEVELS / 4][LEVELS % 4] = chroma.shape.x;
+    own.red[(LEVELS + 1) / 4][(LEVELS + 1) % 4] = chroma.shape.y;
+    own.red[(LEVELS + 2) / 4][(LEVELS + 2) % 4] = chroma.shape.z;
 #endif
     return own;
 }
@@ -152,7 +166,8 @@ void store(ivec2 place, ivec2 last, Block own) {
 #define STORE(i) imageStore(weights, ivec3(place, i), own.weights[i] * vec4(gains[i], 1.0));
     EACH_LEVEL(STORE)
     imageStore(weights, ivec3(place, LEVELS), own.red[0]);
-    if (LEVELS + 2 * CHROMA > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
+    if (LEVELS + 3 * CHROMA > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
+    if (LEVELS + 3 * CHROMA > 8) imageStore(weights, ivec3(place, LEVELS + 2), own.red[2]);
 }
 
 void main() {

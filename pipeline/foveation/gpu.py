@@ -7,131 +7,46 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.condition import Look, Picture
-from pipeline.foveation.geometry import (
-    CapGeometry,
-    EquirectangularGeometry,
-    FlatGeometry,
-    Geometry,
-    check_gaze,
+from pipeline.foveation.chain_gpu import ChainPass, given
+from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.look import Look, Picture
+from pipeline.foveation.moments import (
+    LEAST_TIGHTNESS,
+    LOOSE_VARIANCE,
+    PARTNER_SHARE,
+    SMALLEST_VARIANCE,
+    STRONGEST_BEND,
 )
-from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import PARTNER_SHARE, SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     carried_noise,
     check_seed,
-    noise_tile,
-    panorama_noise,
     tile_edge,
 )
+from pipeline.foveation.passes import (
+    PicturePass,
+    Pooled,
+    finish_constants,
+    halved,
+    layered,
+    screen_noise,
+)
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import AIM, MOST_BEND
+from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
-from pipeline.gl.compute import Resource, Shader
-from pipeline.gl.passes import Pass
-from pipeline.gl.shader import Constant
+from pipeline.gl.compute import Shader
 from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
-
-TILE = 8  # work-group edge
-TEXEL_BYTES = 16  # of noise
-
-_PROJECTIONS = {FlatGeometry: 0, EquirectangularGeometry: 1, CapGeometry: 2}  # see pools.glsl
-
-Size = tuple[int, int]
-S = TypeVar("S", Shader, moderngl.Program)
-
-
-class Pooled:
-    """What every shader with pools.glsl is told: the geometry and law once, the gaze per call."""
-
-    def __init__(self, geometry: Geometry, pooling: Pooling) -> None:
-        self.geometry = geometry
-        self.constants = {
-            "PROJECTION": _PROJECTIONS[type(geometry)],
-            "POWER": pooling.power,
-            "HALVED_VARIANCE": HALVED_VARIANCE,
-        }
-        self._fixed: dict[str, Any] = {
-            "picture_px": (geometry.width_px, geometry.height_px),
-            "slope": pooling.slope,
-            "fovea_deg": pooling.fovea_deg,
-        }
-        if isinstance(geometry, FlatGeometry):
-            self._fixed |= {"centre_px": geometry.centre_px, "distance_px": geometry.distance_px}
-        elif isinstance(geometry, EquirectangularGeometry):
-            self._fixed["least_cosine"] = geometry.least_cosine
-        elif isinstance(geometry, CapGeometry):
-            self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[Shader | moderngl.Program] = []
-
-    def tell(self, shader: S) -> S:
-        """Tell a shader what stays, and from now on the gaze."""
-        for name, value in self._fixed.items():
-            if name in shader:
-                shader[name] = value
-        if "gaze" in shader:
-            self._shaders.append(shader)
-        return shader
-
-    def look(self, gaze_px: tuple[float, float]) -> None:
-        """Tell all shaders where the eye looks."""
-        x, y = check_gaze(self.geometry, gaze_px)
-        ray = tuple(self.geometry.directions(np.array(x), np.array(y)).tolist())
-        for shader in self._shaders:
-            shader["gaze"] = ray
-
-
-class PicturePass(Pass):
-    """A pass over pictures of one size, whose textures are sampled linearly."""
-
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        size: Size,
-        pooled: Pooled,
-        *,
-        wraps: bool = False,
-    ) -> None:
-        super().__init__(ctx)
-        self.size = size
-        self._pooled = pooled
-        self._wraps = wraps
-
-    def _compile(self, name: str, **constants: Constant) -> Shader:
-        """Compile a shader of this folder that knows the pools."""
-        path = f"foveation/{name}.comp.glsl"
-        known = self._pooled.constants
-        return self._pooled.tell(self._shader(path, TILE=TILE, **known, **constants))
-
-    def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
-        """A texture that goes on as the picture does."""
-        texture = super()._texture(size, format_name)
-        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texture.repeat_x = self._wraps
-        return texture
-
-    def _array(
-        self, size: Size, layers: int, format_name: str = "rgba32f"
-    ) -> moderngl.TextureArray:
-        array = super()._array(size, layers, format_name)
-        array.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        array.repeat_x = self._wraps
-        return array
 
 
 @dataclass(frozen=True)
@@ -234,150 +149,6 @@ class FoveationPass(PicturePass):
         super().release()
 
 
-class ChainPass(PicturePass):
-    """The chain of a picture and its bands' moments, pulled, then chosen for a gaze, in place.
-
-    Parameters
-    ----------
-    pooled : Pooled
-        Geometry, law and gaze.
-    levels : int
-        Pyramid levels whose moments are made; 0 for a blur.
-    deepest : int
-        The last resolution of the base.
-    chroma : bool
-        Whether moments of Cb and Cr are made.
-    finest : int
-        The last resolution at which moments are chosen.
-    """
-
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        pooled: Pooled,
-        levels: int,
-        deepest: int,
-        *,
-        chroma: bool = True,
-        finest: int = 2,
-    ) -> None:
-        geometry = pooled.geometry
-        size = geometry.width_px, geometry.height_px
-        super().__init__(ctx, size, pooled, wraps=geometry.wraps)
-        self.count = chain_length(*size)
-        self.sizes = resolutions(size, self.count)
-        taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
-        # lows[0] and moments[0] stand for the picture's own, which are not kept.
-        self.lows = [self._texture(size) for size in self.sizes[1:]]
-        self.moments = [
-            self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
-            for r in range(1, self.count + 1)
-        ]
-        # Powers of chroma, of resolutions from 2.
-        has_powers = levels > 0 and chroma
-        self.powers = [
-            self._array(self.sizes[r], 2) if has_powers and r > 1 else None
-            for r in range(1, self.count + 1)
-        ]
-        pulled = [
-            (r < levels, min(r, levels), min(r, 2) if has_powers else 0) for r in range(self.count)
-        ]
-        made = {
-            (own, older, powers): self._shader(
-                "foveation/pull.comp.glsl",
-                CHROMA=chroma,
-                OWN=own,
-                OLDER=older,
-                POWERS=powers,
-                **taps,
-            )
-            for own, older, powers in dict.fromkeys(pulled)
-        }
-        self._pulls = [made[key] for key in pulled]
-        pushed = {
-            r: (r < deepest, min(r, levels) if r >= finest else 0) for r in range(1, self.count)
-        }
-        pushes = {
-            (base, layers): self._compile(
-                "push", BASE=base, LAYERS=layers, POWERS=has_powers and layers > 0
-            )
-            for base, layers in dict.fromkeys(pushed.values())
-            if base or layers
-        }
-        self._pushes = [(r, pushes[key]) for r, key in pushed.items() if any(key)]
-
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches a pull and a push make."""
-        return len(self._pulls) + len(self._pushes)
-
-    def pull(self, source: moderngl.Texture) -> None:
-        """Make all resolutions of `source`."""
-        for r, shader in enumerate(self._pulls):
-            fine = self.lows[r - 1] if r else source
-            shader.run_over(
-                self.sizes[r + 1],
-                fine=fine,
-                coarse=self.lows[r],
-                **self._statistics(r),
-            )
-
-    def push(self, last: int, first: int | None = None) -> None:
-        """Choose levels of detail at resolutions from `first` (the coarsest) down to `last`."""
-        for r, shader in reversed(self._pushes):
-            if r < last or (first is not None and r > first):
-                continue
-            shader["fine_size"] = self.sizes[r]
-            shader["halvings"] = r
-            shader.run_over(
-                self.sizes[r],
-                fine=self.lows[r - 1],
-                coarse=self.lows[r],
-                **self._statistics(r),
-            )
-
-    def _statistics(self, r: int) -> dict[str, Resource]:
-        """Those of resolutions `r` and r + 1."""
-        return _given(
-            fine_moments=self.moments[r - 1] if r else None,
-            coarse_moments=self.moments[r],
-            fine_powers=self.powers[r - 1] if r else None,
-            coarse_powers=self.powers[r],
-        )
-
-
-def _given(**resources: Resource | None) -> dict[str, Resource]:
-    """Those that are there."""
-    return {name: one for name, one in resources.items() if one is not None}
-
-
-def sphere_constants() -> dict[str, float]:
-    """What sphere.glsl is compiled with."""
-    return {
-        name: math.sin(math.radians(angle))
-        for name, angle in (("BELT_SINE", BELT_DEG), ("CAP_SINE", CAP_DEG))
-    }
-
-
-def finish_constants(**changes: Constant) -> dict[str, Constant]:
-    """What finish.comp.glsl is compiled with, unless told otherwise."""
-    constants: dict[str, Constant] = {
-        "FADE_SHARE": FADE_SHARE,
-        "NOISE": False,
-        "BASE": True,
-        "LEVELS": 1,
-        "BENT": False,
-        "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
-        "CARRIED": False,
-        "TEXELS_PER_PX": TEXELS_PER_PX,
-        "NOISE_ROWS": 1,
-        "NOISE_COLUMNS": 1,
-        "NOISE_SCALE": 1.0,
-        **sphere_constants(),
-    }
-    return constants | changes
-
-
 class BlurPass(FoveationPass):
     """The blur of a pooling law."""
 
@@ -422,7 +193,7 @@ class MetamerPass(FoveationPass):
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
-        layers = levels + -(-(levels + 2 * self._chroma) // 4)
+        layers = levels + -(-(levels + 3 * self._chroma) // 4)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         self._gains = self._compile(
             "gains",
@@ -431,7 +202,9 @@ class MetamerPass(FoveationPass):
             PARTNER_SHARE=PARTNER_SHARE,
             CHROMA=self._chroma,
             COARSER=count > 2,
-            MOST_BEND=MOST_BEND,
+            LEAST_TIGHTNESS=LEAST_TIGHTNESS,
+            LOOSE_VARIANCE=LOOSE_VARIANCE,
+            STRONGEST_BEND=STRONGEST_BEND,
         )
         self._gains.hold(weights=self._weights)
         self._finish = self._compile_finish(carried=False)
@@ -459,7 +232,7 @@ class MetamerPass(FoveationPass):
             weights=self._weights,
             noise=self._tiles[carried],
             target=target,
-            **_given(shift_px=call.noise_shift_px),
+            **given(shift_px=call.noise_shift_px),
         )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
@@ -489,7 +262,7 @@ class MetamerPass(FoveationPass):
         last = min(max(3, self.levels), chain.count)
         moments = {f"moments_{r}": chain.moments[r - 1] for r in range(1, last + 1)}
         powers = {f"powers_{r}": chain.powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
-        self._gains.run_over(halved(chain.sizes[2]), **_given(**moments, **powers))
+        self._gains.run_over(halved(chain.sizes[2]), **given(**moments, **powers))
 
     def _compile_finish(self, *, carried: bool) -> Shader:
         width, height = self.size
@@ -514,40 +287,4 @@ class MetamerPass(FoveationPass):
         """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
         tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
         levels, edge = tiles.shape[:2]
-        return _layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))
-
-
-def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
-    """Noise that lies on the screen, as finish.comp.glsl reads it.
-
-    A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
-    """
-    width, height = size
-    if wraps:
-        tile = panorama_noise(seed, levels, 1, height)[:, :, 0]
-        tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
-    else:
-        tile = noise_tile(seed, levels, 1, tile_edge(height, width))[:, :, 0]
-    rows, columns, bands = tile.shape
-    cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
-    return _layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
-
-
-def _layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:
-    """Noise (rows, columns, values) in steps of `GRAIN`: (layers, rows, columns, 16)."""
-    rows, columns, count = noise.shape
-    layers = -(-count // TEXEL_BYTES)
-    steps = np.zeros((rows, columns, layers * TEXEL_BYTES), np.int8)
-    steps[..., :count] = np.rint(noise / GRAIN)
-    texels = steps.reshape(rows, columns, layers, TEXEL_BYTES)
-    return np.ascontiguousarray(texels.transpose(2, 0, 1, 3))
-
-
-def halved(size: Size) -> Size:
-    """Half a size, rounded up."""
-    return -(-size[0] // 2), -(-size[1] // 2)
-
-
-def resolutions(size: Size, count: int) -> list[Size]:
-    """A size, and `count` halvings of it."""
-    return [(-(-size[0] // (1 << r)), -(-size[1] // (1 << r))) for r in range(count + 1)]
+        return layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))

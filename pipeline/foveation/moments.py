@@ -7,8 +7,8 @@ at one level of detail (mixing variances would forget how far two pools' means l
 
 What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools are wide.
 
-Chroma's third moment is pooled too: where a few strong colours lie in a pool of dull ones, noise
-that swings both ways would show their complement, which the pool has not.
+Chroma's third and fourth moments are pooled too. Where a pool holds one strong colour, noise that
+swings both ways and far would show its complement, which the pool has not.
 """
 
 from __future__ import annotations
@@ -33,6 +33,12 @@ BLOCK_HALVINGS = 2  # a block is 4x4 pixels
 PARTNER_SHARE = (1 - math.sqrt(1.25 - halving_variance())) / 2
 SMALLEST_VARIANCE = 2.0**-20
 """Added to variances that are divided by: a quarter of an 8-bit step, squared."""
+LEAST_TIGHTNESS = 2.0**-10
+"""See `chroma_shape`: chroma is not bound."""
+LOOSE_VARIANCE = 2.0**-12
+"""Of chroma, four 8-bit steps squared: less is hardly bound, for its fourth moment is rounded."""
+STRONGEST_BEND = 4.0
+"""Of a colour that one pixel in 600 has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +92,14 @@ class Wanted:
     """What noise has to give each block of 4x4 pixels; arrays (h, w, ...).
 
     `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
-    `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `skewness` (2): of Cb and Cr.
+    `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `shape` (3): of their noise,
+    see `chroma_shape`; None where it is not known, and noise is normal.
     """
 
     variances: Floats
     slopes: Floats
     remainders: Floats
-    skewness: Floats
+    shape: Floats | None = None
 
 
 def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wanted:
@@ -109,29 +116,49 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
         for level in range(levels)
     ]
     variances, slopes, remainders = (list(parts) for parts in zip(*found, strict=True))
+    chroma, shape = chroma_shape(lows, pools)
+    # Beside an edge the bands' energy spreads wider than its pool, which has no more chroma than
+    # this: of pixels halved once, whose bands are those from the second level on.
+    given = sum(
+        variance.sum(axis=2, keepdims=True) * slope**2
+        for variance, slope in zip(variances[1:], slopes[1:], strict=True)
+    )
+    limit = np.sqrt(np.minimum(1, chroma / (given + SMALLEST_VARIANCE)))
     return Wanted(
         np.concatenate(variances, axis=2),
-        np.stack(slopes, axis=2),
+        np.stack(slopes, axis=2) * limit[:, :, None],
         np.concatenate(remainders, axis=2),
-        chroma_skewness(lows, pools),
+        shape,
     )
 
 
-def chroma_skewness(lows: Sequence[Floats], pools: Pools) -> Floats:
-    """Pool the third standardised moment of Cb and Cr: (h, w, 2), of blocks.
+def chroma_shape(lows: Sequence[Floats], pools: Pools) -> tuple[Floats, Floats]:
+    """Pool the first four moments of Cb and Cr: (h, w, 2) and (h, w, 3), of blocks.
 
-    It is that of pixels halved once, which hold nearly all of chroma. Powers are averaged over 2x2
-    first, as coefficients' moments are.
+    They are those of pixels halved once, which hold nearly all of chroma. Powers are averaged over
+    2x2 first, as coefficients' moments are.
+
+    Returns
+    -------
+    variance, shape : ndarray
+        The shape is a sixth of Cb's and of Cr's skewness, and their tightness: of the beta
+        distribution with four such moments, 1 over 1 plus the sum of its two parameters (Pearson
+        1895). It is 1 where a pool has two colours, and 0 where chroma is normal.
     """
     chroma = ycbcr_from_rgb(lows[1])[..., 1:]
-    powers = np.concatenate([chroma, chroma**2, chroma**3], axis=2)
+    powers = np.concatenate([chroma, chroma**2, chroma**3, chroma**4], axis=2)
     wraps = pools.geometry.wraps
     chain = chain_of(halve_box(powers), len(lows) - 3, wraps=wraps)
-    first, second, third = np.split(
-        select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps), 3, axis=2
-    )
+    pooled = select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps)
+    first, second, third, fourth = np.split(pooled, 4, axis=2)
     variance = np.maximum(second - first**2, 0) + SMALLEST_VARIANCE
-    return np.asarray((third - 3 * first * second + 2 * first**3) / variance**1.5)
+    cube = third - 3 * first * second + 2 * first**3
+    quartic = fourth - 4 * first * third + 6 * first**2 * second - 3 * first**4
+    skewed = 3 * cube**2 / variance
+    room = (6 * variance**2 + skewed - 2 * quartic).sum(axis=2, keepdims=True)
+    whole = (4 * quartic - skewed).sum(axis=2, keepdims=True) + LOOSE_VARIANCE**2
+    bend = np.clip(cube / (6 * variance**1.5), -STRONGEST_BEND, STRONGEST_BEND)
+    return variance, np.concatenate([bend, np.clip(room / whole, LEAST_TIGHTNESS, 1)], axis=2)
 
 
 def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:

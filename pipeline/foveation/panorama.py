@@ -16,9 +16,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.condition import Condition, Look, Picture
+from pipeline.foveation.condition import Condition
 from pipeline.foveation.displacement import look_up
 from pipeline.foveation.geometry import CapGeometry, Geometry, pixel_centres
+from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 
 SEEN_DEG = 35.0

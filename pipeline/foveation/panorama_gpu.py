@@ -7,8 +7,9 @@ import moderngl
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import CapGeometry, Geometry
-from pipeline.foveation.gpu import Call, FoveationPass, PicturePass, Pooled, sphere_constants
+from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
+from pipeline.foveation.passes import PicturePass, Pooled, sphere_constants
 from pipeline.foveation.pooling import Pooling
 
 

@@ -109,7 +109,9 @@ class Pooling:
         return Pooling(self.law, self.constant * share, self.fovea_deg)
 
     def __str__(self) -> str:
-        return f"{self.law}, {LAWS[self.law][0]} {self.constant:g}, fovea {self.fovea_deg:g} deg"
+        name = LAWS[self.law][0]
+        law = "" if name == self.law else f"{self.law}, "
+        return f"{law}{name} {self.constant:g}, fovea {self.fovea_deg:g} deg"
 
 
 def make_pooling(

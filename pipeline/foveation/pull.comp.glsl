@@ -1,7 +1,6 @@
 #version 430
 // Pull: low-pass and halve the picture, make its bands' moments, and halve all older moments.
-// Twin: chain_of() in chain.py, moment_chain() and chroma_skewness() in moments.py. Change both or
-// neither.
+// Twin: chain_of() in chain.py, moment_chain() and chroma_shape() in moments.py. Change both or neither.
 
 #constant TILE    // work-group edge, texels
 #constant WRAPS   // 1: the picture goes on at its other side
@@ -29,7 +28,7 @@ uniform sampler2DArray fine_moments;
 layout(rgba32f) uniform writeonly image2DArray coarse_moments;
 #endif
 
-// Two layers: Cb, Cr and their squares; their cubes.
+// Two layers: Cb, Cr and their squares; their cubes and fourth powers.
 #if POWERS == 2
 uniform sampler2DArray fine_powers;
 #endif
@@ -64,7 +63,7 @@ vec4 squares(vec4 texel) {
     {                                                                          \
         vec4 powers = squares(texel), weighed = (weight) * powers;             \
         squared += weighed;                                                    \
-        cubed += weighed.xy * powers.zw;                                       \
+        higher += weighed * powers.zwzw;                                       \
     }
 #endif
 
@@ -129,15 +128,15 @@ void main() {
 #endif
 #if POWERS == 1
     vec4 squared = vec4(0.0);
-    vec2 cubed = vec2(0.0);
+    vec4 higher = vec4(0.0);
     ADD_POWERS(first.x * first.y, r1.b)
     ADD_POWERS(next.x * first.y, r1.c)
     ADD_POWERS(first.x * next.y, r2.b)
     ADD_POWERS(next.x * next.y, r2.c)
     imageStore(coarse_powers, ivec3(texel, 0), squared);
-    imageStore(coarse_powers, ivec3(texel, 1), vec4(cubed, 0.0, 0.0));
+    imageStore(coarse_powers, ivec3(texel, 1), higher);
 #elif POWERS == 2
     imageStore(coarse_powers, ivec3(texel, 0), LAYER(fine_powers, 0));
-    imageStore(coarse_powers, ivec3(texel, 1), vec4(LAYER(fine_powers, 1).xy, 0.0, 0.0));
+    imageStore(coarse_powers, ivec3(texel, 1), LAYER(fine_powers, 1));
 #endif
 }

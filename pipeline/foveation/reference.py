@@ -163,23 +163,33 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
             own = at_pixels(remainder)
             ycc[..., channel] += weighed(plane[:, :, channel], remainder, own).sum(axis=2)
             variance[..., channel - 1] += (own**2).sum(axis=2)
-    bend = at_pixels(np.clip(wanted.skewness / 6, -MOST_BEND, MOST_BEND))
-    ycc[..., 1:] = bent(ycc[..., 1:], bend, variance)
+    if wanted.shape is not None:
+        shape = at_pixels(wanted.shape)
+        ycc[..., 1:] = bent(ycc[..., 1:], shape[..., :2], shape[..., 2:], variance)
     return ycc
 
 
-def bent(noise: Floats, bend: Floats, variance: Floats) -> Floats:
-    """Give normal noise of zero mean and this variance a skewness, and leave it its variance.
+def bent(noise: Floats, skewness: Floats, tightness: Floats, variance: Floats) -> Floats:
+    """Give normal noise of zero mean and this variance the shape that chroma has in its pool.
 
     Of unit variance it is ``n + bend (n^2 - 1)``, held where it would turn back, over what that
-    adds to its deviation: the first terms of Cornish and Fisher (1938), where `bend` is a sixth of
-    the skewness.
+    adds to its deviation: the first terms of Cornish and Fisher (1938). Then it is held within the
+    ends of the beta distribution of the pool's moments: of two colours, at these.
+
+    Parameters
+    ----------
+    skewness, tightness : ndarray
+        See `chroma_shape`; a sixth of the skewness. `bend` is that, up to `MOST_BEND`.
     """
     deviation = np.sqrt(variance + SMALLEST_VARIANCE)
+    bend = np.clip(skewness, -MOST_BEND, MOST_BEND)
     turned = noise * bend / deviation
     held = np.divide(-0.25 * deviation, bend, out=np.zeros_like(bend), where=bend != 0)
     bowed = np.where(turned > -0.5, noise * (1 + turned), held) - bend * deviation
-    return np.asarray(bowed / np.sqrt(1 + 2 * bend**2))
+    lean = 1.5 * skewness * (1 + tightness)
+    root = np.sqrt(lean**2 + tightness)
+    reach = deviation / tightness
+    return np.clip(bowed / np.sqrt(1 + 2 * bend**2), reach * (lean - root), reach * (lean + root))
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:

@@ -17,6 +17,7 @@ from pipeline.errors import GLUnavailableError
 REQUIRED_VERSION = 430  # compute shaders, image atomics
 _OLDEST_VERSION = 300  # asked for only to learn the name of a driver that is too old
 MAX_DEVICES = 16
+_LIBEGL = "libEGL.so.1"
 _PAST_THE_LAST = "but found"  # glcontext: "requested device index 3, but found 2 devices"
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software")
 
@@ -105,7 +106,7 @@ def release_context(ctx: moderngl.Context) -> None:
     makes its GLX context current in this thread.
     """
     ctx.release()
-    ctypes.CDLL("libEGL.so.1").eglReleaseThread()
+    ctypes.CDLL(_LIBEGL).eglReleaseThread()
 
 
 @contextmanager
@@ -168,5 +169,11 @@ def _driver_behind(device_index: int) -> str | None:
 
 
 def _egl_context(device_index: int, version: int) -> moderngl.Context:
-    settings: dict[str, Any] = {"backend": "egl", "device_index": device_index}
+    settings: dict[str, Any] = {
+        "backend": "egl",
+        "device_index": device_index,
+        # By name: else a program searches all libraries of the system, twice for every context.
+        "libgl": "libGL.so.1",
+        "libegl": _LIBEGL,
+    }
     return moderngl.create_context(require=version, standalone=True, **settings)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError
-from pipeline.foveation.gpu import Pooled
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import GRAIN
+from pipeline.foveation.passes import Pooled
 from pipeline.gl.shader import flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE

@@ -11,7 +11,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.condition import Look, check_picture
 from pipeline.foveation.conditions import (
     CONDITIONS,
     Foveator,
@@ -20,6 +19,7 @@ from pipeline.foveation.conditions import (
 )
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
+from pipeline.foveation.look import Look, check_picture
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
 from stimuli.foveated.rings import draw_gaze, draw_pools

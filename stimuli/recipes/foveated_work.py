@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError, InputError
-from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.drawn import before_background, bisected, direction_at, draw_ring
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
+from pipeline.foveation.look import Look
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.recipes.foveated_images import (
     BUILTIN,

@@ -165,6 +165,7 @@ def _page(
         pictures=plots.middle_frames(results),
         maps=plots.error_maps(results)[1],
         map_metric=results.map_metric,
+        holes=bool(first.masks),
         map_inside=bool(first.masks) and results.map_metric == "FLIP",
         metrics=results.metrics,
         missing=results.missing,

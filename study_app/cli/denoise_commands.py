@@ -26,9 +26,9 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="""Turn noisy path-traced pictures into metamers for a gaze.
 
-    A network predicts the statistics of the clean picture; noise of these statistics does the rest.
-    Beside it stands the same network that predicts the picture itself. Both come with metamerlab
-    (extra: onnx). To train your own, or to render noisy pictures: extra denoise.
+    A network predicts the statistics of the clean picture, and noise with these statistics is
+    added. Another network predicts the picture itself, for comparison. Both come with metamerlab
+    and need the extra onnx. Rendering noisy pictures and training need the extra denoise.
 
     Examples:
 
@@ -52,9 +52,8 @@ def run(
         str | None,
         typer.Option(
             metavar="X,Y",
-            help="Where the eye looked when the picture was rendered, and looks: pixels from the"
-            " upper left corner (512,384), or degrees right of and below the middle (5deg,-3deg)."
-            " Must be given.",
+            help="The gaze that the picture was rendered for: pixels from the upper left corner"
+            " (512,384), or degrees right of and below the middle (5deg,-3deg). Must be given.",
             show_default=False,
         ),
     ] = None,
@@ -65,7 +64,7 @@ def run(
     fov: FovOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Work by the numpy reference, also where OpenGL is.")
+        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
     ] = False,
     compare: Annotated[
         Path | None,
@@ -170,8 +169,8 @@ def train(
 ) -> None:
     """Render noisy and clean pictures, train two networks on them, and write both.
 
-    It says beforehand how long it takes (as it stands, half an hour on one core), and goes on where
-    it was stopped. Needs torch, Mitsuba 3 and onnx: the extra denoise.
+    The command first says how long it takes. After an interruption the same command continues. It
+    needs torch, Mitsuba 3 and onnx, all in the extra denoise.
 
     Examples:
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -217,7 +217,7 @@ def foveate(
             }  # fmt: skip
             if moving:
                 shown = out or Path("foveated")
-                with frames_of(picture, fps) as (frames, rate):
+                with frames_of(picture, fps, teller.say) as (frames, rate):
                     made = foveate_clip(frames, shown, flow=flow, choice=choices[0], **common)
                 if video is not None:
                     video.parent.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,9 @@ def foveate(
 
 
 @contextmanager
-def frames_of(picture: Path, fps: float | None) -> Iterator[tuple[Path, float]]:
+def frames_of(
+    picture: Path, fps: float | None, say: Callable[[str], None]
+) -> Iterator[tuple[Path, float]]:
     """Give a folder of frames, and their rate: of a video for as long as the block lasts."""
     from pipeline.video_file import is_video
     from stimuli.video import unpacked_video
@@ -237,6 +239,8 @@ def frames_of(picture: Path, fps: float | None) -> Iterator[tuple[Path, float]]:
         yield picture, fps or DEFAULT_FPS
         return
     with unpacked_video(picture) as unpacked:
+        for note in unpacked.notes:
+            say(f"note: {note}")
         yield unpacked.folder, fps or unpacked.fps
 
 

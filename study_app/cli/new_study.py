@@ -88,8 +88,8 @@ def new_study(
     units_per_px: Annotated[
         list[float] | None,
         typer.Option(
-            help="What the disparity's file stores for one pixel; this and what follows: once for"
-            " all pairs, or once for each, in their order. Left out: 1."
+            help="What the disparity file stores for one pixel; left out: 1. Give this and the"
+            " next three once for all pairs, or once for each pair in order."
         ),
     ] = None,
     focal_px: Annotated[
@@ -101,7 +101,7 @@ def new_study(
     ] = None,
     offset_px: Annotated[
         list[float] | None,
-        typer.Option(help="Between the principal points of a pair. Left out: 0."),
+        typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
     ] = None,
     methods: Annotated[
         str | None,
@@ -114,12 +114,13 @@ def new_study(
 ) -> None:
     """Make a folder to start a study from: protocol, display file, and where things belong.
 
-    Every key is explained in the files; they pass 'metamerlab protocol check' as they are,
-    and clips are small, so that the first build is short. The folder's README.md says what to
-    do next. Tasks with a right answer start from a few small pictures and their table.
+    The files explain every key, and pass 'metamerlab protocol check' as they are. Clips are
+    small, so the first build is short. The folder's README.md says what to do next. Tasks with a
+    right answer start from a few small pictures and their table.
 
-    With --scene, --pair and --methods the study holds what you name: files are copied below it,
-    a pair is compared before, and every 3D file has a sheet of views, its line in study.toml.
+    With --scene, --pair and --methods the study uses what you name. Files are copied into the
+    folder. The photographs of a pair are checked against each other. Views of every 3D file are
+    drawn on a sheet, and the first view is written into study.toml.
 
     Examples:
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -46,7 +46,7 @@ GazeOption = Annotated[str | None, gaze_option("the middle")]
 DisplayOption = Annotated[
     str | None,
     typer.Option(
-        help="The screen it is seen on, pixel for pixel: a shipped display's name or a .toml file.",
+        help="The display that shows it, pixel for pixel: a shipped name or a .toml file.",
     ),
 ]
 FovOption = Annotated[
@@ -179,11 +179,15 @@ def read_parameters(settings: Sequence[str], methods: Sequence[str]) -> dict[str
         name, equals, value = setting.partition("=")
         if not equals or not name:
             raise StudyError(f"--set must be name=value (got {setting!r})")
-        try:
-            parameters[name] = json.loads(value)
-        except json.JSONDecodeError:
-            parameters[name] = value
+        parameters[name] = _value(value)
     return parameters
+
+
+def _value(text: str) -> Any:
+    for kind in (json.loads, float):  # .3 is no JSON
+        with suppress(ValueError):
+            return kind(text)
+    return text
 
 
 def check_file(path: Path, endings: Sequence[str]) -> None:

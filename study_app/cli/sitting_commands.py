@@ -268,7 +268,7 @@ def _tell(outcome: Outcome, options: SittingOptions) -> None:
     if outcome.reason == "tracker-lost":
         say(
             "error: the gaze source must keep sending (it fell silent); everything up to here is"
-            " saved. Start it again and 'metamerlab session resume'",
+            " saved. Start it again, then run 'metamerlab session resume'",
             file=sys.stderr,
         )
         raise typer.Exit(EXIT_USER_ERROR)

@@ -97,9 +97,8 @@ def probe(
 ) -> None:
     """Look for faults over time: flicker inside holes, repeated frames, black frames.
 
-    Flicker is how much the holes' pixels change from frame to frame beyond what the
-    reference's change: 1 is as restless as the truth. Ends with status 1 on repeated
-    or black frames.
+    Flicker is how much pixels in holes change from frame to frame, over how much those of the
+    reference change: 1 is as much as the truth. Ends with status 1 on repeated or black frames.
 
     Example: metamerlab stimuli probe clips garden__small__metameric
     """
@@ -237,8 +236,8 @@ def panorama(
 ) -> None:
     """Draw all that is around a place in a 3D scene, as an equirectangular panorama.
 
-    A study of foveated-images looks at it in any direction: the key view of its pictures. `street`
-    is a place all around; the other built-in scenes end behind the eye.
+    A study of foveated images can show any direction of it (the key view of a picture). `street`
+    is complete in all directions. The other built-in scenes end behind the eye.
 
     Examples:
 

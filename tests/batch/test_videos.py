@@ -42,6 +42,7 @@ def lossless(frames) -> Path:
 def test_a_lossless_video_gives_back_every_pixel_and_its_rate(frames, lossless):
     with unpacked_video(lossless) as found:
         assert (found.frames, found.fps) == (4, 24.0)
+        assert not found.notes
         for file in sorted(frames.iterdir()):
             np.testing.assert_array_equal(
                 read_picture(found.folder / file.name), read_picture(file)
@@ -50,11 +51,24 @@ def test_a_lossless_video_gives_back_every_pixel_and_its_rate(frames, lossless):
     assert not folder.exists()
 
 
+def test_a_video_that_was_cut_short_says_so(tmp_path, rng):
+    files = [tmp_path / f"{number:06d}.png" for number in range(4)]
+    for file in files:
+        save_picture(file, rng.integers(0, 256, (48, 64, 3)).astype(np.uint8))
+    whole, cut = tmp_path / "whole.avi", tmp_path / "cut.avi"
+    write_video(whole, files, 24.0)
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with unpacked_video(cut) as found:
+        assert found.frames < 3
+        assert "of 4 frames" in found.notes[0]
+
+
 @pytest.mark.parametrize("ending", [".mp4", ".webm"])
 def test_a_lossy_video_is_near_and_complete(frames, tmp_path, ending):
     write_video(tmp_path / f"v{ending}", sorted(frames.iterdir()), 30.0)
     with unpacked_video(tmp_path / f"v{ending}") as found:
         assert found.frames == 4
+        assert not found.notes
         assert found.fps == pytest.approx(30.0)
         last = read_picture(found.folder / "000003.png").astype(float)
         apart = [np.abs(last - read_picture(file)).mean() for file in sorted(frames.iterdir())]

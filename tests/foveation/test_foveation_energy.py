@@ -10,11 +10,11 @@ from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError
 from pipeline.foveation import energy
 from pipeline.foveation.chain import enlarge, halve
-from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import condition_parameters, create_condition, foveate
 from pipeline.foveation.energy import EnergyMetamer, PooledEnergies, quadrature_pairs
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.lod import Pools
+from pipeline.foveation.look import Look
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import blurred
 

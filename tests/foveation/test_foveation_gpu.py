@@ -5,12 +5,12 @@ import pytest
 from skimage import data
 
 from pipeline.errors import InputError
-from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import Foveator, foveate
 from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
 from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
+from pipeline.foveation.look import Look
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.foveation.settings import MetamerSettings

@@ -19,7 +19,13 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
 from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
-from pipeline.foveation.moments import PARTNER_SHARE, Wanted, chroma_skewness, wanted_by_blocks
+from pipeline.foveation.moments import (
+    LEAST_TIGHTNESS,
+    PARTNER_SHARE,
+    Wanted,
+    chroma_shape,
+    wanted_by_blocks,
+)
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import (
@@ -191,11 +197,15 @@ def test_the_finest_pools_are_as_wide_as_the_low_pass():
     assert spread == pytest.approx(halving_variance(), rel=1e-12)
 
 
+def unbent(noise, *_):
+    return noise
+
+
 def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
     grey = noise_picture(rng, (128, 128))[..., 0] - 0.5
     picture = 0.5 + grey[..., None] * (1.0, 0.5, 0.1)
     pools = pools_of(128, 128, (-200, 64))
-    monkeypatch.setattr(reference, "MOST_BEND", 0.0)  # this noise has skewness by chance
+    monkeypatch.setattr(reference, "bent", unbent)  # this noise has a shape by chance
     parts = metamer_parts(picture, pools, SETTINGS, 1)
     noise = parts.noise[parts.noise[..., 0] != 0]
     np.testing.assert_allclose(noise[:, 1], 0.5 * noise[:, 0], atol=1.2e-3)
@@ -205,7 +215,7 @@ def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
 GREY, YELLOW = (0.4, 0.4, 0.4), (0.9, 0.8, 0.1)
 
 
-def test_chromas_skewness_is_that_of_the_pool():
+def test_chromas_shape_is_that_of_the_pool():
     """By hand: of a share p and two values, (1 - 2 p) / sqrt(p (1 - p)); Cb of yellow is low."""
     yellow = np.zeros((256, 256, 1), bool)
     yellow[::8, ::8] = True
@@ -213,32 +223,62 @@ def test_chromas_skewness_is_that_of_the_pool():
     lows[1] = lows[0][::2, ::2]  # no mixed colours, and a share of 1 in 16
     pools = pools_of(256, 256, (-4000, 128))
     by_hand = (1 - 2 / 16) / np.sqrt(15 / 256)
-    np.testing.assert_allclose(chroma_skewness(lows, pools)[32, 32], (-by_hand, by_hand), rtol=5e-3)
+    _, shape = chroma_shape(lows, pools)
+    np.testing.assert_allclose(shape[32, 32], (-by_hand / 6, by_hand / 6, 1), rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("draw", "by_hand"),
+    [
+        ("random", 1 / 3),  # the beta distribution of parameters 1 and 1
+        ("standard_normal", 0.0),
+    ],
+)
+def test_chroma_is_bound_as_tightly_as_the_beta_distribution(rng, draw, by_hand):
+    blue = getattr(rng, draw)((128, 128)).repeat(4, axis=0).repeat(4, axis=1)
+    picture = 0.5 + 0.4 * blue[..., None] * (0.0, 0.0, 1.0)
+    lows = chain_of(picture, chain_length(512, 512), wraps=False)
+    lows[1] = lows[0][::2, ::2]  # no mixed colours
+    _, shape = chroma_shape(lows, pools_of(512, 512, (-8000, 256)))
+    np.testing.assert_allclose(shape[40:90, 40:90, 2], by_hand, atol=0.06)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_noise_of_two_colours_ends_at_these(rng, share):
+    """By hand: they lie sqrt(share / (1 - share)) below and its inverse above their mean."""
+    normal, ends = rng.standard_normal(100_000), np.sqrt(share / (1 - share))
+    skewness = np.full_like(normal, (1 / ends - ends) / 6)
+    found = bent(normal, skewness, np.ones_like(normal), np.ones_like(normal))
+    assert found.min() == pytest.approx(-ends, rel=1e-6)
+    assert found.max() <= 1 / ends * (1 + 1e-6)
 
 
 def test_bent_noise_has_the_skewness_asked_for_no_mean_and_a_bound(rng):
     """By hand: n + b (n^2 - 1) has variance 1 + 2 b^2 and third moment 6 b + 8 b^3."""
     normal = rng.standard_normal(1_000_000)
+    loose = np.full_like(normal, LEAST_TIGHTNESS)
     for bend in (-0.2, -0.05, 0.0, 0.1):
-        found = bent(normal, np.full_like(normal, bend), np.ones_like(normal))
+        found = bent(normal, np.full_like(normal, bend), loose, np.ones_like(normal))
         wanted = (6 * bend + 8 * bend**3) / (1 + 2 * bend**2) ** 1.5
         assert found.mean() == pytest.approx(0, abs=0.005)
         assert found.std() == pytest.approx(1, abs=0.005)
         assert stats.skew(found) == pytest.approx(wanted, abs=0.03)
-    strongest = bent(normal, np.full_like(normal, 0.5), np.ones_like(normal))
-    assert strongest.min() == pytest.approx(-1 / np.sqrt(1.5), abs=1e-6)
+    strongest = bent(normal, np.full_like(normal, 0.5), loose, np.ones_like(normal))
+    # The lower end of the gamma distribution, 2 over the skewness.
+    assert strongest.min() == pytest.approx(-2 / 3, abs=1e-3)
 
 
-def test_noise_hardly_shows_the_complement_of_a_pools_rare_colour(rng, monkeypatch):
-    """Grey and yellow have no blue: a tenth of the pixels had without skewness, none has now."""
-    yellow = (rng.random((64, 64, 1)) < 0.1).repeat(4, axis=0).repeat(4, axis=1)
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_noise_hardly_shows_the_complement_of_a_pools_colour(rng, monkeypatch, share):
+    """Grey and yellow have no blue: a tenth of the pixels had of normal noise, none has now."""
+    yellow = (rng.random((64, 64, 1)) < share).repeat(4, axis=0).repeat(4, axis=1)
     picture, pools = np.where(yellow, YELLOW, GREY), pools_of(256, 256, (-1500, 128))
 
     def blue_share():
         return (ycbcr_from_rgb(metamer(picture, pools, SETTINGS, 1))[..., 1] > 0.1).mean()
 
     assert blue_share() < 0.001
-    monkeypatch.setattr(reference, "MOST_BEND", 0.0)
+    monkeypatch.setattr(reference, "bent", unbent)
     assert blue_share() > 0.05
 
 
@@ -262,9 +302,8 @@ def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
     variances = np.zeros((blocks, blocks, 3 * levels))
     variances[..., 3 * level] = np.square(0.01 + 0.004 * np.arange(blocks))
     wanted = Wanted(
-        variances, np.zeros((blocks, blocks, levels, 2)),
-        np.zeros((*variances.shape, 2)), np.zeros((blocks, blocks, 2)),
-    )  # fmt: skip
+        variances, np.zeros((blocks, blocks, levels, 2)), np.zeros((*variances.shape, 2))
+    )
     plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))
 
     luma = shaped_noise(wanted, plane, levels, "luma", wraps=False)[8, 16:-16, 0]

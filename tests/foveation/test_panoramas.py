@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.foveation import enhancement
 from pipeline.foveation.catalogue import Blur, Eidolon, Metamer, NoiseEnhanced
-from pipeline.foveation.condition import Look
 from pipeline.foveation.conditions import condition_names, foveate
 from pipeline.foveation.geometry import CapGeometry, Equirectangular, Flat, pixel_centres
+from pipeline.foveation.look import Look
 from pipeline.foveation.panorama import cap_look, cap_of, cap_picture, over_poles
 from pipeline.foveation.sphere import (
     BELT_DEG,

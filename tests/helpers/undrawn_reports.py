@@ -1,4 +1,4 @@
-"""Reports without their figures, which take longest: for tests that look at numbers and texts."""
+"""Reports with fewer figures, which take longest, or none: for tests that do not look at them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,26 @@ from contextlib import contextmanager
 
 import pytest
 
+from analysis.report import build
+
 
 @contextmanager
 def undrawn() -> Iterator[None]:
     """Leave every figure out of the reports that are written meanwhile."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.report.build._draw", lambda *_, **__: [])
+        patch.setattr(build, "_draw", lambda *_, **__: [])
+        yield
+
+
+@contextmanager
+def drawn_narrow() -> Iterator[None]:
+    """Draw each figure for one column of text alone, where others look at the wide ones."""
+    draw, widths = build._draw, {"narrow": build._WIDTHS["narrow"]}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_WIDTHS", widths)
+        patch.setattr(
+            build, "_draw", lambda *args, **how: [{"wide": "", **one} for one in draw(*args, **how)]
+        )
         yield
 
 

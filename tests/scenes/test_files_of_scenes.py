@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,16 @@ def _note(event: str, arguments: tuple[object, ...]) -> None:
         _opened.append(Path(os.path.realpath(arguments[0])))
 
 
-sys.addaudithook(_note)
+@cache
+def listen() -> None:
+    """Have every opened file noted from now on: a hook cannot be taken away, and slows all."""
+    sys.addaudithook(_note)
 
 
 def opened_below(folder: Path, work) -> set[Path]:
     """Every file below a folder that Python opens while `work` runs."""
     global _opened
+    listen()
     _opened = []
     try:
         work()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from undrawn_reports import undrawn
+from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.report.build import report_decisions, report_sessions
 from analysis.report.folder import whole_folder
@@ -105,7 +105,8 @@ def test_simulated_data_is_stamped_on_page_and_every_figure(html, numbers):
 
 def test_recorded_data_carries_no_stamp(tmp_path, demo_protocol, write_journals):
     write_journals(tmp_path / "s", people=4, simulated=False)
-    report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+    with drawn_narrow():
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
 
     assert "SIMULATED" not in (tmp_path / "r" / "report.html").read_text().replace("DATA\n", "")
     assert json.loads((tmp_path / "r" / "results.json").read_text())["simulated"] is False
@@ -310,7 +311,8 @@ def test_degenerate_studies_give_flagged_reports(
     tmp_path, demo_protocol, write_journals, choose, people
 ):
     write_journals(tmp_path / "s", people=people, choose=choose)
-    report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+    with drawn_narrow():
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
     html = (tmp_path / "r" / "report.html").read_text()
     numbers = json.loads((tmp_path / "r" / "results.json").read_text())
 
@@ -346,7 +348,8 @@ def odd_names(tmp_path_factory, make_decisions):
     rows["scene"] = "$x$ & " + rows["scene"]
     folder = tmp_path_factory.mktemp("odd-names")
     rows.to_csv(folder / "d.csv", index=False)
-    return report_decisions(folder / "d.csv", folder / "r", figure_files=False)
+    with drawn_narrow():
+        return report_decisions(folder / "d.csv", folder / "r", figure_files=False)
 
 
 def test_hostile_names_in_a_table_are_shown_as_text(odd_names):

@@ -22,7 +22,7 @@ from made_up_trials import (
 )
 from scipy import stats
 from typer.testing import CliRunner, Result
-from undrawn_reports import undrawn
+from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.detection import YesNoResults
 from analysis.export.psychds_rules import broken_rules
@@ -575,7 +575,8 @@ def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
     table = tmp_path / "t.csv"
     change(made[kind]()).to_csv(table, index=False)
     write_note(table, kind, analysis_of(kind).options(**options[kind]))
-    html = report_decisions(table, tmp_path / "r", figure_files=False).html.read_text()
+    with drawn_narrow():
+        html = report_decisions(table, tmp_path / "r", figure_files=False).html.read_text()
 
     assert "not to trust" in html
     visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)

@@ -85,9 +85,7 @@ def every_command() -> list[tuple[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("name", "command"), every_command(), ids=[name for name, _ in every_command()]
-)
+@pytest.mark.parametrize(("name", "command"), [pytest.param(*c, id=c[0]) for c in every_command()])
 def test_help_of_every_command_and_option_is_there_and_shown_whole(name, command):
     assert f"metamerlab {name}" in command.help, "an example must call the command"
     for parameter in command.params:

@@ -49,7 +49,7 @@ def devices(monkeypatch):
     def plug_in(*found):
         opened = []
 
-        def create(require, standalone, backend, device_index):
+        def create(require, standalone, backend, device_index, **_libraries):
             assert standalone
             assert backend == "egl"
             if device_index >= len(found):

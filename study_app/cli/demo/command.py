@@ -19,9 +19,7 @@ def demo(
     ),
     pictures_only: Annotated[
         bool,
-        typer.Option(
-            "--pictures-only", help="Only warp and fill one photograph: seconds, no study."
-        ),
+        typer.Option("--pictures-only", help="Only warp and fill one photograph, without a study."),
     ] = False,
     observers: Annotated[
         int, typer.Option(min=2, help="Simulated observers, the one before the window included.")
@@ -42,7 +40,7 @@ def demo(
         typer.Option("--no-studies", help="Leave out the studies on foveated pictures."),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Throw an earlier demonstration there away first.")
+        bool, typer.Option("--fresh", help="Delete an earlier demonstration there first.")
     ] = False,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of noise and observers: same seed, same results.")
@@ -50,11 +48,11 @@ def demo(
 ) -> None:
     """See the whole chain at work: clips, sessions, report.
 
-    A pair of photographs and two made scenes are warped and their holes filled; simulated
-    observers compare the fills through the real session, one of them before a real window; the
-    answers are analysed. Of each study on foveated pictures a trial is drawn, and simulated
-    observers are reported. One page shows it all: OUT/index.html. Run again, it keeps what is
-    done; interrupted, it goes on.
+    A pair of photographs and two rendered scenes are warped, and their holes are filled.
+    Simulated observers compare the fills in real sessions, one of them in a real window. Their
+    answers are analysed. Each study on foveated pictures shows a trial and a report. One page
+    shows everything: OUT/index.html. The same command continues after an interruption, and keeps
+    what is done.
 
     Examples:
 

@@ -88,6 +88,8 @@ def write_page(layout: Layout, record: Record, facts: Facts) -> None:
         late=[row for row in rows if row["missed"] > LATE_SHARE * row["shown"]],
         figures=_figures(layout),
         studies=_studies(layout),
+        side_by_side=_side_by_side(layout, facts),
+        gaze=_moving_gaze(layout),
         frames=facts.protocol.warped.clips.frames,
         out=os.path.relpath(layout.out),
         places=_places(layout),
@@ -124,7 +126,7 @@ def _steps(record: Record, facts: Facts) -> list[dict[str, Any]]:
             "the same session code on a clock that need not wait",
         ),
         ("report", "Analysed", "statistics, figures, tables and one page"),
-        ("studies", "Showed other studies", "on foveated pictures: a trial and a report of each"),
+        ("studies", "Showed other studies", "a moving gaze; a trial and a report of each study"),
     ]
     rows = [
         {"title": title, "text": text, "seconds": record.seconds(name)}
@@ -291,6 +293,22 @@ def _studies(layout: Layout) -> list[dict[str, str]]:
     return found
 
 
+def _side_by_side(layout: Layout, facts: Facts) -> str:
+    """Return a trial of the task `two-alternative`, with clips of the last scene and size."""
+    clips = {clip.column("method"): clip for clip in facts.manifest.clips}
+    methods = [entry.name for entry in facts.protocol.warped.methods][-2:]
+    stimuli = [_read(layout.clips / clips[name].frame_path(0)) for name in methods]
+    made = studies.side_by_side(facts.protocol, facts.display, stimuli)
+    return _jpeg(_at_width(made, STRIP_PX))
+
+
+def _moving_gaze(layout: Layout) -> str:
+    path = layout.studies / studies.GAZE_NAME
+    if not path.is_file():
+        return ""
+    return "data:image/webp;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
 def _places(layout: Layout) -> list[tuple[str, str]]:
     told = (
         ("report/report.html", "the report: every test, figure and caution"),
@@ -298,8 +316,8 @@ def _places(layout: Layout) -> list[tuple[str, str]]:
         ("report/tables/", "one row per attempt and per decision, with a data dictionary"),
         ("clips/contact-sheet.html", "all clips, any two side by side with a slider"),
         ("clips/manifest.json", "hash, seed and parameters of every frame"),
-        ("sessions/", "the journals of all observers: the only truth, all else is derived"),
-        ("trial/", "the pictures of the filmstrip, as they stood on the screen"),
+        ("sessions/", "the journals of all observers, from which everything else is derived"),
+        ("trial/", "the pictures of the filmstrip, as the screen showed them"),
         ("studies/", "the studies on foveated pictures: journals, reports and a trial of each"),
         ("pictures/before-and-after.png", "the photograph and its fills on one sheet"),
         ("screen.toml", "the screen that the window was shown on, as a display file"),

@@ -1,8 +1,9 @@
-"""Of each study on foveated pictures a trial as a filmstrip, and simulated observers' report."""
+"""A gaze that moves, trials of every task as filmstrips, and simulated observers' reports."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.report.build import report_sessions
+from pipeline.foveation.geometry import Flat
+from pipeline.gl.context import lent_context
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
@@ -19,10 +22,14 @@ from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.foveated_images import REFERENCE, FoveatedImages
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import trial_phases
+from protocols.tasks.two_alternative import TwoAlternative
 from protocols.units import Scalar
 from stimuli.executors import cores, local_processes
+from stimuli.foveated.look_through import Choice
+from stimuli.foveated.moving import FRAMES, wander
 from stimuli.pictures import save_picture, sheet
 from stimuli.recipes.foveated_work import Bench, Order
+from stimuli.scenes.stereo import built_in_pair
 from study_app.cli.demo.steps import Step
 from study_app.gaze.simulated import STEADY
 from study_app.simulate import Simulation, simulate_study
@@ -31,10 +38,12 @@ STUDIES: dict[str, dict[str, Scalar]] = {
     "beyond-blur-task": {"scene": "tunnel", "method": "ours", "eccentricity_deg": 10.0},
     "beyond-blur-preference": {"scene": "notices", "first": "ours", "second": "blur"},
     "beyond-blur-detection": {"scene": "notices", "method": "ours", "cut": "inconsistent"},
+    "critical-scaling": {"scene": "notices", "metamer": "noise", "scaling": 0.5},
     "critical-scaling-halves": {"scene": "notices", "metamer": "noise", "scaling": 0.5},
 }
 """The studies, and of which condition a trial is drawn."""
 STRIP_NAME = "trial.png"
+GAZE_NAME = "gaze.webp"
 OBSERVERS = 3
 SHOT_PX = 480
 GREY_DOT, WHITE = 40, 255
@@ -43,21 +52,34 @@ Picture = NDArray[np.uint8]
 
 
 def show_studies(folder: Path, step: Step) -> None:
-    """Fill a folder per study: `trial.png`, `sessions/`, `report/`; what is there is kept.
+    """Write `gaze.webp` and fill a folder per study: `trial.png`, `sessions/`, `report/`.
 
-    Studies share the processors.
+    What is there is kept. Studies share the processors.
     """
     missing = [name for name in STUDIES if not (folder / name / STRIP_NAME).is_file()]
-    if not missing:
+    still = not (folder / GAZE_NAME).is_file()
+    if not missing and not still:
         step.result = "kept"
         return
-    step(0, len(missing))
-    with local_processes(min(cores(), len(missing))) as pool:
+    tasks = len(missing) + still
+    step(0, tasks)
+    with local_processes(min(cores(), tasks)) as pool:
         futures = [pool.submit(show_study, name, folder / name) for name in missing]
+        if still:
+            futures.append(pool.submit(show_moving_gaze, folder / GAZE_NAME))
         for done, future in enumerate(as_completed(futures), 1):
             future.result()
-            step(done, len(missing))
+            step(done, tasks)
     step.result = f"{len(STUDIES)} studies, {OBSERVERS} observers each"
+
+
+def show_moving_gaze(path: Path, frames: int = FRAMES) -> None:
+    """Write an animation: a photograph as a metamer for a gaze that wanders."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with lent_context() as ctx:
+        picture = built_in_pair("motorcycle").left
+        choice = Choice("metamer", {"law": "authors"})
+        wander(path, picture, Flat(width_deg=40), choice, frames=frames, ctx=ctx)
 
 
 def show_study(name: str, folder: Path, observers: int = OBSERVERS) -> None:
@@ -84,7 +106,7 @@ def chosen_trial(study: StudyProtocol, display: Display) -> PlannedTrial:
 
 
 def trial_strip(study: StudyProtocol, display: Display, trial: PlannedTrial) -> Picture:
-    """Return every phase of a trial, labelled: stimuli made in small at the display's angles."""
+    """Return the strip of a trial, whose stimuli are made in small at the display's angles."""
     recipe = study.stimuli
     assert isinstance(recipe, FoveatedImages)
     shrunk = recipe.width_px / SHOT_PX
@@ -98,31 +120,52 @@ def trial_strip(study: StudyProtocol, display: Display, trial: PlannedTrial) -> 
         made = {name: np.rint(255 * bench.colour(entries[name])).astype(np.uint8) for name in order}
     finally:
         bench.release()
-    stimuli = [made[name] for name in trial.stimuli]
+    return strip(study, display, [made[name] for name in trial.stimuli], distance_px)
+
+
+def side_by_side(study: StudyProtocol, display: Display, stimuli: Sequence[Picture]) -> Picture:
+    """Return the strip of a trial of `two-alternative`, with stimuli of another task's study."""
+    distance_px = display.distance_mm / display.pitch_x_mm
+    half_deg = float(np.degrees(np.arctan(0.55 * stimuli[0].shape[1] / distance_px)))
+    task = TwoAlternative(kind="two-alternative", separation_deg=2 * half_deg)
+    return strip(study.model_copy(update={"task": task}), display, stimuli, distance_px)
+
+
+def strip(
+    study: StudyProtocol, display: Display, stimuli: Sequence[Picture], distance_px: float
+) -> Picture:
+    """Return every phase of a trial, labelled."""
     dot_px = distance_px * np.tan(np.radians(study.trial.dot_deg / 2))
     shots = []
-    for phase in trial_phases(study, display, practice=False):
+    phases = trial_phases(study, display, practice=False)
+    aside_deg = max(getattr(entry, "x_deg", 0.0) for phase in phases for entry in phase.show)
+    aside_px = round(distance_px * np.tan(np.radians(aside_deg)))
+    for phase in phases:
         frames = phase.gate_frames if phase.gate_frames and not phase.frames else phase.frames
         long = "" if frames is None else f", {1000 * frames / display.refresh_hz:.0f} ms"
         answers = f": {' / '.join(study.task.answers())}" if phase.ends_on else ""
-        shots.append((f"{phase.name}{long}{answers}", _drawn(phase, stimuli, distance_px, dot_px)))
+        shown = _drawn(phase, stimuli, distance_px, dot_px, aside_px)
+        shots.append((f"{phase.name}{long}{answers}", shown))
     return sheet(shots, columns=len(shots))
 
 
-def _drawn(phase: Phase, stimuli: list[Picture], distance_px: float, dot_px: float) -> Picture:
-    """Return what a phase shows."""
+def _drawn(
+    phase: Phase, stimuli: Sequence[Picture], distance_px: float, dot_px: float, aside_px: int
+) -> Picture:
+    """Return what a phase shows, on a screen that is wider than the stimuli by `aside_px` twice."""
     height, width, _ = stimuli[0].shape
-    screen = np.full((height, width, 3), 128, np.uint8)
+    middle = width // 2 + aside_px, height // 2
+    screen = np.full((height, width + 2 * aside_px, 3), 128, np.uint8)
     for entry in phase.show:
         if isinstance(entry, Image | Clip):
             half = getattr(entry, "half", None)
             part = slice(width // 2) if half == "left" else slice(width // 2 if half else 0, None)
-            screen[:, part] = stimuli[entry.stimulus][:, part]
+            left = aside_px + aside_px * int(np.sign(entry.x_deg))
+            screen[:, left : left + width][:, part] = stimuli[entry.stimulus][:, part]
         elif isinstance(entry, Bar):
             reach = round(distance_px * np.tan(np.radians(entry.width_deg / 2)))
-            screen[:, width // 2 - reach : width // 2 + reach] = 128
+            screen[:, middle[0] - reach : middle[0] + reach] = 128
     if not phase.ends_on:
-        middle = width // 2, height // 2
         cv2.circle(screen, middle, round(dot_px) + 1, (WHITE,) * 3, -1, cv2.LINE_AA)
         cv2.circle(screen, middle, max(1, round(dot_px / 2)), (GREY_DOT,) * 3, -1, cv2.LINE_AA)
     return screen

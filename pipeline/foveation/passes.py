@@ -1,0 +1,183 @@
+"""What passes over foveated pictures share: pools, sizes, noise that lies on the screen."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.foveation.geometry import (
+    CapGeometry,
+    EquirectangularGeometry,
+    FlatGeometry,
+    Geometry,
+    check_gaze,
+)
+from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
+from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.noise_plane import (
+    GRAIN,
+    noise_tile,
+    panorama_noise,
+    tile_edge,
+)
+from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.reference import MOST_BEND
+from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
+from pipeline.gl.compute import Shader
+from pipeline.gl.passes import Pass
+from pipeline.gl.shader import Constant
+from pipeline.noise.tile import TEXELS_PER_PX
+
+TILE = 8  # work-group edge
+TEXEL_BYTES = 16  # of noise
+
+_PROJECTIONS = {FlatGeometry: 0, EquirectangularGeometry: 1, CapGeometry: 2}  # see pools.glsl
+
+Size = tuple[int, int]
+S = TypeVar("S", Shader, moderngl.Program)
+
+
+class Pooled:
+    """What every shader with pools.glsl is told: the geometry and law once, the gaze per call."""
+
+    def __init__(self, geometry: Geometry, pooling: Pooling) -> None:
+        self.geometry = geometry
+        self.constants = {
+            "PROJECTION": _PROJECTIONS[type(geometry)],
+            "POWER": pooling.power,
+            "HALVED_VARIANCE": HALVED_VARIANCE,
+        }
+        self._fixed: dict[str, Any] = {
+            "picture_px": (geometry.width_px, geometry.height_px),
+            "slope": pooling.slope,
+            "fovea_deg": pooling.fovea_deg,
+        }
+        if isinstance(geometry, FlatGeometry):
+            self._fixed |= {"centre_px": geometry.centre_px, "distance_px": geometry.distance_px}
+        elif isinstance(geometry, EquirectangularGeometry):
+            self._fixed["least_cosine"] = geometry.least_cosine
+        elif isinstance(geometry, CapGeometry):
+            self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
+        self._shaders: list[Shader | moderngl.Program] = []
+
+    def tell(self, shader: S) -> S:
+        """Tell a shader what stays, and from now on the gaze."""
+        for name, value in self._fixed.items():
+            if name in shader:
+                shader[name] = value
+        if "gaze" in shader:
+            self._shaders.append(shader)
+        return shader
+
+    def look(self, gaze_px: tuple[float, float]) -> None:
+        """Tell all shaders where the eye looks."""
+        x, y = check_gaze(self.geometry, gaze_px)
+        ray = tuple(self.geometry.directions(np.array(x), np.array(y)).tolist())
+        for shader in self._shaders:
+            shader["gaze"] = ray
+
+
+class PicturePass(Pass):
+    """A pass over pictures of one size, whose textures are sampled linearly."""
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        size: Size,
+        pooled: Pooled,
+        *,
+        wraps: bool = False,
+    ) -> None:
+        super().__init__(ctx)
+        self.size = size
+        self._pooled = pooled
+        self._wraps = wraps
+
+    def _compile(self, name: str, **constants: Constant) -> Shader:
+        """Compile a shader of this folder that knows the pools."""
+        path = f"foveation/{name}.comp.glsl"
+        known = self._pooled.constants
+        return self._pooled.tell(self._shader(path, TILE=TILE, **known, **constants))
+
+    def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
+        """A texture that goes on as the picture does."""
+        texture = super()._texture(size, format_name)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = self._wraps
+        return texture
+
+    def _array(
+        self, size: Size, layers: int, format_name: str = "rgba32f"
+    ) -> moderngl.TextureArray:
+        array = super()._array(size, layers, format_name)
+        array.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        array.repeat_x = self._wraps
+        return array
+
+
+def sphere_constants() -> dict[str, float]:
+    """What sphere.glsl is compiled with."""
+    return {
+        name: math.sin(math.radians(angle))
+        for name, angle in (("BELT_SINE", BELT_DEG), ("CAP_SINE", CAP_DEG))
+    }
+
+
+def finish_constants(**changes: Constant) -> dict[str, Constant]:
+    """What finish.comp.glsl is compiled with, unless told otherwise."""
+    constants: dict[str, Constant] = {
+        "FADE_SHARE": FADE_SHARE,
+        "NOISE": False,
+        "BASE": True,
+        "LEVELS": 1,
+        "BENT": False,
+        "MOST_BEND": MOST_BEND,
+        "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
+        "CARRIED": False,
+        "TEXELS_PER_PX": TEXELS_PER_PX,
+        "NOISE_ROWS": 1,
+        "NOISE_COLUMNS": 1,
+        "NOISE_SCALE": 1.0,
+        **sphere_constants(),
+    }
+    return constants | changes
+
+
+def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
+    """Noise that lies on the screen, as finish.comp.glsl reads it.
+
+    A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
+    """
+    width, height = size
+    if wraps:
+        tile = panorama_noise(seed, levels, 1, height)[:, :, 0]
+        tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
+    else:
+        tile = noise_tile(seed, levels, 1, tile_edge(height, width))[:, :, 0]
+    rows, columns, bands = tile.shape
+    cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
+    return layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
+
+
+def layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:
+    """Noise (rows, columns, values) in steps of `GRAIN`: (layers, rows, columns, 16)."""
+    rows, columns, count = noise.shape
+    layers = -(-count // TEXEL_BYTES)
+    steps = np.zeros((rows, columns, layers * TEXEL_BYTES), np.int8)
+    steps[..., :count] = np.rint(noise / GRAIN)
+    texels = steps.reshape(rows, columns, layers, TEXEL_BYTES)
+    return np.ascontiguousarray(texels.transpose(2, 0, 1, 3))
+
+
+def halved(size: Size) -> Size:
+    """Half a size, rounded up."""
+    return -(-size[0] // 2), -(-size[1] // 2)
+
+
+def resolutions(size: Size, count: int) -> list[Size]:
+    """A size, and `count` halvings of it."""
+    return [(-(-size[0] // (1 << r)), -(-size[1] // (1 << r))) for r in range(count + 1)]
