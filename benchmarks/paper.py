@@ -1,7 +1,8 @@
 """The method as printed beside today's and push-pull: `script/bench paper --help`.
 
 On stereo pairs, against the other photograph inside interior holes; on the built-in scenes, seen
-from four places around their camera, against the true view inside all holes. FovVideoVDP or
+from four places around their camera, against the true view inside all holes; with `--photos` on any
+photographs instead, each behind cut-outs of the next one that move. FovVideoVDP or
 ColorVideoVDP (in JOD, as a still, everything but the holes set to the truth) where it can be
 imported.
 """
@@ -16,15 +17,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
 from benchmarks.thin import DIRECTIONS, SCENE_SEED
 from pipeline.camera import flow_between
-from pipeline.frame import WarpedFrame
+from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method, method_names
 from pipeline.quality import Quality, evaluate, interior
@@ -33,14 +36,21 @@ from pipeline.warp.settings import Window
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
 from stimuli.paths import STILL, Pose
+from stimuli.read_file import read_picture
 from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene, scene_names
+from stimuli.scenes.stereo import PAIR_WARP
 
 PARTS = {"fvvdp": PagePart("paper table"), "cvvdp": PagePart("cvvdp table")}
+PHOTOS = PagePart("photographs table")
 METHODS = ("metameric-paper", "metameric", "push-pull", "push-pull-depth")
 SEED = 1
 MARGIN = 0.15  # of the width, around rendered views: nothing enters them
+
+PHOTO_WIDTH_PX = 448
+CUT_OUT_PX = 22  # deviation of the noise whose highest parts are cut out
+DISPARITY_PX = {"photograph": 10, "cut-out": 30}
 
 Colour = NDArray[np.float32]
 Score = Callable[[Colour, Colour, NDArray[np.bool_]], float]
@@ -91,6 +101,34 @@ def rendered(
             views.append(View(warped, truth, warped.hole))
         scenery.release()
         yield name, views
+
+
+def behind_cut_outs(ctx: moderngl.Context, folder: Path) -> Iterator[tuple[str, list[View]]]:
+    """Every photograph of a folder, behind blobs of the next one that move; itself is the truth."""
+    files = sorted(path for path in folder.iterdir() if path.suffix in {".png", ".jpg"})
+    far_px, near_px = DISPARITY_PX.values()
+    for index, (file, next_file) in enumerate(zip(files, files[1:] + files[:1], strict=True)):
+        photograph = _small(file)
+        height, width = photograph.shape[:2]
+        noise = np.random.default_rng(index).standard_normal((height, width))
+        noise = ndimage.gaussian_filter(noise, CUT_OUT_PX)
+        near = noise > noise.std()
+        other = cv2.resize(_small(next_file), (width, height), interpolation=cv2.INTER_AREA)
+        disparity_px = np.where(near, near_px, far_px)
+        source = SourceFrame(
+            np.where(near[..., None], other, photograph), np.float32(width / disparity_px)
+        )
+        flow_px = np.stack([-disparity_px, np.zeros_like(disparity_px)], axis=-1)
+        warped = warp_frame(ctx, source, np.float32(flow_px), settings=PAIR_WARP)
+        shown = np.roll(photograph, -far_px, axis=1)
+        truth = np.where(warped.hole[..., None], shown, warped.colour)
+        yield file.stem, [View(warped, truth, interior(warped.hole))]
+
+
+def _small(file: Path) -> Colour:
+    colour = np.float32(read_picture(file)) / 255
+    height = round(PHOTO_WIDTH_PX * colour.shape[0] / colour.shape[1])
+    return cv2.resize(colour, (PHOTO_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
 
 
 def measure(
@@ -168,13 +206,16 @@ def _jod(row: Row) -> float:
     return np.nan if row.jod is None else row.jod
 
 
-def table(results: dict[str, tuple[float, dict[str, Row]]]) -> str:
-    """Render as Markdown: one row per scene and method, then the means."""
+def table(
+    results: dict[str, tuple[float, dict[str, Row]]], scenes: Sequence[str] | None = None
+) -> str:
+    """Render as Markdown: one row per scene and method, of all or the named scenes; the means."""
     lines = [
         "| scene (holes) | method | PSNR dB | SSIM | high-frequency ratio | band error | JOD |",
         "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
     ]
-    for scene, (share, rows) in results.items():
+    for scene in results if scenes is None else scenes:
+        share, rows = results[scene]
         lines += [
             f"| {scene} ({100 * share:.1f} %) | {method} | {_numbers([row])} |"
             for method, row in rows.items()
@@ -203,6 +244,7 @@ def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench paper", description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    parser.add_argument("--photos", type=Path, help="folder of photographs, for cut-outs alone")
     parser.add_argument("--scenes", nargs="*", choices=scene_names(), default=scene_names())
     parser.add_argument("--methods", nargs="+", choices=method_names(), default=METHODS)
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), metavar=("W", "H"))
@@ -212,7 +254,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--docs", type=Path, help="page whose tables are replaced")
     parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
-    part = PARTS[arguments.metric]
+    part = PARTS[arguments.metric] if arguments.photos is None else PHOTOS
     if arguments.docs is not None:
         part.page(str(arguments.docs))
     jod = METRICS[arguments.metric]()
@@ -222,8 +264,12 @@ def main(argv: list[str]) -> int:
         renderer = str(describe(ctx))
         size_px = (arguments.size[0], arguments.size[1])
         for scenes in (
-            photographs(ctx, arguments.pairs),
-            rendered(ctx, arguments.scenes, size_px, arguments.extent),
+            (
+                photographs(ctx, arguments.pairs),
+                rendered(ctx, arguments.scenes, size_px, arguments.extent),
+            )
+            if arguments.photos is None
+            else (behind_cut_outs(ctx, arguments.photos),)
         ):
             for name, views in scenes:
                 rows, tiles = measure(ctx, views, jod, arguments.methods)
@@ -234,7 +280,9 @@ def main(argv: list[str]) -> int:
                     pictures.save_picture(arguments.sheets / f"{name}.png", sheet)
     finally:
         release_context(ctx)
-    text = table(results) + ("" if jod is None else f"\n\n{differences(results)}")
+    text = table(results, None if arguments.photos is None else ()) + (
+        "" if jod is None else f"\n\n{differences(results)}"
+    )
     print(text)
     if arguments.docs is not None:
         part.replace(arguments.docs, text)

@@ -18,6 +18,7 @@ from pipeline.frame import check_colour, check_hole, check_same_size
 SSIM_SIGMA_PX = 1.5
 SSIM_LEAST_PX = 11  # the window of Wang et al. 2004
 HIGH_PASS_SIGMA_PX = 2.0
+ROUNDING = 1e-12  # a blur of a flat picture differs from it by up to 1e-15, machine by machine
 BAND_LEVELS = 4
 BAND_POOLING = 4.0  # standard deviation of the pooling window, coefficients of the level
 
@@ -132,7 +133,7 @@ def high_frequency_ratio(
         float(np.sqrt(np.mean(_fine_detail(image)[mask] ** 2)))
         for image in (_composite(filled, truth, mask), truth.astype(np.float64))
     )
-    if theirs == 0:
+    if theirs < ROUNDING:
         raise InputError("the truth must have some detail inside the mask (it is flat there)")
     return ours / theirs
 
@@ -167,7 +168,7 @@ def band_error(
     for level in range(levels):
         pooled, true = (_pooled_moments(bands[level], inside) for bands in (ours, theirs))
         reference = float(np.sum(true**2))
-        if reference == 0:
+        if reference < ROUNDING**2:
             raise InputError(
                 f"the truth must have some detail inside the mask on level {level} (it is flat)"
             )
