@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -124,6 +125,16 @@ VARIANTS = (
     Variant(
         "statistics that keep to a colour",
         patches=((synthesis, "inpainted_statistics", colour_edges.inpainted_statistics),),
+    ),
+    Variant(
+        "statistics that keep to a colour four times as coarse",
+        patches=(
+            (
+                synthesis,
+                "inpainted_statistics",
+                partial(colour_edges.inpainted_statistics, resolutions=2),
+            ),
+        ),
     ),
     Variant(
         "deviations from mean magnitudes",

@@ -2,7 +2,7 @@
 
 A part of `benchmarks.ablation`, in numpy alone. Moments are pulled and pushed as `pipeline` does,
 and a texel counts the less the more its colour in the filled picture differs from the colour of the
-texel that takes it.
+texel that takes it. Colours may be those of a coarser resolution, which texture does not reach.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import zoom
 
 from pipeline.features.reference import parents
 from pipeline.inpaint.reference import Level, guided_mean, pull
@@ -56,11 +57,31 @@ def pull_push_by_colour(
     return levels
 
 
+def coarser(colours: Sequence[Array], resolutions: int) -> list[Array]:
+    """Of every resolution the colours of a coarser one, interpolated."""
+    found = []
+    for k, here in enumerate(colours):
+        source = min(k + resolutions, len(colours) - 1)
+        height, width = here.shape[:2]
+        scale = 1 << (source - k)
+        larger = zoom(colours[source], (scale, scale, 1), order=1, mode="nearest", grid_mode=True)
+        found.append(larger[:height, :width])
+    return found
+
+
 def inpainted_statistics(
-    base: Array, hole: NDArray[np.bool_], base_levels: list[Level], **settings: Any
+    base: Array,
+    hole: NDArray[np.bool_],
+    base_levels: list[Level],
+    *,
+    resolutions: int = 0,
+    **settings: Any,
 ) -> tuple[list[Level], list[Level]]:
-    """As `pipeline.statistics.reference.inpainted_statistics`, but keeping to a colour."""
-    colours = [base, *(level.values for level in base_levels[1:])]
+    """As `pipeline.statistics.reference.inpainted_statistics`, but keeping to a colour.
+
+    `resolutions`: by how many the colours that guide are coarser.
+    """
+    colours = coarser([base, *(level.values for level in base_levels[1:])], resolutions)
 
     def pulled_and_pushed(level: Level, gamma: float, threshold: float) -> list[Level]:
         first = next(k for k, c in enumerate(colours) if c.shape[:2] == level.guide.shape)
