@@ -12,9 +12,13 @@ import hashlib
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 
 PACKAGES = ("pipeline", "stimuli")  # what a protocol says is part of every key itself
 _DATA = (".glsl", ".json")
+# Python before 3.11.8 counts the depth of a tree once for all threads, and refuses what two parse
+# at the same time: "AST constructor recursion depth mismatch" (python/cpython#106905).
+_PARSING = Lock()
 
 
 def source_sha256(*modules: str) -> str:
@@ -64,7 +68,9 @@ def _file_of(module: str) -> Path | None:
 def _imports(path: Path) -> tuple[str, ...]:
     """Our modules that a file names; `from package import name` may name a module too."""
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    with _PARSING:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+
 import stimuli.sources
 from pipeline.methods.registry import check_method_name
 from stimuli.sources import source_files, source_sha256
@@ -47,3 +52,24 @@ def test_one_changed_byte_changes_the_hash(tmp_path, monkeypatch):
 
     monkeypatch.setattr(stimuli.sources, "source_files", changed)
     assert source_sha256("pipeline.methods.opencv") != before
+
+
+def test_one_thread_parses_at_a_time(monkeypatch):
+    """Stimuli are hashed in threads, and Python before 3.11.8 refuses two trees made at once."""
+    parse, parsing, alone = ast.parse, Lock(), []
+
+    def slow(text: str) -> ast.Module:
+        alone.append(parsing.acquire(blocking=False))
+        time.sleep(0.005)
+        if alone[-1]:
+            parsing.release()
+        return parse(text)
+
+    stimuli.sources._imports.cache_clear()
+    with monkeypatch.context() as patch, ThreadPoolExecutor(4) as pool:
+        patch.setattr(ast, "parse", slow)
+        hashes = set(pool.map(source_sha256, ["pipeline.methods.opencv"] * 4))
+
+    assert len(hashes) == 1
+    assert len(alone) > 1
+    assert all(alone)
