@@ -283,7 +283,7 @@ def plot(timings: list[Timing], target: Path) -> None:
     figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
     colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555"]
     markers = "osD^vPX"
-    methods = ("metameric", "push-pull", "push-pull-depth", "warp", "telea", "navier-stokes")
+    methods = ("metameric", "push-pull", "push-pull-depth", "warp", "telea", "shift-map")
     for method, colour, marker in zip((*methods, "copy"), colours, markers, strict=True):
         rows = [t for t in timings if t.method == method and t.mask == "thin"]
         if rows:
