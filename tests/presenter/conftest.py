@@ -42,7 +42,8 @@ page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1
 """
 # After each flip the presenter waits until the watcher has read it: the capture keeps up on a busy
 # machine. A flip that never comes is waited for in vain, and noticed. The session's clock stands
-# still for so long, and for what a busy machine takes from it between flips.
+# still for so long, and for what a busy machine takes from it between flips. What it told the
+# journal meanwhile it does not take back.
 PACED = """
 import mmap, struct, sys, time
 from study_app import presenter, window
@@ -50,8 +51,13 @@ from study_app.cli import main
 
 with open(sys.argv.pop(), "r+b") as file:
     read = mmap.mmap(file.fileno(), 8)
-stood_s, flipped_s = 0.0, time.monotonic()
+stood_s, flipped_s, told_s = 0.0, time.monotonic(), 0.0
 window.Window.now = lambda self: time.monotonic() - stood_s
+def told(self):
+    global told_s
+    told_s = max(told_s, self._window.now())
+    return told_s
+presenter.Presenter.now = told
 presenters_flip = presenter.Presenter._flip
 def paced(self, draw):
     global stood_s, flipped_s
