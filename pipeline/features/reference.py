@@ -97,11 +97,10 @@ def band(image: NDArray[np.floating], kernel: NDArray[np.float64]) -> NDArray[np
     padded = np.pad(image, ((1, 1), (1, 1)) + ((0, 0),) * (image.ndim - 2), mode="edge")
     height, width = image.shape[:2]
     total, tap = np.zeros(image.shape), np.empty(image.shape)  # no new array for every tap
-    for row in range(3):
-        for column in range(3):
-            np.subtract(padded[row : row + height, column : column + width], image, out=tap)
-            tap *= kernel[row, column]
-            total += tap
+    for row, column in np.argwhere(kernel):
+        np.subtract(padded[row : row + height, column : column + width], image, out=tap)
+        tap *= kernel[row, column]
+        total += tap
     return total
 
 
@@ -111,13 +110,16 @@ def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> NDArra
     The 4x4 taps lie evenly around the centre of the 2x2 pixels that one result covers.
     """
     low = (kernels or fitted_kernels()).low
-    rows, columns = _children(image.shape[0]), _children(image.shape[1])
-    near = image[rows[:, 1]][:, columns[:, 1]]
+    height, width = ((length + 1) // 2 for length in image.shape[:2])
+    padded = np.pad(image, ((1, 2), (1, 2)) + ((0, 0),) * (image.ndim - 2), mode="edge")
+    taps = [
+        [padded[i : i + 2 * height : 2, j : j + 2 * width : 2] for j in range(4)] for i in range(4)
+    ]
+    near = taps[1][1]
     total, tap = np.zeros(near.shape), np.empty(near.shape)
     for i in range(4):
-        row = image[rows[:, i]]
         for j in range(4):
-            np.subtract(row[:, columns[:, j]], near, out=tap)
+            np.subtract(taps[i][j], near, out=tap)
             tap *= low[i, j]
             total += tap
     return np.asarray(near + total)

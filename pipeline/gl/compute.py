@@ -8,6 +8,7 @@ dispatch that writes.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Self, TypeAlias, cast
 
 import moderngl
@@ -185,14 +186,15 @@ class Shader:
             )
 
 
-def _declared(code: str) -> set[str]:
+@cache
+def _declared(code: str) -> frozenset[str]:
     """Every name that a caller may give: uniforms, images, samplers, blocks."""
     names = {match[3] for match in _IMAGE.finditer(code)}
     names |= {match[1] for match in _SAMPLER.finditer(code)}
     names |= {_argument(match[3]) for match in _BLOCK.finditer(code)}
     for match in _UNIFORM.finditer(code):
         names |= {re.split(r"[\s\[=]", part.strip())[0] for part in match[1].split(",")}
-    return names
+    return frozenset(names)
 
 
 def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:

@@ -264,20 +264,24 @@ def thin_and_mixed(
     row, column = np.indices((height, width)) * SUBPIXELS
     change = displacement(flow_px)
     place = np.stack([column, row], axis=-1) + change
-    thin, mixed = np.zeros((2, height, width), np.bool_)
-    inner = slice(1, -1)
-    for line in lines_of(np.arange(height * width).reshape(height, width)):
-        sides = torn_sides(place.reshape(-1, 2)[line][None], stretch, surface_px)[0]
-        both = sides[:-1] & sides[1:]
-        step = np.diff(change.reshape(-1, 2)[line], axis=0)
-        single = np.maximum(abs(step[:-1]).max(axis=-1), abs(step[1:]).max(axis=-1))
-        onwards = abs(step[:-1] + step[1:]).max(axis=-1) > single
-        depth = depth_m.ravel()[line]
-        ends = np.stack([depth[:-2], depth[2:]])
-        within = (ends.min(axis=0) <= depth[inner]) & (depth[inner] <= ends.max(axis=0))
-        mixed.ravel()[line[inner]] |= both & onwards & within
-        thin.ravel()[line[inner]] |= both & ~(onwards & within)
-    return thin & ~mixed, mixed
+    thin, mixed = np.zeros((2, height * width), np.bool_)
+    lines = lines_of(np.arange(height * width).reshape(height, width))
+    if not lines:
+        return thin.reshape(height, width), mixed.reshape(height, width)
+    pixel = np.concatenate(lines)
+    line = np.repeat(np.arange(len(lines)), [len(one) for one in lines])
+    sides = torn_sides(place.reshape(-1, 2)[pixel], line, stretch, surface_px)
+    both = sides[:-2] & sides[1:-1]
+    step = np.diff(change.reshape(-1, 2)[pixel], axis=0)
+    single = np.maximum(abs(step[:-1]).max(axis=-1), abs(step[1:]).max(axis=-1))
+    onwards = abs(step[:-1] + step[1:]).max(axis=-1) > single
+    depth = depth_m.ravel()[pixel]
+    before, here, after = depth[:-2], depth[1:-1], depth[2:]
+    within = (np.minimum(before, after) <= here) & (here <= np.maximum(before, after))
+    mixed[pixel[1:-1][both & onwards & within]] = True
+    thin[pixel[1:-1][both & ~(onwards & within)]] = True
+    thin &= ~mixed
+    return thin.reshape(height, width), mixed.reshape(height, width)
 
 
 def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
@@ -353,24 +357,53 @@ def mesh_sides(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> t
     height, width, _ = flow_px.shape
     row, column = np.indices((height, width)) * SUBPIXELS
     moved = np.stack([column, row], axis=-1) + displacement(flow_px)
-    across = torn_sides(moved, stretch, surface_px)
-    down = torn_sides(moved.swapaxes(0, 1), stretch, surface_px).swapaxes(0, 1)
+    index = np.arange(height * width).reshape(height, width)
+
+    def torn(vertex: Ints) -> Bools:
+        line = np.repeat(np.arange(len(vertex)), vertex.shape[1])
+        sides = torn_sides(moved.reshape(-1, 2)[vertex.ravel()], line, stretch, surface_px)
+        return sides.reshape(vertex.shape)[:, :-1]
+
+    across, down = torn(index), torn(index.T).T
     # In the mesh, a row or column repeats its border pixel: those sides have no length.
     across = np.pad(np.pad(across, ((RINGS, RINGS), (0, 0)), mode="edge"), ((0, 0), (RINGS, RINGS)))
     down = np.pad(np.pad(down, ((0, 0), (RINGS, RINGS)), mode="edge"), ((RINGS, RINGS), (0, 0)))
     return across, down
 
 
-def torn_sides(moved: Ints, stretch: int, surface_px: int) -> Bools:
-    """Tell which sides between neighbours in a row are torn; shape (H, W - 1)."""
-    side = np.diff(moved, axis=1)
-    length = abs(side).max(axis=-1)
-    torn = np.zeros(length.shape, np.bool_)
-    for row, column in np.argwhere(length > stretch):
-        alike = 2 * abs(side[row] - side[row, column]).max(axis=-1) <= length[row, column]
-        before, after = alike[:column][::-1], alike[column + 1 :]
-        run = 1 + sum(len(part) if part.all() else int(part.argmin()) for part in (before, after))
-        torn[row, column] = run < surface_px
+def torn_sides(moved: Ints, line: Ints, stretch: int, surface_px: int) -> Bools:
+    """Tell which vertices are torn from the next one of their line; see `torn_quads`.
+
+    Parameters
+    ----------
+    moved : (n, 2)
+        Where the vertices are, one line after the other.
+    line : (n,)
+        Which line each is of.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        False for the last vertex of a line.
+    """
+    side = np.diff(moved, axis=0)
+    length = np.where(line[1:] == line[:-1], abs(side).max(axis=-1), 0)
+    long = np.flatnonzero(length > stretch)
+    run = np.ones(len(long), np.int64)
+    for direction in (-1, 1):
+        alike = np.ones(len(long), np.bool_)
+        for steps in range(1, surface_px):
+            if not alike.any():
+                break
+            other = np.clip(long + direction * steps, 0, len(side) - 1)
+            # Past the end of a line there is no side.
+            there = (line[other] == line[long]) & (line[other + 1] == line[long])
+            there &= abs(other - long) == steps
+            change = abs(side[other] - side[long]).max(axis=-1)
+            alike &= there & (2 * change <= length[long])
+            run += alike
+    torn = np.zeros(len(moved), np.bool_)
+    torn[long] = run < surface_px
     return torn
 
 
