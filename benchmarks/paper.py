@@ -105,7 +105,7 @@ def rendered(
 
 def behind_cut_outs(ctx: moderngl.Context, folder: Path) -> Iterator[tuple[str, list[View]]]:
     """Every photograph of a folder, behind blobs of the next one that move; itself is the truth."""
-    files = sorted(path for path in folder.iterdir() if path.suffix in {".png", ".jpg"})
+    files = photographs_in(folder)
     far_px, near_px = DISPARITY_PX.values()
     for index, (file, next_file) in enumerate(zip(files, files[1:] + files[:1], strict=True)):
         photograph = _small(file)
@@ -123,6 +123,11 @@ def behind_cut_outs(ctx: moderngl.Context, folder: Path) -> Iterator[tuple[str, 
         shown = np.roll(photograph, -far_px, axis=1)
         truth = np.where(warped.hole[..., None], shown, warped.colour)
         yield file.stem, [View(warped, truth, interior(warped.hole))]
+
+
+def photographs_in(folder: Path) -> list[Path]:
+    """List the photographs of a folder by name; none where it does not exist."""
+    return sorted(path for path in folder.glob("*") if path.suffix in {".png", ".jpg"})
 
 
 def _small(file: Path) -> Colour:
@@ -254,6 +259,8 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--docs", type=Path, help="page whose tables are replaced")
     parser.add_argument("--json", type=file_to_write)
     arguments = parser.parse_args(argv)
+    if arguments.photos is not None and not photographs_in(arguments.photos):
+        parser.error(f"--photos {arguments.photos}: must hold .png or .jpg files (it has none)")
     part = PARTS[arguments.metric] if arguments.photos is None else PHOTOS
     if arguments.docs is not None:
         part.page(str(arguments.docs))
