@@ -74,14 +74,13 @@ def flatten(
 
     def add(name: str, text: str) -> None:
         for number, line in enumerate(text.splitlines(), start=1):
-            directive = line.lstrip().startswith("#")
-            if directive and (match := _INCLUDE.match(line)):
+            if match := _INCLUDE.match(line):
                 target = f"shaderlib/{match[1]}"
                 if target not in included:
                     included.add(target)
                     add(target, _read(folder, target, f"{name}:{number}"))
                 continue
-            if directive and (match := _CONSTANT.match(line)):
+            if match := _CONSTANT.match(line):
                 key = match[1]
                 if key not in constants:
                     raise ShaderError(
