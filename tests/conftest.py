@@ -223,9 +223,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Let Python's search for garbage pass over what collection left, which stays to the end."""
+    """Let Python's search for garbage pass over what collection left, and come more rarely.
+
+    What collection left stays to the end. The search took a seventeenth of the tests' time.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)
 
 
 def pytest_sessionfinish() -> None:
