@@ -184,6 +184,8 @@ def _pooled_moments(band: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArr
         sigma = (BAND_POOLING, BAND_POOLING) + (0.0,) * (values.ndim - 2)
         return np.asarray(ndimage.gaussian_filter(values, sigma, mode="constant")[mask])
 
+    (box,) = ndimage.find_objects(mask.astype(np.uint8))  # outside, nothing is pooled
+    band, mask = band[box], mask[box]
     share = mask.reshape(mask.shape + (1,) * (band.ndim - 2)).astype(np.float64)
     weight = pool(share)
     mean = pool(share * band) / weight
