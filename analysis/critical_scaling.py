@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit, log_expit, logsumexp
 
-from analysis.bootstrap import expanded_tail
 from analysis.cells import checked, conditions, grid
 from analysis.contrasts import paired, pairs_of
 from analysis.ideal_observer import AbxRule, abx_share
@@ -313,24 +312,18 @@ def critical_scalings(
     rule: AbxRule = "differencing",
     law: Law = "distance",
     level: float = 0.95,
-    samples: int = 0,
-    rng: np.random.Generator | None = None,
 ) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
     """Fit every condition, and compare ln s_c between conditions by participants.
 
     Notes
     -----
     The comparison is a paired t over participants of their own ln s_c (`fit_person`), which
-    takes nothing for granted about how they vary. `samples` > 0 replaces each condition's limits
-    by those of a bootstrap over participants (percentiles widened as in `bootstrap`).
+    takes nothing for granted about how they vary.
     """
     rows = checked(trials, (column, "correct"), by)
     fits, own = [], {}
     for name, part in conditions(rows, by):
         fit = critical_scaling(part, column=column, rule=rule, law=law, level=level)
-        if samples:
-            limits = _bootstrap(part, column, rule, law, level, samples, rng)
-            fit = replace(fit, critical_limits=limits)
         own[name] = {
             str(who): _own(group, column, rule, law)
             for who, group in part.groupby("participant", sort=True)
@@ -351,27 +344,6 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Diffe
         Difference(measure="ln s_c", level=level, df=float(df), **vars(gap))
         for gap, df in paired(gaps, level)
     )
-
-
-def _bootstrap(
-    rows: pd.DataFrame,
-    column: str,
-    rule: AbxRule,
-    law: Law,
-    level: float,
-    samples: int,
-    rng: np.random.Generator | None,
-) -> tuple[float, float]:
-    """Return limits of the geometric mean of participants' own s_c, participants redrawn."""
-    if rng is None:
-        raise ValueError("a bootstrap needs rng")
-    own = np.array(
-        [_own(group, column, rule, law) for _, group in rows.groupby("participant", sort=True)]
-    )
-    drawn = own[rng.integers(0, own.size, (samples, own.size))].mean(axis=1)
-    tail = expanded_tail(level, own.size)
-    lower, upper = np.quantile(drawn, [tail, 1.0 - tail])
-    return float(np.exp(lower)), float(np.exp(upper))
 
 
 def _bounded(limits: tuple[float, float] | None) -> bool:
