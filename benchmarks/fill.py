@@ -26,6 +26,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.copying import Copy
+from benchmarks.dispatches import dispatches_of
 from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
@@ -120,7 +121,8 @@ class Bench:
         return [replace(t, median_ms=round(t.to_push_pull * push_pull_ms, 3)) for t in timings]
 
     def _time(self, method: str, repeats: int) -> Timing:
-        work, passes, held, done = self.work(method)
+        work, held, done = self.work(method)
+        passes = len(dispatches_of(work)) or None
         ratios, copies = [], []
         for turn in range(repeats + 1):
             mine = self._once(work)
@@ -145,22 +147,19 @@ class Bench:
     def _once(self, work: Callable[[], None]) -> float:
         return measure(self.ctx, work, repeats=1, warm_up=0).median_ms
 
-    def work(
-        self, method: str
-    ) -> tuple[Callable[[], None], int | None, int | None, Callable[[], None]]:
-        """What to time, its dispatches, the bytes it holds, and how to free it."""
+    def work(self, method: str) -> tuple[Callable[[], None], int | None, Callable[[], None]]:
+        """What to time, the bytes it holds, and how to free it."""
         if method in METAMERIC:
             metameric = MetamericPass(self.ctx, self.size, METAMERIC[method])
 
             def fill() -> None:
                 metameric(self.textures, z_near_m=Z_NEAR_M, seed=SEED)
 
-            return fill, metameric.dispatches, metameric.held_bytes, metameric.release
+            return fill, metameric.held_bytes, metameric.release
         if method == "shift-map":
             shift_map = ShiftMapPass(self.ctx, self.size, ShiftMapSettings())
             return (
                 lambda: shift_map(self.textures, z_near_m=Z_NEAR_M),
-                shift_map.dispatches,
                 shift_map.held_bytes,
                 shift_map.release,
             )
@@ -168,19 +167,17 @@ class Bench:
             guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.gamma)
             return (
                 lambda: guided(self.textures.colour, self.textures.depth_m, Z_NEAR_M),
-                guided.dispatches,
                 guided.held_bytes,
                 guided.release,
             )
         if method == "push-pull":
-            return self.run_push_pull, self.push_pull.dispatches, None, _nothing
+            return self.run_push_pull, None, _nothing
         if method == "copy":
-            return self.run_copy, 1, 0, _nothing
+            return self.run_copy, 0, _nothing
         if method == "weighted-pull-push":
             weighted = WeightedPullPushPass(self.ctx, self.size)
             return (
                 lambda: weighted(self.textures.colour, self.filled),
-                weighted.dispatches,
                 None,
                 weighted.release,
             )
@@ -188,7 +185,7 @@ class Bench:
             return self._warp()
         return self._on_cpu(method)
 
-    def _warp(self) -> tuple[Callable[[], None], int, int, Callable[[], None]]:
+    def _warp(self) -> tuple[Callable[[], None], int, Callable[[], None]]:
         source, flow_px = discs_over_ground(self.edge_px)
         textures = (
             texture_from(self.ctx, np.dstack([source.colour, source.depth_m]), "rgba32f"),
@@ -202,21 +199,16 @@ class Bench:
             for item in (*textures, warp, warped):
                 item.release()
 
-        return lambda: warp(*textures, warped), warp.dispatches, warp.held_bytes, release
+        return lambda: warp(*textures, warped), warp.held_bytes, release
 
-    def _on_cpu(self, method: str) -> tuple[Callable[[], None], None, None, Callable[[], None]]:
+    def _on_cpu(self, method: str) -> tuple[Callable[[], None], None, Callable[[], None]]:
         if method in ("telea", "navier-stokes"):
             flags = cv2.INPAINT_TELEA if method == "telea" else cv2.INPAINT_NS
             bytes_ = (self.frame.colour * 255).astype(np.uint8)
             mask = self.frame.hole.astype(np.uint8)
-            return lambda: _discard(cv2.inpaint(bytes_, mask, 3, flags)), None, None, _nothing
+            return lambda: _discard(cv2.inpaint(bytes_, mask, 3, flags)), None, _nothing
         filler = create_method(method, self.ctx)
-        return (
-            lambda: _discard(filler.fill(self.frame, SEED)),
-            None,
-            None,
-            filler.release,
-        )
+        return lambda: _discard(filler.fill(self.frame, SEED)), None, filler.release
 
     def release(self) -> None:
         for item in (self.textures, self.filled, self.push_pull):

@@ -23,10 +23,10 @@ from rich.console import Console
 from benchmarks import foveate_report as report
 from benchmarks import machine
 from benchmarks.copying import Copy
+from benchmarks.dispatches import dispatches_of, timed_dispatches
 from benchmarks.foveate_report import Line
 from benchmarks.odak_library import perception
 from benchmarks.output import PagePart, file_to_write, write_record
-from benchmarks.passes import timed_dispatches
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass
@@ -121,7 +121,7 @@ def time_gpu(
                 found_line,
                 analysis_ms=share * found_line.counted_ms,
                 synthesis_ms=(1 - share) * found_line.counted_ms,
-                passes=passes.dispatches,
+                passes=len(dispatches_of(works[name])),
                 held_bytes=passes.held_bytes,
                 analysis_bytes=sum(chain.held_bytes for chain in passes.chains),
             )

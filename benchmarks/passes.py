@@ -8,15 +8,13 @@ a fill takes, which also waits for the host.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import statistics
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import moderngl
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.dispatches import timed_dispatches
 from benchmarks.fill import MASKS, ON_GPU, Bench
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.timer import measure
@@ -31,31 +29,9 @@ class Pass:
     least_ms: float
 
 
-@contextlib.contextmanager
-def timed_dispatches(ctx: moderngl.Context) -> Iterator[list[tuple[str, float]]]:
-    """Time what is dispatched inside: shader and milliseconds, in order."""
-    found: list[tuple[str, float]] = []
-    originals = {name: getattr(moderngl.ComputeShader, name) for name in ("run", "run_indirect")}
-
-    def timed(original: Callable[..., None]) -> Callable[..., None]:
-        def dispatch(self: moderngl.ComputeShader, *args: object, **kwargs: object) -> None:
-            timing = measure(ctx, lambda: original(self, *args, **kwargs), repeats=1, warm_up=0)
-            found.append((str(self.extra), timing.median_ms))
-
-        return dispatch
-
-    for name, original in originals.items():
-        setattr(moderngl.ComputeShader, name, timed(original))
-    try:
-        yield found
-    finally:
-        for name, original in originals.items():
-            setattr(moderngl.ComputeShader, name, original)
-
-
 def time_passes(bench: Bench, method: str, repeats: int) -> tuple[list[Pass], float]:
     """Time a method's passes, in the order of their first dispatch, and whole calls (median)."""
-    work, _, _, release = bench.work(method)
+    work, _, release = bench.work(method)
     calls: list[list[tuple[str, float]]] = []
     whole_ms: list[float] = []
     for turn in range(repeats + 1):

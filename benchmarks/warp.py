@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from benchmarks.copying import Copy
+from benchmarks.dispatches import dispatches_of
 from pipeline.frame import SourceFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
@@ -65,7 +66,7 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
         copy_ms=copy_ms,
         hole_share=float(warped.read_back().hole.mean()),
         bytes_per_pixel=warp.held_bytes / edge_px**2,
-        dispatches=warp.dispatches,
+        dispatches=len(dispatches_of(lambda: warp(*sources, warped))),
     )
     for resource in (*sources, *copied, warp, warped, copy):
         resource.release()

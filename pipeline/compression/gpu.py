@@ -69,11 +69,6 @@ class DecompressPass(PicturePass):
             self._base = self._texture(self.size)
             self._prepare_noise()
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return 3 if self.levels else 1
-
     def load(self, compressed: Compressed, frame: int = 0) -> None:
         """Decode a frame's pictures and upload them.
 

@@ -82,11 +82,6 @@ class ChainPass(PicturePass):
         }
         self._pushes = [(r, pushes[key]) for r, key in pushed.items() if any(key)]
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches a pull and a push make."""
-        return len(self._pulls) + len(self._pushes)
-
     def pull(self, source: moderngl.Texture) -> None:
         """Make all resolutions of `source`."""
         for r, shader in enumerate(self._pulls):

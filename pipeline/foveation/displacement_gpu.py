@@ -73,10 +73,6 @@ class DisplacementPass(FoveationPass):
             self._match = self._part(_Match(ctx, self._eye, self._levels))
             self.chains = self._match.chains
 
-    @property
-    def dispatches(self) -> int:
-        return self._field.dispatches + 1 + (self._match.dispatches if self._match else 0)
-
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
         self._field.set_seed(check_seed(seed))
@@ -119,10 +115,6 @@ class _FlatField(PicturePass):
         self._chosen = [self._texture(size, "rg32f") for size in self._sizes[1:-1]]
         self._seed: int | None = None
 
-    @property
-    def dispatches(self) -> int:
-        return self._count
-
     def set_seed(self, seed: int) -> None:
         if seed == self._seed:
             return
@@ -146,8 +138,6 @@ class _FlatField(PicturePass):
 
 class _SphereField(PicturePass):
     """The field of a panorama, or of its pole: worked out where it is wanted, see sphere.py."""
-
-    dispatches = 1
 
     def __init__(
         self,
@@ -196,10 +186,6 @@ class _Match(PicturePass):
             )
             for is_level, deepest in dict.fromkeys(keys)
         }
-
-    @property
-    def dispatches(self) -> int:
-        return self._true.dispatches + self._own.dispatches + self._count
 
     @property
     def has_change(self) -> bool:

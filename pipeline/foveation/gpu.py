@@ -63,7 +63,7 @@ class FoveationPass(PicturePass):
     """A condition on the GPU, for pictures of one size.
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
-    noise). A call binds and dispatches `dispatches` times, and reads nothing back.
+    noise). A call binds and dispatches, and reads nothing back.
 
     Attributes
     ----------
@@ -80,11 +80,6 @@ class FoveationPass(PicturePass):
         self.geometry = geometry
         self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
         self.chains: list[ChainPass] = []  # what analyses pictures
-
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        raise NotImplementedError
 
     def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
         # Moments of resolution 2 are chosen where they are read, in gains.comp.glsl.
@@ -157,10 +152,6 @@ class BlurPass(FoveationPass):
         self._chain = self._analysis(0, chain_length(*self.size))
         self._finish = self._compile("finish", **finish_constants())
 
-    @property
-    def dispatches(self) -> int:
-        return self._chain.dispatches + 1
-
     def _show(
         self,
         source: moderngl.Texture,
@@ -211,10 +202,6 @@ class MetamerPass(FoveationPass):
         self._carried: Shader | None = None
         self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
         self._seeds: dict[bool, int] = {}
-
-    @property
-    def dispatches(self) -> int:
-        return self._chain.dispatches + 2
 
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         carried = call.noise_shift_px is not None

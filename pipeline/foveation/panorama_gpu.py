@@ -57,10 +57,6 @@ class PanoramaPass(FoveationPass):
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
 
-    @property
-    def dispatches(self) -> int:
-        return sum(made.dispatches for made in self._inner) + len(self._caps) + 1
-
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         shown, seed = self._shown, call.seed
         self._belt(source, shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)

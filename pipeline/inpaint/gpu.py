@@ -154,12 +154,6 @@ class ChainPass(Pass):
         """The texels of one resolution, from the finest to the top; see planes.glsl."""
         return self._texels[resolution]
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        relaxed = sum(r < self._relaxed for r in self._pushes)
-        return len(self._pulls) + 1 + len(self._pushes) + 2 * relaxed
-
     def __call__(self) -> None:
         """Complete all resolutions, given the finest of each chain."""
         for r in self._pulls:
@@ -236,7 +230,7 @@ class GuidedBasePass(Pass):
     """Fill the holes of one frame's colour from its background, in place.
 
     The method `push-pull-depth`, and what `metameric` adds its noise to. Known pixels keep
-    their bits. A call makes `dispatches` dispatches and allocates nothing.
+    their bits. A call allocates nothing.
 
     Parameters
     ----------
@@ -287,11 +281,6 @@ class GuidedBasePass(Pass):
         self._relax = self._shader("inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma))
         self._set(depth_threshold=depth_threshold)
         self._hold(**self.lists.shared)
-
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return self.lists.dispatches + 1 + self.chain.dispatches + 1 + 2
 
     def __call__(self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float) -> None:
         """Fill `image` (rgba32f; alpha 1 known, 0 hole; alpha stays).

@@ -122,8 +122,6 @@ class WorkLists(Pass):
         For the shaders that mark cells, and that read lists or append to them.
     """
 
-    dispatches = 2
-
     def __init__(
         self,
         ctx: moderngl.Context,

@@ -94,14 +94,6 @@ class PrintedPass(Pass):
         self._noise = self._texture((3 * NOISE_TILE, levels * NOISE_TILE), "rgba32f")
         self._seed: int | None = None
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        levels, steps = self.settings.levels, len(self._state) - 1
-        chains = sum(2 * max(0, steps - level) for level in range(levels + 1))
-        # Split and pull; per level halve, moments, synthesise, shade; residual's moments; compose.
-        return 1 + self._last + 4 * levels + 1 + chains + 1
-
     def __call__(
         self,
         frame: FrameTextures,

@@ -44,11 +44,6 @@ class PyramidPass(Pass):
         sizes = coarser_sizes(size) or [(1, 1)]
         self._coarser = [self._texture(level, "rgba32f") for level in sizes]
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return 2 * len(self._coarser)
-
     def __call__(self, image: moderngl.Texture, filled: moderngl.Texture) -> None:
         """Fill `image` (rgb, weight; rgba32f) into `filled` (the same texture will do).
 

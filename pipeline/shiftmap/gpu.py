@@ -47,7 +47,7 @@ _CONSTANTS: dict[str, tuple[str, ...]] = {  # of settings.py, by pass
 class ShiftMapPass(Pass):
     """Fill the holes of one frame's colour, in place. Known pixels keep their bits.
 
-    A call makes `dispatches` dispatches and allocates nothing.
+    A call allocates nothing.
 
     Parameters
     ----------
@@ -102,11 +102,6 @@ class ShiftMapPass(Pass):
             gain=settings.gain,
         )
         self._hold(**self.lists.shared, **self.textures, tiles=self.tiles)
-
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return self.base.dispatches + 7 + len(fixed.STEPS_PX)
 
     def __call__(
         self,

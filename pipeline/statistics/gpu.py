@@ -108,11 +108,6 @@ class VariancePass(Pass):
         self._set(depth_threshold=depth_threshold)
         self._hold(**base.lists.shared)
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return self._levels + self.chain.dispatches + self._levels
-
     def __call__(
         self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture, z_near_m: float
     ) -> None:

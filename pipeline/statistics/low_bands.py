@@ -49,11 +49,6 @@ class LowBandPass(Pass):
         if skip_depth_edges and levels > 1:
             self._first = self._part(_FirstHalving(ctx, base, depth_threshold))
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return len(self._coarser) + (_FirstHalving.dispatches - 1 if self._first else 0)
-
     def __call__(
         self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
     ) -> list[moderngl.Texture]:
@@ -74,8 +69,6 @@ class _FirstHalving(Pass):
     Elsewhere no low band can mix two depths, so there is no need to ask: depth costs as much time
     as colour.
     """
-
-    dispatches = 3
 
     def __init__(self, ctx: moderngl.Context, base: GuidedBasePass, depth_threshold: float) -> None:
         super().__init__(ctx)

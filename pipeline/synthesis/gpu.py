@@ -33,7 +33,7 @@ class MetamericPass(Pass):
     """Fill the holes of frames of one size with metamers of their background.
 
     Compiles and allocates once, on construction and when the seed changes. A call binds
-    and dispatches `dispatches` times, reads nothing back, and writes hole pixels only.
+    and dispatches, reads nothing back, and writes hole pixels only.
 
     Parameters
     ----------
@@ -109,17 +109,6 @@ class MetamericPass(Pass):
         self._composite["noise_scale"] = settings.noise
         self._composite["level_size"] = self.variances.places
         self._seed: int | None = None
-
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return (
-            self.base.dispatches
-            + self.low_bands.dispatches
-            + self.variances.dispatches
-            + (1 if self._seek else 0)
-            + 1  # composite
-        )
 
     @property
     def origin_px(self) -> moderngl.Texture:

@@ -111,11 +111,6 @@ class WarpPass(Pass):
             parts=self._buffer(4 * math.prod(self._mesh)),
         )
 
-    @property
-    def dispatches(self) -> int:
-        """How many dispatches one call makes."""
-        return (9 if self.settings.variant == "full" else 7) + len(self._rim)
-
     def __call__(
         self,
         colour: moderngl.Texture,

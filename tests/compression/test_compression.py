@@ -5,6 +5,7 @@ import pytest
 from skimage import data
 
 from benchmarks.compress import Result, markdown
+from benchmarks.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import file_format, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, unpack
@@ -49,7 +50,7 @@ def test_the_gpu_makes_the_same_picture(gl_context, size, gaze_px):
     made = compress([photograph(size)], gaze_px, SMALL)
     work = DecompressPass(gl_context, made)
     found = work.apply(made, seed=3)
-    assert work.dispatches == (3 if made.levels else 1)
+    assert len(dispatches_of(lambda: work.apply(made, seed=3))) == (3 if made.levels else 1)
     work.release()
     np.testing.assert_allclose(found, decompress(made, seed=3), atol=TOLERANCE)
 

@@ -1,6 +1,5 @@
 """Guided pull and push on the GPU against its definition, and the lists it works through."""
 
-import moderngl
 import numpy as np
 import pytest
 
@@ -299,23 +298,6 @@ def test_a_pass_forgets_the_frame_before(fill, gl_context, rng):
     depth_m.release()
 
     assert second.tobytes() == fill(scenes[1]).image.tobytes()
-
-
-@pytest.mark.parametrize("size", [(1, 1), (40, 40), (300, 200)])
-def test_dispatches_are_counted_right(fill, rng, monkeypatch, size):
-    made = []
-    for name in ("run", "run_indirect"):
-        plain = getattr(moderngl.ComputeShader, name)
-
-        def counted(self, *args, plain=plain, **kwargs):
-            made.append(self)
-            return plain(self, *args, **kwargs)
-
-        monkeypatch.setattr(moderngl.ComputeShader, name, counted)
-
-    base = fill(random_scene(rng, size)).base
-
-    assert len(made) == base.dispatches
 
 
 @pytest.mark.parametrize("argument", ["image", "depth_m"])

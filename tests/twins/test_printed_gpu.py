@@ -87,23 +87,13 @@ def test_another_seed_gives_other_noise_and_the_first_comes_back(gl_context, rng
 
 
 @pytest.mark.parametrize("size", [(1, 1), (40, 24), (200, 100)])
-def test_dispatches_are_counted_right(gl_context, monkeypatch, rng, size):
-    made = []
+def test_a_pass_says_what_it_holds(gl_context, size):
     filler = PrintedPass(gl_context, size, PrintedSettings())
     textures = FrameTextures.create(gl_context, size)
-    before = moderngl.ComputeShader.run
-
-    def counted(shader, *groups):
-        made.append(groups)
-        before(shader, *groups)
-
-    monkeypatch.setattr(moderngl.ComputeShader, "run", counted)
     filler(textures, z_near_m=1.0, seed=0)
-    assert len(made) == filler.dispatches
     assert filler.held_bytes > 100 * size[0] * size[1]
     for resource in (textures, filler):
         resource.release()
-    assert rng is not None
 
 
 def test_textures_of_another_size_or_format_are_refused(gl_context):

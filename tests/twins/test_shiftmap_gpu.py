@@ -205,21 +205,6 @@ def test_nothing_left_in_memory_is_ever_read(run):
         assert run().tobytes() == run.filled.tobytes()
 
 
-def test_dispatches_are_counted_right(run, monkeypatch):
-    made = []
-    for name in ("run", "run_indirect"):
-        plain = getattr(moderngl.ComputeShader, name)
-
-        def counted(self, *args, plain=plain, **kwargs):
-            made.append(self)
-            return plain(self, *args, **kwargs)
-
-        monkeypatch.setattr(moderngl.ComputeShader, name, counted)
-    run()
-
-    assert len(made) == run.fill_pass.dispatches
-
-
 @pytest.mark.parametrize("size", [(1, 2), (2, 1), (5, 3), (40, 1)])
 def test_the_smallest_frames_are_filled(gl_context, size):
     hole = np.zeros(size, bool)
