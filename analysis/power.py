@@ -25,6 +25,20 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
     return int(participants[above[0]]) if above.size else None
 
 
+def errs_too_often(
+    participants: Sequence[int], false_positives: Floats, alpha: float, studies: int
+) -> list[str]:
+    """Say if the test errs more than twice as often as alpha allows, beyond chance of `studies`."""
+    worst, doubled = int(np.argmax(false_positives)), 2 * alpha
+    if false_positives[worst] <= doubled + 3 * np.sqrt(doubled * (1 - doubled) / studies):
+        return []
+    return [
+        "do not plan by these numbers: in this design the test errs too often. With nothing to"
+        f" find, {false_positives[worst]:.2f} of studies of {participants[worst]} participants are"
+        f" significant all the same, at alpha {alpha:g}. Add scenes"
+    ]
+
+
 def mean_logit(rate: float, spread: float) -> float:
     """Return the logit whose mean response over normal effects of sd `spread` is `rate`."""
     if spread == 0:

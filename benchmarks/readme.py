@@ -115,7 +115,7 @@ def _false_positives(data: _Results) -> str:
 
 
 ROWS: tuple[tuple[str, str, Callable[[_Results], str]], ...] = (
-    (f"fill {EDGE_PX}², 5 % thin holes: push-pull / guided by depth / metameric", "fill", _ours),
+    (f"fill {EDGE_PX}², 5 % thin holes: push-pull / push-pull-depth / metameric", "fill", _ours),
     ("the same: OpenCV's Telea / OpenImageIO's push-pull, on the CPU", "fill", _others),
     ("clips of `metameric`, built and hashed", "stimuli", _clips),
     ("a simulated session, 72 decisions, gaze at 250 Hz", "session", _session),

@@ -132,12 +132,7 @@ def new_study(
             --methods metameric,push-pull,reference
     """
     with user_errors():
-        named = name or slug(folder.absolute().name)
-        if not re.fullmatch(NAME_PATTERN, named) or len(named) > NAME_LENGTH:
-            raise StudyError(
-                "--name: must be lower-case letters and digits, joined by single dashes, at most"
-                f" {NAME_LENGTH} (got {named!r}); give one with --name"
-            )
+        named = study_name(name or slug(folder.absolute().name), "--name", "give one with --name")
         shown = (title or named.replace("-", " ").replace("_", " ").capitalize()).strip()
         if re.search(r'["\\\x00-\x1f]', shown):
             raise StudyError(
@@ -259,6 +254,16 @@ def _own(
 
 def _say_of(report: Callable[[int, int, str], None], what: str, done: int, total: int) -> None:
     report(done, total, what)
+
+
+def study_name(name: str, where: str, cure: str) -> str:
+    """Return a study's name; `StudyError` says where another must be given."""
+    if not re.fullmatch(NAME_PATTERN, name) or len(name) > NAME_LENGTH:
+        raise StudyError(
+            f"{where}: must be lower-case letters and digits, joined by single dashes, at most"
+            f" {NAME_LENGTH} (got {name!r}); {cure}"
+        )
+    return name
 
 
 def slug(text: str) -> str:

@@ -41,6 +41,7 @@ from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.cli.errors import user_errors
+from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.terminal import PlainConsole, say
@@ -58,6 +59,8 @@ app = typer.Typer(
         metamerlab protocol check demo
 
         metamerlab protocol show inpainting-2afc
+
+        metamerlab protocol copy beyond-blur-preference my-study.toml
 
         metamerlab protocol preview my-study.toml --out preview.html
 
@@ -141,6 +144,41 @@ def show(
         console.print(_feasibility_table(study, screen))
         if slot is not None:
             console.print(_trial_table(plan))
+
+
+@app.command()
+def copy(
+    name: Annotated[str, typer.Argument(help="A study that comes with metamerlab.")],
+    out: Annotated[Path, typer.Argument(help="A new .toml file.", metavar="FILE")],
+) -> None:
+    """Copy a study that comes with metamerlab, to change it into one of your own.
+
+    The copy is named like its file. All comments stay.
+
+    Example: metamerlab protocol copy beyond-blur-preference my-study.toml
+    """
+    with user_errors():
+        studies = shipped("studies")
+        if name not in studies:
+            raise StudyError(f"NAME: must be one of {', '.join(studies)} (got {name!r})")
+        own = study_name(slug(out.stem), "FILE", "choose another name for the file")
+        text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
+        text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
+        _write_new(out, text.replace(f'name = "{name}"', f'name = "{own}"', 1))
+        say(f"{out}: {name}, as the study {own!r}. Change it, then:")
+        say(f"  metamerlab protocol check {shlex.quote(str(out))}")
+
+
+def _write_new(out: Path, text: str) -> None:
+    if out.suffix != ".toml":
+        raise StudyError(f"{out}: the new file must end in .toml")
+    try:
+        with out.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise StudyError(f"{out}: is never written over; choose a new name") from None
+    except OSError as error:
+        raise StudyError(f"{out}: must be writable ({error.strerror})") from None
 
 
 app.command()(preview)
@@ -240,21 +278,13 @@ def upgrade(
     from protocols.upgrade import upgraded_text
 
     with user_errors():
-        if out.suffix != ".toml":
-            raise StudyError(f"--out: must end in .toml (got {out})")
         text = upgraded_text(protocol)
         if out.absolute().parent.resolve() != protocol.absolute().parent.resolve():
             raise StudyError(
                 f"--out: must lie in the folder of {protocol}, from where its display and its files"
                 f" are found (got {out}); move it with them afterwards"
             )
-        try:
-            with out.open("x", encoding="utf-8") as file:
-                file.write(text)
-        except FileExistsError:
-            raise StudyError(f"{out}: is never written over; choose a new name") from None
-        except OSError as error:
-            raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+        _write_new(out, text)
         before, after = load_protocol(protocol), load_protocol(out)
         say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")

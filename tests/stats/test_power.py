@@ -174,6 +174,23 @@ def test_few_scenes_are_flagged(demo_protocol, rng):
     assert "2 scenes only" in curve.warnings[0]
 
 
+def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rng):
+    def notes(scenes: int) -> list[str]:
+        entry = replace(settings.comparisons[0], scenes=tuple("abcdef"[:scenes]))
+        curve = power_curve(
+            replace(settings, comparisons=(entry,)),
+            Assumptions(0.7),
+            rng=rng,
+            participants=[8, 30],
+            studies=400,
+        )
+        return [note for note in curve.warnings if "errs too often" in note]
+
+    (note,) = notes(1)
+    assert "of studies of 30 participants are significant all the same, at alpha 0.05" in note
+    assert notes(6) == []
+
+
 def test_impossible_assumptions_are_refused(settings, make_decisions, rng):
     with pytest.raises(ValueError, match="between 0 and 1"):
         power_curve(settings, Assumptions(1.0), rng=rng)

@@ -282,7 +282,7 @@ def test_upgrade_says_the_same_in_format_2_and_never_writes_over(tmp_path, forma
     ("words", "message"),
     [
         (("new.toml", "--out", "newer.toml"), "format: must be 1 to be upgraded (got 2)"),
-        (("old.toml", "--out", "new.txt"), "--out: must end in .toml"),
+        (("old.toml", "--out", "new.txt"), "new.txt: the new file must end in .toml"),
         (("old.toml", "--out", "sub/x.toml"), "--out: must lie in the folder of old.toml"),
         (("none.toml", "--out", "x.toml"), "must exist"),
         (("old.toml", "--out", "old.toml"), "is never written over"),

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from analysis.clustered import ClusteredShare, combine, holm
-from analysis.power import default_participants, first_reaching, mean_logit
+from analysis.power import default_participants, errs_too_often, first_reaching, mean_logit
 from analysis.tasks.preference.settings import Comparison, Settings
+from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 
@@ -162,8 +163,10 @@ def power_curve(
     notes = []
     if scenes < 5 and assumptions.scene_sd > 0:
         notes.append(
-            f"{scenes} scenes only: more participants cannot make up for scenes that differ"
+            f"{count_of(scenes, 'scene')} only:"
+            " more participants cannot make up for scenes that differ"
         )
+    notes += errs_too_often(sizes, power[4], settings.alpha, studies)
     if settings.test == "pooled":
         notes.append("simulated with the participant-scene test, not the protocol's pooled one")
     planned = settings.planned_participants

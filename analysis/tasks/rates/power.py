@@ -9,7 +9,7 @@ from scipy import stats
 
 from analysis.clustered import holm
 from analysis.plots import power_plot, sized
-from analysis.power import default_participants, first_reaching
+from analysis.power import default_participants, errs_too_often, first_reaching
 from analysis.psychometric import sigmoid
 from analysis.rates import Influence, contrasts, share_influence, share_limits
 from analysis.tasks.base import Assumption, Counted, PowerReport
@@ -291,6 +291,7 @@ def rate_power(
         if progress:
             progress(number + 1, count)
     each, every, wrong = sums / count
+    notes += errs_too_often(sizes, wrong, settings.alpha, count)
     curves = (
         {"a comparison": each, "every comparison": every}
         if comparisons > 1
