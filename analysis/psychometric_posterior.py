@@ -13,6 +13,7 @@ from scipy.special import betaln, expit, log_expit, logit, ndtr, ndtri
 
 from analysis.clustered import holm
 from analysis.contrasts import pairs_of
+from analysis.response import axis_of
 from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
 
 Floats = NDArray[np.float64]
@@ -102,7 +103,7 @@ class PsychometricPosterior:
     def __call__(self, x: Floats) -> Floats:
         """Return the curve of the median parameters at `x`."""
         place, width = self._placed()
-        rise = _rise(_axis(x, self.logarithmic), place, width, self.shape, self.falling)
+        rise = _rise(axis_of(x, self.logarithmic), place, width, self.shape, self.falling)
         return np.asarray(
             self.guess.value + (1.0 - self.guess.value - self.lapse.value) * rise,
             dtype=np.float64,
@@ -200,7 +201,7 @@ def psychometric_posterior(
         raise ValueError("the Weibull function needs logarithmic=True")
     if logarithmic and np.any(shown <= 0):
         raise ValueError("x must be positive to have a logarithm")
-    axis = _axis(shown, logarithmic)
+    axis = axis_of(shown, logarithmic)
     gap, span = float(np.diff(np.unique(axis)).min()), float(np.ptp(axis))
     low, high = float(axis.min()), float(axis.max())
     bounds = {
@@ -308,12 +309,6 @@ def compare_thresholds(
             rows, adjusted, strict=True
         )
     )
-
-
-def _axis(x: Floats | float, logarithmic: bool) -> Floats:
-    x = np.asarray(x, dtype=np.float64)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(x)) if logarithmic else x
 
 
 def _rise(

@@ -16,6 +16,13 @@ RATE_PRIOR = (2.0, 50.0)
 LOG_2 = np.log(2.0)
 
 
+def axis_of(level: Floats | float, logarithmic: bool) -> Floats:
+    """Return levels, or their logarithms, as curves run along them."""
+    level = np.asarray(level, dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(level)) if logarithmic else level
+
+
 @dataclass(frozen=True)
 class Response:
     """``p = guess + (1 - guess - lapse) F(eta)``, with F(0) = 1/2.

@@ -13,7 +13,7 @@ from analysis.contrasts import pairs_of, wald
 from analysis.glmm import CrossedFit, fit_crossed
 from analysis.psychometric import LINKS, SKEWED
 from analysis.rates import Difference
-from analysis.response import Response
+from analysis.response import Response, axis_of
 from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
 from protocols.prose import count_of
 
@@ -100,7 +100,7 @@ class ThresholdModel:
     def _curve(self, one: Threshold, values: Floats, x: Floats) -> Floats:
         mirrored = self.falling and self.shape in SKEWED
         response = Response(LINKS[self.shape], self.guess, self.lapse, mirrored)
-        gap = _axis(x, self.logarithmic) - _axis(values, self.logarithmic)[:, None]
+        gap = axis_of(x, self.logarithmic) - axis_of(values, self.logarithmic)[:, None]
         width = np.sign(one.width) * np.log(abs(one.width)) if self.logarithmic else one.width
         return response.share(gap * _span(response) / width, (self.guess, self.lapse))
 
@@ -173,7 +173,7 @@ def fit_thresholds(
             "trials must hold two participants and two levels at least"
             f" (found {len(places.participants)} and {np.unique(raw).size})"
         )
-    x = _axis(raw, logarithmic)
+    x = axis_of(raw, logarithmic)
     centre, spread = float(x.mean()), float(x.std())
     parts, condition = numbered(rows, by)
     names = [name for name, _ in parts]
@@ -256,12 +256,6 @@ def fit_thresholds(
         participants=len(places.participants),
         warnings=tuple(notes),
     )
-
-
-def _axis(x: Floats, logarithmic: bool) -> Floats:
-    x = np.asarray(x, dtype=np.float64)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(x)) if logarithmic else x
 
 
 def _span(response: Response) -> float:

@@ -17,7 +17,8 @@ from pipeline.methods.registry import METHODS
 from pipeline.quality import Quality, interior
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
-from stimuli.one_frame import Choice, warp_and_fill
+from stimuli.choice import Choice
+from stimuli.one_frame import warp_and_fill
 from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pair
 
 # Pairs of the Middlebury benchmark, where a folder of them is given: no licence lets us ship them.

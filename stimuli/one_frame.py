@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import moderngl
 import numpy as np
@@ -17,21 +16,8 @@ from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
 from stimuli import pictures
+from stimuli.choice import Choice
 from stimuli.exr import WarpInput
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A fill method and its parameters; the rest keep their defaults."""
-
-    name: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Name and parameters, as on a sheet."""
-        given = ", ".join(f"{key} {value}" for key, value in self.parameters.items())
-        return f"{self.name} ({given})" if given else self.name
 
 
 @dataclass(frozen=True)

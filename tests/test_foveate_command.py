@@ -8,9 +8,10 @@ from typer.testing import CliRunner
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
+from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.look_through import Choice, _named, usual_choices
+from stimuli.foveated.look_through import _named, usual_choices
 from stimuli.foveated.looking import look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
 from stimuli.foveated.rings import draw_pools, ring_eccentricities

@@ -14,10 +14,11 @@ from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import carried
 from protocols.prose import count_of
+from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.look_through import Choice, check_choices
+from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 
 FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")

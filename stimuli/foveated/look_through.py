@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -22,6 +21,7 @@ from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.look import Look, check_picture
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
+from stimuli.choice import Choice
 from stimuli.foveated.rings import draw_gaze, draw_pools
 from stimuli.pictures import Picture
 
@@ -29,25 +29,6 @@ SLOW = ("energy-metamer",)
 """Conditions that take minutes: on sheets only where they are asked for by name."""
 TILE_PX = 1024
 """Larger pictures are shrunk on a sheet."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A condition and its parameters; the rest keep their defaults."""
-
-    name: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Name and parameters, as on a sheet."""
-        given = ", ".join(f"{key} {value}" for key, value in self.parameters.items())
-        return f"{self.name} ({given})" if given else self.name
-
-    @property
-    def file_name(self) -> str:
-        """The label without what file names should not have."""
-        return "".join(c if c.isalnum() or c in "-.," else "_" for c in self.label).strip("_")
 
 
 @dataclass(frozen=True, eq=False)

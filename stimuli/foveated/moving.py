@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Equirectangular, Flat, Geometry, Viewing
 from stimuli import pictures
-from stimuli.foveated.look_through import Choice
+from stimuli.choice import Choice
 from stimuli.foveated.rings import draw_gaze
 from stimuli.pictures import Picture
 from stimuli.whole_file import write_whole

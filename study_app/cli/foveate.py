@@ -33,7 +33,7 @@ from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
-    from stimuli.foveated.look_through import Choice
+    from stimuli.choice import Choice
     from stimuli.foveated.to_files import Outputs
 
 DEFAULT_METHOD = "metamer"
@@ -282,7 +282,8 @@ def _check(outputs: Outputs, flow: Path | None) -> None:
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
     from pipeline.foveation.conditions import check_condition_name
-    from stimuli.foveated.look_through import Choice, usual_choices
+    from stimuli.choice import Choice
+    from stimuli.foveated.look_through import usual_choices
 
     every = [choice.name for choice in usual_choices()]
     chosen = choose_methods(

@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
     from pipeline.warp.settings import WarpSettings
+    from stimuli.choice import Choice
     from stimuli.exr import WarpInput
-    from stimuli.one_frame import Choice, Filled
+    from stimuli.one_frame import Filled
     from stimuli.upsampled import Eye
     from study_app.cli.warp_source import Loaded
 
@@ -311,7 +312,7 @@ def _run(
 
 def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
     from pipeline.methods.registry import METHODS, check_method_name
-    from stimuli.one_frame import Choice
+    from stimuli.choice import Choice
 
     every = [entry.name for entry in METHODS if not entry.takes_path]
     chosen = choose_methods(

@@ -6,7 +6,7 @@ from benchmarks.quality import PART, means, measure, table
 from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
-from stimuli.one_frame import Choice
+from stimuli.choice import Choice
 from stimuli.scenes.stereo import StereoPair
 
 

@@ -232,18 +232,13 @@ def _designs(
     scenes = sorted({*SCENES_SHOWN, *(len(entry.scenes) for entry in primary)})
     repeats = sorted({*REPEATS_SHOWN, *(entry.repeats for entry in primary)})
     studies = min(studies, DESIGN_STUDIES)
-    picks = np.array([people - 1])
     found = []
     for count, times in product(scenes, repeats):
         names = tuple(f"scene {number}" for number in range(count))
         other = tuple(replace(entry, scenes=names, repeats=times) for entry in primary)
         changed = replace(settings, comparisons=other)
-        hits = 0
-        for done in range(0, studies, CHUNK):
-            batch = min(CHUNK, studies - done)
-            _, p, _ = _batch(changed, assumptions, batch, picks, rng, primary_only=True)
-            hits += int((p < settings.alpha).sum())
-        found.append(DesignPower(count, times, hits / studies))
+        p = primary_p_values(changed, assumptions, [people], studies=studies, rng=rng)
+        found.append(DesignPower(count, times, float((p < settings.alpha).mean())))
     return tuple(found)
 
 

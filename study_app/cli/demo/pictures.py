@@ -48,8 +48,9 @@ def fill_photographs(out: Path, seed: int) -> Photographs:
     """
     from pipeline.gl.context import describe, lent_context
     from stimuli import pictures
+    from stimuli.choice import Choice
     from stimuli.exr import save_colour
-    from stimuli.one_frame import Choice, comparison, warp_and_fill
+    from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.scenes.stereo import PAIR_WARP, built_in_pair
 
     out.mkdir(parents=True, exist_ok=True)

@@ -24,8 +24,8 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.base import trial_phases
 from protocols.tasks.two_alternative import TwoAlternative
 from protocols.units import Scalar
+from stimuli.choice import Choice
 from stimuli.executors import cores, local_processes
-from stimuli.foveated.look_through import Choice
 from stimuli.foveated.moving import FRAMES, wander
 from stimuli.pictures import save_picture, sheet
 from stimuli.recipes.foveated_work import Bench, Order
