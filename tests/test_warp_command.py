@@ -280,7 +280,8 @@ def test_list_names_every_method_without_a_source():
         (["-m", "tela"], "did you mean 'telea'"),
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
-        (["-m", "telea", "--amount", "0.5"], "belong to stereo pairs"),
+        (["-m", "telea", "--amount", "0.5"], "options of stereo pairs"),
+        (["-m", "telea", "--focal-px", "900"], "options of stereo pairs"),
         (["-m", "telea", "--disparity", "d.png", "--clip"], "belong to files of colour"),
         (["-m", "telea", "--rim-px", "5"], "rim_px must be a whole number from 0 to 4 (got 5)"),
         (["-m", "telea", "--rim-px", "-1"], "rim_px must be a whole number from 0 to 4 (got -1)"),
@@ -289,6 +290,36 @@ def test_list_names_every_method_without_a_source():
 def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, said):
     assert said in refusal(exr, tmp_path / "out.png", *arguments)
     assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["{stereo}/left.png"], "OUT: {stereo}/left.png is read by this command"),
+        (["o.png", "--compare", "{stereo}/left.png"], "--compare: {stereo}/left.png is read"),
+        (["o.png", "--compare", "{stereo}/right.png"], "--compare: {stereo}/right.png is read"),
+        (["o.png", "--steps", "{stereo}"], "{stereo}: holds what this command reads"),
+    ],
+)
+def test_what_is_read_is_never_written_over(stereo, tmp_path, monkeypatch, options, said):
+    monkeypatch.chdir(tmp_path)
+    before = {path.name: path.read_bytes() for path in stereo.iterdir()}
+    given = [option.format(stereo=stereo) for option in options]
+    pair = ("--disparity", stereo / "disparity.png", "--right", stereo / "right.png")
+
+    assert said.format(stereo=stereo) in refusal(
+        stereo / "left.png", *given, *pair, "--units-per-px", 4
+    )
+    assert {path.name: path.read_bytes() for path in stereo.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "options", [["--focal-px", "nan"], ["--baseline-m", "-5"], ["--offset-px", "3"]]
+)
+def test_a_built_in_pair_takes_no_cameras_of_ones_own(tmp_path, options):
+    said = refusal("motorcycle", tmp_path / "out.png", "-m", "telea", *options)
+
+    assert "motorcycle: brings its own disparity" in said
 
 
 @pytest.mark.parametrize(

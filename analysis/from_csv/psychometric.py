@@ -333,4 +333,4 @@ def _curve(result: PsychometricFound, condition: str) -> Curve | None:
     if model is not None:
         return lambda x: model.average(condition, x)
     own = [one.fit for one in result.people if one.condition == condition]
-    return own[0] if len(own) == 1 else None
+    return (lambda x: own[0](x)) if len(own) == 1 else None

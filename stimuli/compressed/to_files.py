@@ -24,6 +24,7 @@ from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.frames_folder import make_frames_folder
 from stimuli.video import check_video, folder_of_frames, write_video
 from stimuli.whole_file import write_whole
 
@@ -143,6 +144,8 @@ def decompress_file(
         check_video(video, *held.grid.size)
     if count == 1 and out.suffix.lower() not in (".png", ".exr"):
         raise InputError(f"{out}: must end in .png or .exr")
+    if count > 1:
+        make_frames_folder(out)
     shower = DecompressPass(ctx, held) if ctx is not None else None
     try:
         for index, name in enumerate(names):

@@ -20,6 +20,7 @@ from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.frames_folder import make_frames_folder
 
 FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")
 
@@ -83,7 +84,7 @@ def foveate_clip(
     for note in (*first.notes, *looking.notes):
         tell(f"note: {note}")
     tell("noise is carried along the flow" if flow else "noise lies on the screen")
-    out.mkdir(parents=True, exist_ok=True)
+    make_frames_folder(out)
     written = []
     foveator = Foveator(
         size, viewing=looking.viewing, method=chosen.name, ctx=ctx, **chosen.parameters
@@ -121,8 +122,6 @@ def _files(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> lis
         raise InputError(f"{frames}: must hold each frame once, whatever its ending")
     if out.exists() and out.samefile(frames):
         raise InputError(f"{out}: holds the frames themselves; write to another folder")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
     if flow is None:
         return [None] * len(paths)
     motions = [flow / f"{path.stem}.flo" for path in paths[1:]]

@@ -125,7 +125,6 @@ def foveate_file(
     tell = say or (lambda _: None)
     if not choices:
         raise InputError("choices must hold at least one condition (got none)")
-    _check_source_stays(picture, asked)
     check_choices(choices)
     check_seed(seed)
     opened = read_any(picture, reading or Reading())
@@ -143,13 +142,6 @@ def foveate_file(
     for note in (*opened.notes, *looking.notes):
         tell(f"note: {note}")
     return _write(work, asked)
-
-
-def _check_source_stays(picture: Path, outputs: Outputs) -> None:
-    """Refuse to write over the picture itself."""
-    for path in (outputs.out, outputs.compare, outputs.animate, outputs.flip):
-        if path is not None and path.exists() and picture.exists() and path.samefile(picture):
-            raise InputError(f"{path}: is the picture itself; write to another file")
 
 
 def _check_scorable(work: _Work) -> None:

@@ -17,6 +17,7 @@ from study_app.cli.one_picture import (
     SeedOption,
     check_file,
     check_folder,
+    check_outputs,
     look_option,
     renderer,
 )
@@ -99,11 +100,9 @@ def compress(
     with user_errors():
         if size_kb is not None and quality is not None:
             raise InputError("give --size-kb or --quality, not both: a size sets the quality")
-        check_file(out, (ENDING,))
-        if compare is not None:
-            check_file(compare, (".png",))
-        if steps is not None:
-            check_folder(steps)
+        check_outputs(
+            {"--out": (out, (ENDING,)), "--compare": (compare, (".png",))}, [steps], [picture]
+        )
         settings = Settings(
             codec,
             angles,

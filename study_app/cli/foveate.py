@@ -207,7 +207,7 @@ def foveate(
         else:
             if video is not None:
                 raise StudyError("--video is for a folder of frames or a video (PICTURE is none)")
-            _check(outputs, flow)
+            _check(picture, outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             common: dict[str, Any] = {
@@ -249,7 +249,7 @@ def _check_clip(out: Path | None, outputs: Outputs, video: Path | None) -> None:
     from stimuli.video import CODECS
 
     if video is not None:
-        check_outputs({"--video": (video, tuple(CODECS))}, [])
+        check_outputs({"--video": (video, tuple(CODECS))}, [], [])
     looks = ("compare", "steps", "score", "animate", "flip")
     given = [f"--{name}" for name in looks if getattr(outputs, name) is not None]
     if given:
@@ -258,7 +258,7 @@ def _check_clip(out: Path | None, outputs: Outputs, video: Path | None) -> None:
         raise StudyError(f"OUT must be a folder, as PICTURE is a folder of frames (got {out})")
 
 
-def _check(outputs: Outputs, flow: Path | None) -> None:
+def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
     from stimuli.foveated.moving import ENDINGS
 
@@ -273,6 +273,7 @@ def _check(outputs: Outputs, flow: Path | None) -> None:
             "--flip": (outputs.flip, ENDINGS),
         },
         [outputs.steps, outputs.score],
+        [picture],
     )
     if outputs.score is not None:
         from stimuli.score.write import check_out

@@ -139,7 +139,9 @@ def choose_methods(
 
 
 def check_outputs(
-    files: Mapping[str, tuple[Path | None, Sequence[str]]], folders: Iterable[Path | None]
+    files: Mapping[str, tuple[Path | None, Sequence[str]]],
+    folders: Iterable[Path | None],
+    inputs: Iterable[Path | None],
 ) -> None:
     """Refuse before the work what could not be written after it.
 
@@ -147,18 +149,26 @@ def check_outputs(
     ----------
     files : mapping
         By argument or option, the file (None: not asked for) and the endings it may have.
+    inputs : iterable of Path or None
+        What is read, and must stay as it is.
 
     Raises
     ------
     StudyError
-        If one cannot be written, or two are the same file.
+        If one cannot be written, two are the same file, or one would replace what is read.
     """
+    read = [path for path in inputs if path is not None and path.exists()]
     asked = {name: path for name, (path, _) in files.items() if path is not None}
     for name, path in asked.items():
         check_file(path, files[name][1])
+        if path.exists() and any(path.samefile(one) for one in read):
+            raise StudyError(f"{name}: {path} is read by this command; write to another file")
     for folder in folders:
-        if folder is not None:
-            check_folder(folder)
+        if folder is None:
+            continue
+        check_folder(folder)
+        if folder.exists() and any(folder.samefile(one.absolute().parent) for one in read):
+            raise StudyError(f"{folder}: holds what this command reads; write to another folder")
     if len({path.absolute() for path in asked.values()}) < len(asked):
         *first, last = files
         raise StudyError(f"{', '.join(first)} and {last} must be different files")

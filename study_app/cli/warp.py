@@ -248,7 +248,11 @@ def warp(
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
         first = one_of("--nearer", nearer, NEARER)
         choices = _choices(methods, settings, compare is not None)
-        check_outputs({"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))}, [steps])
+        check_outputs(
+            {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
+            [steps],
+            [Path(source), disparity, right, flow, depth, truth],
+        )
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),

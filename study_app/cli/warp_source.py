@@ -108,10 +108,10 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
             raise StudyError(_FILE_ONLY)
         return Loaded(_load_picture(path, picture), PAIR_WARP, None)
     if path.suffix.lower() == ".exr" and pair.disparity is None:
-        if pair.amount != 1.0 or pair.right is not None or pair.to_left:
+        if pair != PairOptions():
             raise StudyError(
-                "--amount, --right and --to-left belong to stereo pairs: a file has its flow"
-                " (its truth is named by --truth)"
+                "options of stereo pairs (--right, --to-left, --amount, --focal-px ...) do not go"
+                " with a file that has its flow (its truth is named by --truth)"
             )
         transfer = Transfer.ENCODED if file.encoded else None
         names = _channels(file.channels)
@@ -182,6 +182,12 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
         if options.to_left:
             raise StudyError(
                 f"{source}: only the left photograph's disparity is known; no --to-left"
+            )
+        if replace(options, amount=1.0) != PairOptions():
+            raise StudyError(
+                f"{source}: brings its own disparity, right photograph and cameras; --disparity,"
+                " --right, --units-per-px, --focal-px, --baseline-m and --offset-px are for a pair"
+                " of yours"
             )
         return built_in_pair(source)
     if options.disparity is not None:

@@ -155,6 +155,24 @@ def test_a_folder_is_a_clip(tmp_path, png):
     assert names == ["000000.png", "000001.png", "000002.png"]
 
 
+def test_neither_the_picture_nor_frames_of_others_are_written_over(tmp_path, png):
+    before = png.read_bytes()
+    file = tmp_path / "clip.metamer"
+    code, _, error = run("compress", png, "--out", file, "--compare", png)
+    assert (code, png.read_bytes()) == (2, before)
+    assert f"--compare: {png} is read by this command" in error
+    frames, shown = tmp_path / "frames", tmp_path / "shown"
+    for folder in (frames, shown):
+        folder.mkdir()
+        for index in range(2):
+            (folder / f"{index:06}.png").write_bytes(before)
+    assert run("compress", frames, "--out", file, "--angles", "64")[0] == 0
+    code, _, error = run("decompress", file, "--out", shown)
+    assert code == 2
+    assert "must be empty or new" in error
+    assert {path.read_bytes() for path in shown.iterdir()} == {before}
+
+
 def test_a_video_is_compressed_as_its_frames_are_and_comes_back_as_one(tmp_path, png):
     frames = tmp_path / "frames"
     frames.mkdir()

@@ -65,6 +65,14 @@ def test_frames_without_flow_share_the_noise_of_the_screen(frames, tmp_path, col
         np.testing.assert_allclose(found, wanted, atol=0.51 / 255)
 
 
+def test_frames_never_join_others(frames, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "f1.png").write_bytes(b"somebody's")
+
+    assert "must be empty or new" in refusal(frames, tmp_path / "out")
+    assert [path.read_bytes() for path in (tmp_path / "out").iterdir()] == [b"somebody's"]
+
+
 @pytest.mark.parametrize("method", ["metamer", "eidolon"])
 def test_noise_goes_along_the_flow(frames, flow, tmp_path, colours, method):
     result = run(frames, tmp_path / "out", "--flow", flow, "-m", method)

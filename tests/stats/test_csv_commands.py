@@ -49,6 +49,20 @@ def seen(tmp_path_factory) -> Path:
     return file
 
 
+def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):
+    one = tmp_path / "one.csv"
+    rows = pd.read_csv(acuity)
+    rows[rows["who"] == 0].to_csv(one, index=False)
+    result = run(
+        "psychometric", one, "--level", "ecc", "--by", "method", "--falling",
+        "--map", "participant=who", "--map", "correct=hit", "--out", tmp_path / "out",
+    )  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    assert len(pd.read_csv(tmp_path / "out" / "people.csv")) == 2
+    assert list((tmp_path / "out").rglob("*.svg"))
+
+
 def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     out = tmp_path / "out"
     result = run(
