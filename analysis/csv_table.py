@@ -27,6 +27,8 @@ DAY_S = 86_400.0
 SHOWN_LETTERS = 60
 IMPORT_HINT = "say which column holds it: metamerlab analysis import TABLE --map"
 """Cure of a missing column, for `analysis import` and for `analysis report`, which takes no map."""
+ZIPPED = b"PK\x03\x04"
+"""How spreadsheets (.xlsx) begin."""
 PLAIN_HINT = "bring it in with 'metamerlab analysis import'"
 """Cure of a table in another form than plain CSV."""
 
@@ -39,12 +41,18 @@ def read_table(path: Path) -> pd.DataFrame:
     StudyError
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
-    if path.suffix.lower() == ".xlsx":
-        raise StudyError(f"{path}: must be a CSV table (this is a spreadsheet); {PLAIN_HINT}")
+    data = read_bytes(path, "the table")
+    if path.suffix.lower() == ".xlsx" or data.startswith(ZIPPED):
+        named = "" if path.suffix.lower() == ".xlsx" else "name it .xlsx, and "
+        raise StudyError(
+            f"{path}: must be a CSV table (this is a spreadsheet); {named}{PLAIN_HINT}"
+        )
     try:
-        text = decode_utf8(read_bytes(path, "the table"), path)
+        text = decode_utf8(data, path)
     except StudyError as error:
         raise StudyError(f"{error}, or {PLAIN_HINT}") from None
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # lines as old Macs end them
     check_rows(path, text)
     if found := CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1

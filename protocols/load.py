@@ -130,7 +130,8 @@ def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:
     task, analysis = raw.get("task"), raw.get("analysis")
     if not (isinstance(task, dict) and isinstance(analysis, dict) and "kind" in analysis):
         return problems
-    known = TASKS.get(task.get("kind", ""))
+    kind = task.get("kind")
+    known = TASKS.get(kind) if isinstance(kind, str) else None
     if known is None:
         return problems
     (wanted,) = get_args(known.analysis.model_fields["kind"].annotation)

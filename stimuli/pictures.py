@@ -6,6 +6,7 @@ A picture is uint8 of shape (H, W, 3).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from pipeline.errors import InputError
 from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import nearest_depth_m
 
@@ -21,6 +23,7 @@ Picture: TypeAlias = NDArray[np.uint8]
 Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 HOLE_COLOUR = (255, 0, 255)  # photographs hold no magenta
+_STEP = re.compile(r"\d{2,}-.*\.png")
 _BACKGROUND = (24, 24, 24)
 _TEXT = (240, 240, 240)
 _MARGIN_PX = 12
@@ -146,6 +149,23 @@ def save_picture(path: Path, picture: Picture) -> None:
     write_pixels(path, picture, ("R", "G", "B"))
 
 
+def check_steps_folder(folder: Path) -> None:
+    """Refuse a folder that holds anything but earlier steps.
+
+    Raises
+    ------
+    InputError
+        Saying what it holds.
+    """
+    held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    others = [name for name in held if name != "sheet.png" and not _STEP.fullmatch(name)]
+    if others or held == ["sheet.png"]:
+        raise InputError(
+            f"{folder}: must be new, empty, or hold earlier steps (it holds"
+            f" {others[0] if others else held[0]}); choose another folder"
+        )
+
+
 def save_steps(
     folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
 ) -> list[Path]:
@@ -154,7 +174,7 @@ def save_steps(
     Parameters
     ----------
     folder : Path
-        Made if it is missing; files of the same names are replaced.
+        As `check_steps_folder` allows.
     size : tuple of int
         Height and width of every picture on the sheet: small ones are enlarged, large ones shrunk.
     columns : int, optional

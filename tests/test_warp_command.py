@@ -299,18 +299,22 @@ def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, sai
         (["o.png", "--compare", "{stereo}/left.png"], "--compare: {stereo}/left.png is read"),
         (["o.png", "--compare", "{stereo}/right.png"], "--compare: {stereo}/right.png is read"),
         (["o.png", "--steps", "{stereo}"], "{stereo}: holds what this command reads"),
+        (["o.png", "--steps", "others"], "others: must be new, empty, or hold earlier steps"),
+        (["o.png", "--compare", "s.png", "--steps", "s.png"], "must be a folder or a file"),
     ],
 )
 def test_what_is_read_is_never_written_over(stereo, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
-    before = {path.name: path.read_bytes() for path in stereo.iterdir()}
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "sheet.png").write_bytes(b"somebody's")
+    before = {path: path.read_bytes() for path in stereo.rglob("*.*")}
     given = [option.format(stereo=stereo) for option in options]
     pair = ("--disparity", stereo / "disparity.png", "--right", stereo / "right.png")
 
     assert said.format(stereo=stereo) in refusal(
         stereo / "left.png", *given, *pair, "--units-per-px", 4
     )
-    assert {path.name: path.read_bytes() for path in stereo.iterdir()} == before
+    assert {path: path.read_bytes() for path in stereo.rglob("*.*")} == before
 
 
 @pytest.mark.parametrize(

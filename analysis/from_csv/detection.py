@@ -74,6 +74,9 @@ def detection_of_csv(
     if known:
         figures["sensitivity"] = sized(d_prime_plot, found, simulated=simulated)
     people = decisions["participant"].nunique()
+    if people == 1:
+        contrasts = ()
+        notes.append("one participant only: conditions are not compared")
     return Found(
         title=f"{len(decisions)} yes-no answers of {people} participant{'s' * (people != 1)},"
         f" signal: {settings.answers[0]}" + (" (SIMULATED)" if simulated else ""),

@@ -175,8 +175,8 @@ def load_pair(
     InputError
         If a file is not what it must be, sizes differ, or no disparity is known.
     """
-    if not units_per_px > 0:
-        raise InputError(f"units_per_px must be greater than 0 (got {units_per_px})")
+    if not 0 < units_per_px < np.inf:
+        raise InputError(f"units_per_px must be greater than 0 and finite (got {units_per_px})")
     colour = load_colour(left)
     stored, integer = _load_disparity(disparity)
     check_same_size(**{str(left): colour, str(disparity): stored})

@@ -117,12 +117,17 @@ def read_hole_mask(path: Path, size: tuple[int, int]) -> Mask:
     Raises
     ------
     InputError
-        If it has colours, or other proportions.
+        If it has colours, grey in the place of white, or other proportions.
     """
     colour = read_colour(path)
     if (colour != colour[..., :1]).any():
         raise InputError(f"{path}: a mask must be black and white (it has colours)")
     hole = colour[..., 0] >= 0.5
+    if colour.any() and not hole.any():
+        raise InputError(
+            f"{path}: a mask must be white in holes (its brightest pixel has"
+            f" {colour.max() * 100:.2g} % of white)"
+        )
     if hole.shape == size:
         return np.asarray(hole)
     across, down = size[1] / hole.shape[1], size[0] / hole.shape[0]

@@ -96,6 +96,7 @@ def compress(
     from pipeline.compression.codec import DEFAULT_QUALITY, Settings
     from pipeline.errors import InputError
     from stimuli.compressed.to_files import ENDING, compress_file
+    from stimuli.pictures import check_steps_folder
 
     with user_errors():
         if size_kb is not None and quality is not None:
@@ -103,6 +104,8 @@ def compress(
         check_outputs(
             {"--out": (out, (ENDING,)), "--compare": (compare, (".png",))}, [steps], [picture]
         )
+        if steps is not None:
+            check_steps_folder(steps)
         settings = Settings(
             codec,
             angles,

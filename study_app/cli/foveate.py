@@ -261,6 +261,7 @@ def _check_clip(out: Path | None, outputs: Outputs, video: Path | None) -> None:
 def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
     from stimuli.foveated.moving import ENDINGS
+    from stimuli.pictures import check_steps_folder
 
     if flow is not None:
         raise StudyError("--flow is for a folder of frames (PICTURE is no folder)")
@@ -275,6 +276,8 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
         [outputs.steps, outputs.score],
         [picture],
     )
+    if outputs.steps is not None:
+        check_steps_folder(outputs.steps)
     if outputs.score is not None:
         from stimuli.score.write import check_out
 

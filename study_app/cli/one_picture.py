@@ -167,6 +167,8 @@ def check_outputs(
         if folder is None:
             continue
         check_folder(folder)
+        if folder.absolute() in {path.absolute() for path in asked.values()}:
+            raise StudyError(f"{folder}: must be a folder or a file, not both")
         if folder.exists() and any(folder.samefile(one.absolute().parent) for one in read):
             raise StudyError(f"{folder}: holds what this command reads; write to another folder")
     if len({path.absolute() for path in asked.values()}) < len(asked):

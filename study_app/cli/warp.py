@@ -242,6 +242,7 @@ def warp(
     """
     from pipeline.warp.settings import WarpSettings
     from stimuli.one_picture import NEARER
+    from stimuli.pictures import check_steps_folder
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
@@ -253,6 +254,8 @@ def warp(
             [steps],
             [Path(source), disparity, right, flow, depth, truth],
         )
+        if steps is not None:
+            check_steps_folder(steps)
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),

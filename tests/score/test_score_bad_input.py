@@ -103,6 +103,7 @@ def test_a_frame_that_is_no_picture(two, run_score):
     [
         (np.zeros((48, 40), bool), "proportions, 64 x 48 px (got 40 x 48 px)"),
         (np.random.default_rng(0).random((48, 64, 3)).astype(np.float32), "it has colours"),
+        (np.full((48, 64, 3), 1 / 255, np.float32), "must be white in holes"),
     ],
 )
 def test_a_mask_that_does_not_fit(two, run_score, tmp_path, mask, word):

@@ -92,6 +92,35 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     assert noted["sentences"][0] in " ".join(result.output.split())
 
 
+def test_one_person_is_not_compared_between_conditions(seen, tmp_path):
+    one = tmp_path / "one.csv"
+    rows = pd.read_csv(seen)
+    rows[rows["participant"] == 0].to_csv(one, index=False)
+    result = run(
+        "detection", one, "--signal", "seen", "--by", "method",
+        "--map", "expected=truth", "--map", "answer=said",
+    )  # fmt: skip
+
+    assert result.exit_code == 0, result.output
+    assert "one participant only: conditions are not compared" in result.output
+    assert "nan" not in result.output
+
+
+def test_a_table_with_the_lines_of_old_macs_is_read_and_a_renamed_spreadsheet_refused(
+    acuity, tmp_path
+):
+    columns = ("--level", "ecc", "--by", "method", "--falling")
+    named = ("--map", "participant=who", "--map", "correct=hit")
+    old = tmp_path / "old.csv"
+    old.write_bytes(acuity.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r"))
+    assert "560 answers" in run("psychometric", old, *columns, *named).output
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_bytes(b"PK\x03\x04" + bytes(100))
+    refused = run("psychometric", sheet, *columns, *named)
+    assert refused.exit_code == 2
+    assert "this is a spreadsheet); name it .xlsx" in refused.output
+
+
 def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
     out = tmp_path / "out"
     result = run(

@@ -67,6 +67,9 @@ def mistakes(tmp_path):
         ("yes-no", 'kind = "yes-no"', 'kind = "yesno"',
          "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
          " which-half (got 'yesno'); did you mean 'yes-no'?"),
+        ("yes-no", 'kind = "yes-no"', "kind = {}",
+         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
+         " which-half (got '{}')"),
         ("yes-no", 'kind = "files"', 'kind = "file"',
          "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
          " mean 'files'?"),
