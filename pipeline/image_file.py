@@ -18,6 +18,7 @@ _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
 _NO_TIME = "1970:01:01 00:00:00"
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
+_UPRIGHT = 1  # of Exif's orientations
 _PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -107,6 +108,22 @@ def may_be_lossy(path: Path) -> str | None:
     name = str(source.format_name())
     source.close()
     return name if name in _LOSSY else None
+
+
+def check_upright(path: Path, pixels: Pixels) -> None:
+    """Refuse a photograph that is stored as its camera was held, which nobody asks to be turned.
+
+    Raises
+    ------
+    InputError
+        If its Exif orientation is another than upright.
+    """
+    orientation = int(pixels.attributes.get("Orientation", _UPRIGHT))
+    if orientation != _UPRIGHT:
+        raise InputError(
+            f"{path}: must be stored upright (its Exif orientation is {orientation}); turn it and"
+            " save it again"
+        )
 
 
 def count_pictures(path: Path) -> int:

@@ -25,6 +25,7 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
+    check_upright,
     from_integers,
     may_be_lossy,
     read_pixels,
@@ -117,11 +118,12 @@ def load_colour(
         If there is no such file.
     InputError
         If it is not a whole image, has other channels than red, green and blue (or one
-        grey), is transparent, or has values that are NaN or outside [0, 1].
+        grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
     """
     pixels = read_pixels(path)
     data = three_channels(path, pixels)
     if pixels.data.dtype.kind == "u":
+        check_upright(path, pixels)
         return from_integers(data)
     stored = stored_transfer(path, pixels.attributes)
     return _encoded(path, data, transfer or stored, clip)

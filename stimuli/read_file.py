@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from pipeline import image_file
 from pipeline.errors import InputError
-from pipeline.image_file import count_pictures, read_pixels, three_channels
+from pipeline.image_file import check_upright, count_pictures, read_pixels, three_channels
 from pipeline.limits import check_values
 from protocols.outside import reading
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
-_UPRIGHT = 1  # of Exif's orientations
 
 Frame = NDArray[np.uint8]
 
@@ -93,11 +92,7 @@ def read_picture(path: Path) -> Frame:
         raise InputError(
             f"{path}: must hold one picture (it holds several); save the one that is meant"
         )
-    if int(pixels.attributes.get("Orientation", _UPRIGHT)) != _UPRIGHT:
-        raise InputError(
-            f"{path}: must be stored upright (its Exif orientation is"
-            f" {pixels.attributes['Orientation']}); turn it and save it again"
-        )
+    check_upright(path, pixels)
     return np.ascontiguousarray(three_channels(path, pixels))
 
 

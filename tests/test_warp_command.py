@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.frame import SourceFrame
@@ -315,6 +316,18 @@ def test_what_is_read_is_never_written_over(stereo, tmp_path, monkeypatch, optio
         stereo / "left.png", *given, *pair, "--units-per-px", 4
     )
     assert {path: path.read_bytes() for path in stereo.rglob("*.*")} == before
+
+
+def test_a_photograph_that_is_stored_turned_is_refused(stereo, tmp_path):
+    """Its map would be laid over it the wrong way."""
+    picture = Image.open(stereo / "left.png")
+    exif = picture.getexif()
+    exif[0x0112] = 3
+    picture.save(tmp_path / "turned.jpg", exif=exif)
+
+    assert "must be stored upright (its Exif orientation is 3)" in refusal(
+        tmp_path / "turned.jpg", tmp_path / "o.png", "--disparity", stereo / "disparity.png"
+    )
 
 
 @pytest.mark.parametrize(
