@@ -23,6 +23,9 @@ START_SD = 0.5
 LARGEST = 30.0
 """A linear predictor or deviation beyond has run away: a category that nobody chose."""
 
+SEPARATED = 10.0
+"""Conditions so far apart share no rating: no finite distance fits better than a larger one."""
+
 MISFIT_P = 0.001
 
 
@@ -417,7 +420,7 @@ def _numbers(texts: pd.Series) -> list[str]:
 
 def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
     notes = []
-    if not fit.converged:
+    if not fit.converged or np.abs(fit.beta).max(initial=0.0) > SEPARATED:
         notes.append("the model has no proper maximum: limits and p mean nothing")
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")

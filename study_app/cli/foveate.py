@@ -205,8 +205,11 @@ def foveate(
         if moving:
             _check_clip(out, outputs, video)
         else:
-            if video is not None:
-                raise StudyError("--video is for a folder of frames or a video (PICTURE is none)")
+            for option, given in (("--video", video), ("--fps", fps)):
+                if given is not None:
+                    raise StudyError(
+                        f"{option} is for a folder of frames or a video (PICTURE is none)"
+                    )
             _check(picture, outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:

@@ -143,6 +143,15 @@ def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
     assert called / runs < 0.05 + 3 * np.sqrt(0.05 * 0.95 / runs)
 
 
+def test_conditions_that_share_no_rating_are_said_to_have_no_limits():
+    rows = pd.DataFrame([(p, m) for p in range(6) for m in "ab" for _ in range(10)],
+                        columns=["participant", "method"])  # fmt: skip
+    rows["rating"] = np.where(rows["method"] == "a", 5, 1)
+
+    notes = rating_model(rows, ("method",)).warnings
+    assert "the model has no proper maximum: limits and p mean nothing" in notes
+
+
 def test_more_than_a_shift_is_noted():
     """One condition's ratings lie at the ends, the other's in the middle."""
     rng = np.random.default_rng(1)
