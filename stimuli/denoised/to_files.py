@@ -25,6 +25,7 @@ from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.frames_folder import make_frames_folder
 from stimuli.scenes.registry import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -163,6 +164,8 @@ def denoise_file(
     tell(network_words(network, chosen.facts))
     for note in _unlike_training(chosen.facts, looking.geometry):
         tell(f"note: {note}")
+    if clip:
+        make_frames_folder(out)
     denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
     try:
         for index, (path, name) in enumerate(zip(sources, names, strict=True)):

@@ -292,6 +292,9 @@ def test_frames_go_to_a_folder(png, tmp_path):
 
     assert code == 0
     assert sorted(path.name for path in out.iterdir()) == ["a.png", "b.png"]
+    code, _, error = run("run", frames, "--gaze", "40,30", "--out", out, "--numpy")
+    assert code == 2
+    assert "out: must be empty or new" in error
 
 
 @pytest.mark.parametrize(
