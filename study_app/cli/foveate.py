@@ -203,7 +203,7 @@ def foveate(
         )
         moving = picture.is_dir() or is_video(picture)
         if moving:
-            _check_clip(out, outputs, video)
+            _check_clip(picture, out, outputs, video)
         else:
             for option, given in (("--video", video), ("--fps", fps)):
                 if given is not None:
@@ -247,12 +247,12 @@ def frames_of(
         yield unpacked.folder, fps or unpacked.fps
 
 
-def _check_clip(out: Path | None, outputs: Outputs, video: Path | None) -> None:
+def _check_clip(picture: Path, out: Path | None, outputs: Outputs, video: Path | None) -> None:
     """Refuse what is made of one picture alone."""
     from stimuli.video import CODECS
 
     if video is not None:
-        check_outputs({"--video": (video, tuple(CODECS))}, [], [])
+        check_outputs({"--video": (video, tuple(CODECS))}, [], [picture])
     looks = ("compare", "steps", "score", "animate", "flip")
     given = [f"--{name}" for name in looks if getattr(outputs, name) is not None]
     if given:

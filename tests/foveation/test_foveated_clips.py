@@ -65,6 +65,15 @@ def test_frames_without_flow_share_the_noise_of_the_screen(frames, tmp_path, col
         np.testing.assert_allclose(found, wanted, atol=0.51 / 255)
 
 
+def test_a_video_is_never_written_over_itself(frames, tmp_path):
+    video = tmp_path / "walk.avi"
+    assert run(frames, tmp_path / "one", "--video", video).exit_code == 0
+    before = video.read_bytes()
+
+    assert "is read by this command" in refusal(video, tmp_path / "two", "--video", video)
+    assert video.read_bytes() == before
+
+
 def test_frames_never_join_others(frames, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "f1.png").write_bytes(b"somebody's")
