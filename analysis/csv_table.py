@@ -59,8 +59,7 @@ def read_table(path: Path) -> pd.DataFrame:
         raise StudyError(
             f"{path}: line {line}: must hold no control characters (got {found.group()!a})"
         )
-    separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
-    reader = csv.reader(StringIO(text), delimiter=separator)
+    reader = csv.reader(StringIO(text), delimiter=separator_of(path, text))
     try:
         header = [original_cell(name).strip() for name in next(reader, [])]
         rows: list[list[str]] = []
@@ -71,7 +70,7 @@ def read_table(path: Path) -> pd.DataFrame:
             if len(row) != len(header):
                 raise StudyError(
                     f"{path}: line {reader.line_num}: must have {len(header)} cells like the"
-                    f" header (found {len(row)}); a {separator!r} at its end counts as a cell"
+                    f" header (found {len(row)}); a separator at its end counts as a cell"
                 )
             rows.append([original_cell(cell) for cell in row])
             lines.append(reader.line_num - FIRST_LINE)
@@ -83,6 +82,23 @@ def read_table(path: Path) -> pd.DataFrame:
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
     return pd.DataFrame(rows, columns=header, index=lines, dtype=str)
+
+
+def separator_of(path: Path, text: str) -> str:
+    """Return what separates the cells of a table: comma, semicolon or tab, by its header.
+
+    Raises
+    ------
+    StudyError
+        If the first line is no header but a word to spreadsheets, such as ``sep=;``.
+    """
+    header = text.split("\n", maxsplit=1)[0]
+    if header.lower().startswith("sep="):
+        raise StudyError(
+            f"{path}: line 1: must be the header (got {shortened(header.strip())!r}, which only"
+            " spreadsheets read); delete this line"
+        )
+    return max(",;\t", key=header.count)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 
+from analysis.csv_table import separator_of
 from analysis.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
 from protocols.limits import check_rows
@@ -108,7 +109,7 @@ def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:
             text = data.decode("cp1252", "replace")
             notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
     check_rows(path, text)
-    separator = max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
+    separator = separator_of(path, text)
     reader = csv.reader(StringIO(text), delimiter=separator)
     rows: list[list[str]] = []
     try:

@@ -306,6 +306,16 @@ def test_grey_becomes_three_channels(tmp_path):
     assert "grey" in opened.notes[0]
 
 
+def test_of_an_animation_the_first_frame_is_taken_and_it_is_said(tmp_path):
+    first, second = (Image.fromarray(np.full((9, 12), grey, np.uint8)) for grey in (77, 200))
+    first.save(tmp_path / "moving.gif", save_all=True, append_images=[second])
+
+    opened = read_any(tmp_path / "moving.gif")
+
+    assert (opened.colour == np.float32(77 / 255)).all()
+    assert "holds 2 pictures: the first is taken" in opened.notes
+
+
 def test_transparent_pictures_stand_on_a_stated_grey(tmp_path):
     """By hand: half of red over a grey of .25."""
     data = np.zeros((4, 5, 4), np.uint8)
@@ -390,9 +400,10 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
         (["--gaze", "5deg,2"], "--gaze must be X,Y"),
         (["--gaze", "90deg,0deg"], "within 90 degrees"),
         (["--panorama"], "must be twice as wide as high (got 64 x 48 px)"),
-        (["--fov", "180"], "must lie between 0 and 180 degrees (got 180)"),
-        (["--fov", "0"], "must lie between 0 and 180"),
-        (["--fov", "nan"], "must lie between 0 and 180"),
+        (["--fov", "180"], "must lie between 0.01 and 180 degrees (got 180)"),
+        (["--fov", "0"], "must lie between 0.01 and 180"),
+        (["--fov", "1e-300"], "must lie between 0.01 and 180 degrees (got 1e-300)"),
+        (["--fov", "nan"], "must lie between 0.01 and 180"),
         (["--display", "fhd72"], "fhd72"),
         (["--display", "fhd27-60hz", "--fov", "30"], "not both"),
         (["--panorama", "--fov", "30"], "leave --fov out"),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.image_file import Pixels, from_integers, read_pixels
+from pipeline.image_file import Pixels, count_pictures, from_integers, read_pixels
 from stimuli.channels import need
 from stimuli.exr import Transfer, stored_transfer
 from stimuli.exr_parts import read_parts
@@ -92,6 +92,8 @@ def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
             " (this one holds encoded integers)"
         )
     notes: list[str] = []
+    if integers and (count := count_pictures(path)) > 1:
+        notes.append(f"holds {count} pictures: the first is taken")
     colour, alpha = _colour_and_alpha(path, pixels, notes)
     premultiplied = not pixels.attributes.get("oiio:UnassociatedAlpha", 0)
     if integers:

@@ -19,6 +19,8 @@ from pipeline.foveation.geometry import (
 )
 from protocols.load import load_display
 
+NARROWEST_DEG = 0.01
+"""Least visual angle of a flat picture: a pixel of the finest displays is about as wide."""
 ASSUMED_DEG = 40.0
 """Width of a flat picture of which nothing is said."""
 
@@ -48,7 +50,7 @@ def look_at(
     display : str, optional
         A display of ours or a file of one: the picture stands in its middle, pixel for pixel.
     fov_deg : float, optional
-        Visual angle of the picture's width instead, in (0, 180).
+        Visual angle of the picture's width instead, from `NARROWEST_DEG` to below 180.
     panorama : bool
         The picture is equirectangular, all around.
 
@@ -79,10 +81,10 @@ def look_at(
                 f" ({screen.width_px} x {screen.height_px} px): its border cannot be seen"
             )
     elif fov_deg is not None:
-        if not 0 < fov_deg < WIDEST_FLAT_DEG:
+        if not NARROWEST_DEG <= fov_deg < WIDEST_FLAT_DEG:
             raise InputError(
-                f"--fov must lie between 0 and 180 degrees (got {fov_deg:g}); a picture that goes"
-                " all around takes --panorama"
+                f"--fov must lie between {NARROWEST_DEG:g} and 180 degrees (got {fov_deg:g}); a"
+                " picture that goes all around takes --panorama"
             )
         flat, where = Flat(width_deg=fov_deg), "as asked"
     else:

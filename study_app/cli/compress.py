@@ -58,8 +58,14 @@ def compress(
         ),
     ] = True,
     hold: Annotated[
-        int, typer.Option(min=1, max=65535, help="How many frames of a clip share statistics.")
-    ] = 12,
+        int | None,
+        typer.Option(
+            min=1,
+            max=65535,
+            show_default="12",
+            help="How many frames of a clip share statistics.",
+        ),
+    ] = None,
     display: DisplayOption = None,
     fov: FovOption = None,
     compare: Annotated[
@@ -95,12 +101,15 @@ def compress(
     """
     from pipeline.compression.codec import DEFAULT_QUALITY, Settings
     from pipeline.errors import InputError
+    from pipeline.video_file import is_video
     from stimuli.compressed.to_files import ENDING, compress_file
     from stimuli.pictures import check_steps_folder
 
     with user_errors():
         if size_kb is not None and quality is not None:
             raise InputError("give --size-kb or --quality, not both: a size sets the quality")
+        if hold is not None and not (picture.is_dir() or is_video(picture)):
+            raise InputError("--hold is for frames and videos; leave it out for one picture")
         check_outputs(
             {"--out": (out, (ENDING,)), "--compare": (compare, (".png",))}, [steps], [picture]
         )
@@ -112,7 +121,7 @@ def compress(
             DEFAULT_QUALITY if quality is None else quality,
             None if size_kb is None else round(1000 * size_kb),
             statistics,
-            hold,
+            Settings.hold if hold is None else hold,
         )
         console = PlainConsole(soft_wrap=True)
         with Teller(console) as teller:

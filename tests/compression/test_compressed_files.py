@@ -155,6 +155,13 @@ def test_a_folder_is_a_clip(tmp_path, png):
     assert names == ["000000.png", "000001.png", "000002.png"]
 
 
+def test_frames_share_statistics_and_one_picture_does_not(tmp_path, png):
+    code, _, error = run("compress", png, "--out", tmp_path / "a.metamer", "--hold", "2")
+    assert code == 2
+    assert "--hold is for frames and videos" in error
+    assert not (tmp_path / "a.metamer").exists()
+
+
 def test_neither_the_picture_nor_frames_of_others_are_written_over(tmp_path, png):
     before = png.read_bytes()
     file = tmp_path / "clip.metamer"

@@ -67,6 +67,7 @@ def test_our_own_table_comes_back_as_it_was(tmp_path, make_decisions):
     [
         (HEADER, PWCMP, "no rows"),
         ("", {}, "CSV table with a header"),
+        ("sep=;\n" + HEADER, PWCMP, "line 1: must be the header .*delete this line"),
         (HEADER + "o,s,a,b,1\n", {}, "must have the columns participant, first, second"),
         (HEADER + "o,s,a,b,1\n", {**PWCMP, "first": "conditionA"}, "did you mean 'condition_A'"),
         (HEADER + "o,s,a,b,1\n", {"particpant": "observer"}, "did you mean 'participant'"),
