@@ -1,4 +1,4 @@
-"""How noise bands are mixed before they are weighed: what fit_mixing.py found.
+"""How noise bands are mixed before they are weighed: what `benchmarks/fit_mixing.py` found.
 
 One matrix suits no two spectra alike: see gains.py for what corrects the rest.
 """
@@ -34,7 +34,7 @@ class Mixing:
 
 @lru_cache(maxsize=6)
 def fitted_mixing(levels: int) -> Mixing:
-    """The mixing that fit_mixing.py wrote.
+    """The mixing that `benchmarks/fit_mixing.py` wrote.
 
     Raises
     ------

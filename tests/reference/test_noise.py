@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
+from benchmarks.fit_mixing import SPECTRA, deviations_of
 from pipeline.features.reference import analyse, band, double, fitted_kernels
-from pipeline.noise.fit_mixing import SPECTRA, deviations_of
 from pipeline.noise.gains import (
     AIM,
     LEAST_GAIN,

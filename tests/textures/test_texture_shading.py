@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.fit_overlap import measured
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.textures.bake import bake
-from pipeline.textures.fit_overlap import measured
 from pipeline.textures.footprints import saved, touched
 from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments, lost_energy, read_mips, shade

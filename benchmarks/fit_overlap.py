@@ -1,22 +1,26 @@
 """Measure what bands of the pyramid find of a texture's noise, and write `overlap.json`.
 
-    python -m pipeline.textures.fit_overlap
+    script/bench fit_overlap
 
 Independent noise in one band of one level is drawn at a fine resolution, halved, and analysed.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import analyse
+from pipeline.textures import layout
 from pipeline.textures.layout import Layout
 from pipeline.textures.surface_noise import REACH, STAGES, surface_noise
 
+TARGET = Path(layout.__file__).with_name("overlap.json")
 EDGE_PX = 256  # of the picture that is analysed
 LEVEL = REACH + 2  # of the texture: an inner one
 SEEDS = 4
@@ -39,13 +43,10 @@ def measured() -> NDArray[np.float64]:
     return np.asarray(0.5 * (found + found[:, :, turned][..., turned]))
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
+    """Measure, write and print."""
+    argparse.ArgumentParser(prog="script/bench fit_overlap", description=__doc__).parse_args(argv)
     overlap = measured().round(4)
-    target = Path(__file__).with_name("overlap.json")
     rows = ",\n".join(f" {json.dumps(stage)}" for stage in overlap.tolist())
-    target.write_text(f'{{"overlap": [\n{rows}\n]}}\n', encoding="utf-8")
+    TARGET.write_text(f'{{"overlap": [\n{rows}\n]}}\n', encoding="utf-8")
     print(overlap)
-
-
-if __name__ == "__main__":
-    main()

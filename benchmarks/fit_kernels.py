@@ -1,6 +1,6 @@
 """Fit the steerable pyramid's kernels and write `kernels.json` with their measured errors.
 
-    python -m pipeline.features.fit_kernels
+    script/bench fit_kernels
 
 The pyramid splits every level into an isotropic high band, two oriented bands and a low
 band that is halved into the next level (see reference.py). The kernels are not copied
@@ -14,6 +14,7 @@ from anywhere. They are the least-squares answer to:
 - H, A of zero DC and L of unit DC, exactly, by construction.
 """
 
+import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,9 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from skimage import data
 
+from pipeline.features import reference
 from pipeline.features.reference import Kernels, analyse, synthesise
 
+TARGET = Path(reference.__file__).with_name("kernels.json")
 GRID = 48  # frequencies per axis in one quadrant; symmetry gives the rest
 RESTARTS = 6
 WEIGHT_POWER, WEIGHT_FLAT, WEIGHT_ALIAS, WEIGHT_STEER = 1.0, 0.1, 0.5, 0.3
@@ -173,9 +177,9 @@ def round_trip_psnr_db(image: Array, kernels: Kernels, levels: int) -> float:
     return float(-10 * np.log10(np.mean(error**2)))
 
 
-def main() -> None:
-    from skimage import data
-
+def main(argv: Sequence[str] | None = None) -> None:
+    """Fit, write, and print the errors."""
+    argparse.ArgumentParser(prog="script/bench fit_kernels", description=__doc__).parse_args(argv)
     fit = Fit()
     free = fit.solve()
     kernels = fit.kernels(free)
@@ -195,16 +199,11 @@ def main() -> None:
             for name, image in photographs.items()
         },
     }
-    target = Path(__file__).with_name("kernels.json")
     record = {
         "high": kernels.high.tolist(),
         "oriented": kernels.oriented.tolist(),
         "low": kernels.low.tolist(),
         "errors": errors,
     }
-    target.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    TARGET.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(errors, indent=1))
-
-
-if __name__ == "__main__":
-    main()

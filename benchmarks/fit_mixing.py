@@ -1,6 +1,6 @@
 """Fit how noise bands are mixed and write `mixing.json` with the measured errors.
 
-    python -m pipeline.noise.fit_mixing
+    script/bench fit_mixing
 
 Bands overlap: of a band that passes its filters again, softened, neighbouring ones measure a part.
 Bands of white noise, weighed by the deviations ``s`` of another texture, therefore measure
@@ -23,9 +23,10 @@ Mixed bands interpolate differently, too. `lag_correlation` is the answer to: wh
 sub-pixel offset, the variance of the mixed sum stays, for the same textures.
 """
 
+import argparse
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -35,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
+from pipeline.noise import tile
 from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN
 from pipeline.noise.mixing import (
     LAGS,
@@ -45,6 +47,7 @@ from pipeline.noise.mixing import (
 )
 from pipeline.noise.tile import TEXELS_PER_PX
 
+TARGET = Path(tile.__file__).with_name("mixing.json")
 EDGE = 256  # of the noise that is measured, pixels
 SEEDS = 16
 # Exponent e of an amplitude 1 / f^e, and the deviation of a Gaussian blur in pixels.
@@ -354,13 +357,14 @@ def fit(levels: int, covariances: Array, lagged: Array) -> dict[str, object]:
     }
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
+    """Fit for every number of levels, write, and print the errors."""
+    argparse.ArgumentParser(prog="script/bench fit_mixing", description=__doc__).parse_args(argv)
     covariances, lagged = noise_statistics(MAX_LEVELS)
     covariances = unpacked(packed(covariances).round(5))
     record = {str(levels): fit(levels, covariances, lagged) for levels in range(1, MAX_LEVELS + 1)}
     lines = json.dumps({"covariances": packed(covariances).tolist(), **record}, indent=1)
-    target = Path(__file__).with_name("mixing.json")
-    target.write_text(_rows_in_lines(lines) + "\n", encoding="utf-8")
+    TARGET.write_text(_rows_in_lines(lines) + "\n", encoding="utf-8")
     for levels, found in record.items():
         print(levels, json.dumps(found["deviation ratios on a plane"]))
         print(levels, "variance between texels", found["variance between texels"])
@@ -369,7 +373,3 @@ def main() -> None:
 def _rows_in_lines(text: str) -> str:
     """Bring each list of numbers to one line."""
     return re.sub(r"\[[^][{}]*\]", lambda match: " ".join(match[0].split()), text)
-
-
-if __name__ == "__main__":
-    main()
