@@ -124,7 +124,7 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     Parameters
     ----------
     path : Path
-        Ends in ``.mp4``, ``.webm`` or ``.avi``; see `CODECS`.
+        Ends in ``.mp4``, ``.webm`` or ``.avi``; see `CODECS`. Its folder is made.
     frames : sequence of Path
         Pictures of 8 bits, in their order.
 
@@ -136,6 +136,7 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     first = read_picture(frames[0])
     height, width = first.shape[:2]
     codec = check_video(path, width, height)
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
     with quiet_stderr():
         writer = cv2.VideoWriter(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import make_frames_folder
+from stimuli.frames_folder import frames_folder
 from stimuli.video import check_video, folder_of_frames, write_video
 from stimuli.whole_file import write_whole
 
@@ -127,7 +128,7 @@ def decompress_file(
     Raises
     ------
     InputError, OSError
-        If the file is damaged; of a clip, frames before the damaged one have been written.
+        If the file is damaged; nothing is written then.
     """
     tell = say or (lambda _: None)
     check_seed(seed)
@@ -135,7 +136,7 @@ def decompress_file(
     if not statistics:
         held = replace(held, levels=0, statistics=())
     count = len(held.bases)
-    names = [out] if count == 1 else [out / f"{index:06}.png" for index in range(count)]
+    names = [out.name] if count == 1 else [f"{index:06}.png" for index in range(count)]
     if count > 1 and out.suffix.lower() in (".png", ".exr"):
         raise InputError(f"{source}: holds a clip of {count} frames: OUT must be a folder")
     if count == 1 and video is not None:
@@ -144,30 +145,29 @@ def decompress_file(
         check_video(video, *held.grid.size)
     if count == 1 and out.suffix.lower() not in (".png", ".exr"):
         raise InputError(f"{out}: must end in .png or .exr")
-    if count > 1:
-        make_frames_folder(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
     shower = DecompressPass(ctx, held) if ctx is not None else None
     try:
-        for index, name in enumerate(names):
-            if shower is not None:
-                shown = shower.apply(held, seed=seed, frame=index)
-            else:
-                shown = decompress(held, seed=seed, frame=index)
-            name.parent.mkdir(parents=True, exist_ok=True)
-            save_colour(name, shown)
-            if progress is not None and count > 1:
-                progress("frames", index + 1, count)
+        with frames_folder(out) if count > 1 else nullcontext(out.parent) as folder:
+            for index, name in enumerate(names):
+                if shower is not None:
+                    shown = shower.apply(held, seed=seed, frame=index)
+                else:
+                    shown = decompress(held, seed=seed, frame=index)
+                save_colour(folder / name, shown)
+                if progress is not None and count > 1:
+                    progress("frames", index + 1, count)
     finally:
         if shower is not None:
             shower.release()
+    written = [(out if count > 1 else out.parent) / name for name in names]
     width, height = held.grid.size
     kind = f"{held.levels} levels of statistics" if held.levels else "no statistics"
     tell(f"wrote {out}: {count} x {width} x {height} px, {kind}, seed {seed}")
     if video is not None:
-        video.parent.mkdir(parents=True, exist_ok=True)
-        write_video(video, names, fps)
+        write_video(video, written, fps)
         tell(f"wrote {video}")
-    return names
+    return written
 
 
 def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import make_frames_folder
+from stimuli.frames_folder import frames_folder
 from stimuli.scenes.registry import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -127,7 +128,7 @@ def denoise_file(
     Raises
     ------
     InputError, StudyError, OSError
-        Before anything is written, but for a damaged frame, or one of another size.
+        Nothing is written then.
     """
     tell = say or (lambda _: None)
     if gaze is None:
@@ -144,7 +145,7 @@ def denoise_file(
         raise InputError(f"{source}: is a folder of frames: OUT must be a folder")
     if not clip and out.suffix.lower() not in ENDINGS:
         raise InputError(f"{out}: must end in {' or '.join(ENDINGS)}")
-    names = [out / f"{path.stem}.png" for path in sources] if clip else [out]
+    names = [f"{path.stem}.png" for path in sources] if clip else [out.name]
     if len(set(names)) < len(names):
         raise InputError(f"{source}: frames must have different names, endings aside")
     for path in (out, compare):
@@ -164,34 +165,33 @@ def denoise_file(
     tell(network_words(network, chosen.facts))
     for note in _unlike_training(chosen.facts, looking.geometry):
         tell(f"note: {note}")
-    if clip:
-        make_frames_folder(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
     denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
     try:
-        for index, (path, name) in enumerate(zip(sources, names, strict=True)):
-            noisy = first.colour if index == 0 else read_any(path, Reading(clip=True)).colour
-            if noisy.shape != first.colour.shape:
-                raise InputError(
-                    f"{path}: must be as large as the first frame, {width} x {height} px"
-                    f" (is {noisy.shape[1]} x {noisy.shape[0]})"
-                )
-            shown = denoiser(noisy, seed)
-            name.parent.mkdir(parents=True, exist_ok=True)
-            save_colour(name, shown)
-            if compare is not None:
-                rival = DenoisingNetwork(shipped_network("rgb"))
-                plain = Denoiser(rival, looking.geometry, gaze_px)(noisy)
-                tiles = [("noisy", noisy), ("network for colour", plain), (network, shown)]
-                sheet = [(label, pictures.of_colour(one)) for label, one in tiles]
-                pictures.save_picture(compare, pictures.sheet(sheet, columns=3))
-                tell(f"wrote {compare}")
-            if progress is not None and clip:
-                progress("frames", index + 1, len(names))
+        with frames_folder(out) if clip else nullcontext(out.parent) as folder:
+            for index, (path, name) in enumerate(zip(sources, names, strict=True)):
+                noisy = first.colour if index == 0 else read_any(path, Reading(clip=True)).colour
+                if noisy.shape != first.colour.shape:
+                    raise InputError(
+                        f"{path}: must be as large as the first frame, {width} x {height} px"
+                        f" (is {noisy.shape[1]} x {noisy.shape[0]})"
+                    )
+                shown = denoiser(noisy, seed)
+                save_colour(folder / name, shown)
+                if progress is not None and clip:
+                    progress("frames", index + 1, len(names))
     finally:
         denoiser.release()
+    if compare is not None:
+        rival = DenoisingNetwork(shipped_network("rgb"))
+        plain = Denoiser(rival, looking.geometry, gaze_px)(first.colour)
+        tiles = [("noisy", first.colour), ("network for colour", plain), (network, shown)]
+        sheet = [(label, pictures.of_colour(one)) for label, one in tiles]
+        pictures.save_picture(compare, pictures.sheet(sheet, columns=3))
+        tell(f"wrote {compare}")
     what = f", seed {seed}" if chosen.facts.kind == "moments" else ""
     tell(f"wrote {out}: {len(names)} x {width} x {height} px{what}")
-    return names
+    return [(out if clip else out.parent) / name for name in names]
 
 
 def network_words(name: str, facts: Facts) -> str:

@@ -20,7 +20,8 @@ from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import make_frames_folder
+from stimuli.frames_folder import frames_folder
+from stimuli.video import check_video, write_video
 
 FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")
 
@@ -37,6 +38,8 @@ def foveate_clip(
     choice: Choice | None = None,
     seed: int = 0,
     reading: Reading | None = None,
+    video: Path | None = None,
+    fps: float = 30.0,
     ctx: moderngl.Context | None = None,
     say: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -48,13 +51,15 @@ def foveate_clip(
     frames : Path
         A folder of pictures of one size, in the order of their names.
     out : Path
-        Another folder, made if it is missing; files of the same names are replaced.
+        Another folder, empty or new.
     flow : Path, optional
         A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
         of *that* frame, where it is less where it was a frame ago. Noise and displacements then
         go with the surfaces. Without it they lie on the screen.
     choice : Choice, optional
         The condition; by default `metamer`.
+    video : Path, optional
+        Write the frames as a video too, `fps` a second; see `write_video`.
 
     Other parameters are those of `foveate_file`.
 
@@ -66,7 +71,7 @@ def foveate_clip(
     Raises
     ------
     InputError, StudyError, OSError
-        Where a frame or its flow is not what it must be. Frames before it have been written.
+        Where a frame or its flow is not what it must be; nothing is written then.
     """
     tell, reading = say or (lambda _: None), reading or Reading()
     chosen = choice or Choice("metamer")
@@ -84,31 +89,37 @@ def foveate_clip(
     for note in (*first.notes, *looking.notes):
         tell(f"note: {note}")
     tell("noise is carried along the flow" if flow else "noise lies on the screen")
-    make_frames_folder(out)
-    written = []
+    if video is not None:
+        check_video(video, size[1], size[0])
     foveator = Foveator(
         size, viewing=looking.viewing, method=chosen.name, ctx=ctx, **chosen.parameters
     )
     try:
         shift: NDArray[np.float64] | None = None
-        for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
-            opened = first if index == 0 else read_any(path, reading)
-            if opened.colour.shape[:2] != size:
-                height, width = opened.colour.shape[:2]
-                raise InputError(
-                    f"{path}: must be {size[1]} x {size[0]} px as the first frame"
-                    f" (is {width} x {height})"
+        with frames_folder(out) as folder:
+            for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
+                opened = first if index == 0 else read_any(path, reading)
+                if opened.colour.shape[:2] != size:
+                    height, width = opened.colour.shape[:2]
+                    raise InputError(
+                        f"{path}: must be {size[1]} x {size[0]} px as the first frame"
+                        f" (is {width} x {height})"
+                    )
+                if motion is not None:
+                    shift = carried(shift, _read_flow(motion, size))
+                shown = foveator(
+                    opened.colour, gaze_px, seed=seed, frame=index, noise_shift_px=shift
                 )
-            if motion is not None:
-                shift = carried(shift, _read_flow(motion, size))
-            shown = foveator(opened.colour, gaze_px, seed=seed, frame=index, noise_shift_px=shift)
-            written.append(out / f"{path.stem}.png")
-            save_colour(written[-1], shown, bits=opened.bits)
-            if progress is not None:
-                progress("frames", index + 1, len(paths))
+                save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)
+                if progress is not None:
+                    progress("frames", index + 1, len(paths))
     finally:
         foveator.release()
+    written = [out / f"{path.stem}.png" for path in paths]
     tell(f"wrote {count_of(len(written), 'frame')} to {out} ({chosen.label})")
+    if video is not None:
+        write_video(video, written, fps)
+        tell(f"wrote {video}")
     return written
 
 

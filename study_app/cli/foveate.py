@@ -193,7 +193,6 @@ def foveate(
     from stimuli.foveated.any_picture import Reading
     from stimuli.foveated.clip_to_files import foveate_clip
     from stimuli.foveated.to_files import Outputs, foveate_file
-    from stimuli.video import write_video
 
     with user_errors():
         sheet = compare is not None or score is not None
@@ -221,11 +220,9 @@ def foveate(
             if moving:
                 shown = out or Path("foveated")
                 with frames_of(picture, fps, teller.say) as (frames, rate):
-                    made = foveate_clip(frames, shown, flow=flow, choice=choices[0], **common)
-                if video is not None:
-                    video.parent.mkdir(parents=True, exist_ok=True)
-                    write_video(video, made, rate)
-                    teller.say(f"wrote {video}")
+                    foveate_clip(
+                        frames, shown, flow=flow, choice=choices[0], video=video, fps=rate, **common
+                    )
             else:
                 foveate_file(picture, outputs, choices=choices, **common)
 

@@ -329,6 +329,7 @@ def test_frames_of_other_sizes_are_refused(png, tmp_path):
 
     assert code == 2
     assert "b.png: must be as large as the first frame, 101 x 75 px (is 64 x 64)" in error
+    assert not (tmp_path / "out").exists()
 
 
 def test_missing_parts_of_the_extra_are_named(tmp_path, monkeypatch):

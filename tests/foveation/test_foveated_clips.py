@@ -82,6 +82,25 @@ def test_frames_never_join_others(frames, tmp_path):
     assert [path.read_bytes() for path in (tmp_path / "out").iterdir()] == [b"somebody's"]
 
 
+def test_a_clip_is_written_whole_or_not_at_all(frames, tmp_path):
+    (frames / "f2.png").write_bytes((frames / "f2.png").read_bytes()[:-90])
+    (tmp_path / "there").mkdir()
+
+    for folder in ("there", "new"):
+        assert "f2.png: must be a" in refusal(frames, tmp_path / folder)
+    assert not list((tmp_path / "there").iterdir())
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_video_that_cannot_be_written_is_refused_before_the_work(tmp_path, colours):
+    (tmp_path / "odd").mkdir()
+    save_colour(tmp_path / "odd" / "f0.png", colours[0][:-1])
+
+    error = refusal(tmp_path / "odd", tmp_path / "out", "--video", tmp_path / "odd.mp4")
+    assert "needs even edges" in error
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("method", ["metamer", "eidolon"])
 def test_noise_goes_along_the_flow(frames, flow, tmp_path, colours, method):
     result = run(frames, tmp_path / "out", "--flow", flow, "-m", method)
