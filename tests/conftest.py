@@ -55,6 +55,7 @@ LONGEST = (
     "tests/test_site.py",
     "tests/denoising/test_denoising_training.py",
 )
+SITTINGS = "tests/presenter/"
 IN_TURN = """
 import json, sys
 from study_app.cli import main
@@ -120,9 +121,12 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--full`` and ``--costs``."""
+    """Add ``--slow``, ``--full`` and ``--costs``."""
+    parser.addoption("--slow", action="store_true", help="run tests marked slow, too, as CI does")
     parser.addoption(
-        "--full", action="store_true", help="run long proofs whole (by default a tenth of them)"
+        "--full",
+        action="store_true",
+        help="run all, and long proofs whole (by default a tenth of them)",
     )
     parser.addoption(
         "--costs", action="store_true", help="print what the tests cost, in CPU seconds"
@@ -133,13 +137,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give whole files to workers, those first that take longest: else one ends the run alone.
 
-    Every worker has a screen of its own, so sessions in real time run side by side.
+    Sittings before a screen mostly wait for real time to pass. While one worker runs them, the
+    others compute: side by side they would leave the processors idle.
     """
     from xdist.scheduler import LoadScopeScheduling
 
     class WholeFiles(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             return nodeid.split("::", 1)[0]
+
+        def _assign_work_unit(self, node: Any) -> None:
+            sitting = any(
+                scope.startswith(SITTINGS) and not all(done.values())
+                for work in self.assigned_work.values()
+                for scope, done in work.items()
+            )
+            wanted = (one for one in self.workqueue if one.startswith(SITTINGS) is not sitting)
+            self.workqueue.move_to_end(next(wanted, next(iter(self.workqueue))), last=False)
+            super()._assign_work_unit(node)
 
     config.option.loadscopereorder = False  # in the order of the tests, as sorted below
     return WholeFiles(config, log)
@@ -202,9 +217,12 @@ def cost_name(nodeid: str) -> str:
 def pytest_configure(config: pytest.Config) -> None:
     """Watch the costs where they are asked for; let Mesa compile shaders fast, unless `--full`.
 
+    Slow tests run where they are asked for, too: by `--full`, and by naming files or tests.
     For pictures as small as ours, its software renderer takes longer to make its programs quick
     than to run them as they are. Both compute the same.
     """
+    if config.getoption("--full") or config.args_source is pytest.Config.ArgsSource.ARGS:
+        config.option.slow = True  # workers are told
     if not config.getoption("--full"):
         os.environ.setdefault("GALLIVM_PERF", "nopt")
     if config.getoption("--costs"):
@@ -212,14 +230,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the longest files first; skip what is marked `full` unless it was asked for."""
+    """Put the longest files first; skip what is marked `slow` or `full` unless it is asked for."""
     order = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.nodeid.split("::", 1)[0], len(order)))
-    if config.getoption("--full"):
-        return
-    for item in items:
-        if item.get_closest_marker("full"):
-            item.add_marker(pytest.mark.skip(reason="a long proof: script/test --full runs it"))
+    for mark, why in (("slow", "takes seconds"), ("full", "a long proof")):
+        if not config.getoption(f"--{mark}"):
+            skip = pytest.mark.skip(reason=f"{why}: script/test --{mark} runs it")
+            for item in items:
+                if item.get_closest_marker(mark):
+                    item.add_marker(skip)
 
 
 def pytest_collection_finish() -> None:

@@ -41,6 +41,7 @@ def test_whole_files_are_read(samples, reader):
     assert absurd(reader.read(samples / reader.file), reader) is None
 
 
+@pytest.mark.slow
 def test_harmed_files_are_refused_in_one_message_or_read(full, tmp_path):
     """Some twenty for each reader, always the same; with --full 10^5, each run others."""
     seed = time.time_ns() % 10**6 if full else 24  # CI meets the same files each time

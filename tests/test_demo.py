@@ -38,7 +38,8 @@ from study_app.cli.demo.watcher import Place, Watcher
 from study_app.sittings import find_sittings
 from study_app.strip import BLOCK_PX, BLOCKS, GUARD, code_of
 
-pytestmark = pytest.mark.timeout(900)  # builds clips, and sits before a window in real time
+# Builds clips, and sits before a window in real time.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 SMALLER = {
     "width_deg": "2.0",

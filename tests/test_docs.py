@@ -149,6 +149,7 @@ def newcomer(tmp_path_factory):
     return Newcomer(tmp_path_factory.mktemp("newcomer"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", commands_in(README.read_text(encoding="utf-8")))
 def test_every_command_in_the_readme_exists_and_runs(newcomer, command):
     words = shlex.split(command, comments=True)

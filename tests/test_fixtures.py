@@ -23,6 +23,10 @@ import pytest
 def test_whole():
     pass
 
+@pytest.mark.slow
+def test_slow():
+    pass
+
 def test_counts(proof_count, full):
     print("counts", proof_count(500), proof_count(3), full)
 """
@@ -36,7 +40,7 @@ def run_pytest(repository, tmp_path):
         ours = (repository / "tests/conftest.py").read_text(encoding="utf-8")
         (tmp_path / "conftest.py").write_text(ours + conftest)
         (tmp_path / "test_made_up.py").write_text(source)
-        markers = "[pytest]\nmarkers = full: a long proof\n"
+        markers = "[pytest]\nmarkers =\n  full: a long proof\n  slow: takes seconds\n"
         (tmp_path / "pytest.ini").write_text(markers)
         inherited = {key: value for key, value in os.environ.items() if key != "REQUIRE_GL"}
         done = subprocess.run(
@@ -67,18 +71,30 @@ def test_without_opengl_a_test_that_needs_it_fails_where_opengl_is_required(run_
     assert "REQUIRE_GL=1, and there is no usable OpenGL: no driver here" in output
 
 
-def test_by_default_long_proofs_run_a_tenth(run_pytest):
+def test_by_default_long_proofs_run_a_tenth_and_slow_tests_not_at_all(run_pytest):
     _, output = run_pytest(PROOFS)
 
     assert "counts 50 1 False" in output
-    assert "1 passed, 1 skipped" in output
+    assert "1 passed, 2 skipped" in output
+    assert "takes seconds: script/test --slow runs it" in output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--slow",), ("test_made_up.py",), ("-n", "1", "test_made_up.py")],
+)
+def test_slow_tests_run_where_they_are_asked_for_or_named(run_pytest, words):
+    _, output = run_pytest(PROOFS, *words)
+
+    assert "2 passed, 1 skipped" in output
+    assert "a long proof: script/test --full runs it" in output
 
 
 def test_long_proofs_run_whole_when_asked(run_pytest):
     _, output = run_pytest(PROOFS, "--full")
 
     assert "counts 500 3 True" in output
-    assert "2 passed" in output
+    assert "3 passed" in output
 
 
 def test_every_test_starts_from_the_same_random_numbers(run_pytest):
@@ -129,6 +145,7 @@ def test_quick():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["here", "in a worker"])
 def test_costs_count_processes_that_a_test_starts(run_pytest, workers):
     status, output = run_pytest(COSTLY, "--costs", *workers)

@@ -18,6 +18,8 @@ from PIL import Image
 
 from protocols.revision import read_revision
 
+pytestmark = pytest.mark.slow
+
 # Of the running environment, whatever path files made it; never the checkout.
 LIBRARIES = [entry for entry in sys.path if Path(entry).name in ("site-packages", "dist-packages")]
 PIP = [sys.executable, "-P", "-m", "pip", "--disable-pip-version-check"]

@@ -459,6 +459,7 @@ def test_depth_alone_fills_the_motorcycle_nearly_as_the_prototype(method, splatt
     assert quality.ssim >= 0.61
 
 
+@pytest.mark.slow
 def test_metameric_fills_the_motorcycle_with_the_right_detail(method, splatted_motorcycle, full):
     """As much of it as the truth has, and closer in its statistics than any other method."""
     frame, interior, truth = splatted_motorcycle

@@ -122,6 +122,7 @@ def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):
     assert read_revision(tmp_path / FOLDER) == read_revision(repository)
 
 
+@pytest.mark.slow
 def test_everything_that_is_imported_is_declared(repository):
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]

@@ -80,6 +80,7 @@ def clone(tmp_path, repository):
     return Clone(tmp_path / "clone", repository)
 
 
+@pytest.mark.slow
 def test_a_release_has_version_changelog_wheel_and_tag(clone):
     said = clone.release("1.0.0")
 

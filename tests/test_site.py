@@ -14,6 +14,8 @@ import pages
 import pictures
 import pytest
 
+pytestmark = pytest.mark.slow
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 OURS = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 # What a browser fetches to show a page; where a link leads is the reader's to follow.

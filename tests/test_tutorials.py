@@ -11,6 +11,8 @@ import pictures
 import pytest
 from forked import programs
 
+pytestmark = pytest.mark.slow
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((REPOSITORY / "docs/tutorials").glob("*.md"))
 LONGEST_WORDS = 500

@@ -91,6 +91,7 @@ def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl_context")
 def test_motorcycle_is_built_in_and_measured_against_the_other_photograph(tmp_path):
     code, said, _ = run("motorcycle", tmp_path / "out.png", "-m", "background-extension")

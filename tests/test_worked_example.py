@@ -7,6 +7,8 @@ import re
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 STIMULI = """
 kind = "files"
 width_px = 64

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 LAB_FILL = 'name = "telea"\nmethod = "lab-mean"\nparameters = { factor = 0.5 }'
 
 

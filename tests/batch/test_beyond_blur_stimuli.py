@@ -231,6 +231,7 @@ def strips_beside(order, gaze, angle_deg, wide_deg=1.5):
     return [np.flatnonzero(away & (share > low) & (share < low + 0.5)) for low in (0.5, 0.0)]
 
 
+@pytest.mark.slow
 def test_across_the_cut_a_consistent_picture_differs_as_across_any_line(rng):
     """Of even noise: at the cut consistent pictures differ as at other angles, cut ones more."""
     tall, wide = 3 * TALL, 3 * WIDE

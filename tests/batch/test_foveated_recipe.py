@@ -479,6 +479,7 @@ def test_the_commands_build_show_and_simulate_the_study(folder, study):
         assert done.exit_code == 0, (words, done.output)
 
 
+@pytest.mark.slow
 def test_the_stills_of_a_study_are_scored_around_their_gaze(tmp_path, whole):
     out = tmp_path / "scores"
     words = (
@@ -514,6 +515,7 @@ def contents(out) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_a_cluster_makes_the_same_bytes(folder, study, whole):
     distributed = pytest.importorskip("distributed")
     import warnings
@@ -535,6 +537,7 @@ def test_a_cluster_makes_the_same_bytes(folder, study, whole):
     assert contents(folder / "far") == contents(whole)
 
 
+@pytest.mark.slow
 def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(
     folder, study, whole, proof_count
 ):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from typer.testing import CliRunner
 
 from stimuli.build import build
 from study_app.cli.stimuli_commands import app
 
 
+@pytest.mark.slow
 def test_a_build_is_scored_by_the_command(gl_context, orders, inline, tmp_path):  # noqa: ARG001
     build(orders, tmp_path / "clips", inline)
     out = tmp_path / "scores"

@@ -259,6 +259,7 @@ def test_check_finds_a_manifest_that_its_own_frames_and_masks_contradict(copy, c
     assert said in found
 
 
+@pytest.mark.slow
 def test_a_killed_build_goes_on_to_the_same_bytes(small_study, batch, tmp_path, proof_count):
     """kill -9 after random amounts of work, then the same command until it ends."""
     kill_builds(small_study, batch, tmp_path / "clips", proof_count(20))
@@ -434,6 +435,7 @@ def test_a_full_disk_leaves_nothing_that_looks_finished(
     assert contents(out) == contents(batch)
 
 
+@pytest.mark.slow
 def test_a_limit_on_file_size_ends_with_one_message(small_study, tmp_path):
     """The real thing, in a process of its own: files may not grow past 4 KiB."""
     script = (
@@ -468,6 +470,7 @@ def test_a_killed_worker_ends_with_a_message(orders, tmp_path, inline_class):
     assert not (tmp_path / "clips/manifest.json").exists()
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_makes_the_same_bytes(orders, batch, tmp_path):
     distributed = pytest.importorskip("distributed")
     import warnings

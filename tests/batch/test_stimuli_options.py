@@ -70,6 +70,7 @@ def test_a_declared_filter_brings_frames_to_the_displays_pixels(
     assert (frames[0] != frames[1]).any()
 
 
+@pytest.mark.slow
 def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_path, shared_data):
     """By the command: a scene as an artist made it, and photographs, solved for 4 % of holes."""
     name = "torcs_ruudskogen"

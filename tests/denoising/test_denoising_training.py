@@ -133,6 +133,7 @@ def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
             assert np.abs(ours - theirs.numpy()[0].transpose(1, 2, 0)).max() < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("torch")
 def test_training_lowers_the_error(examples, tmp_path):
     training = Training(

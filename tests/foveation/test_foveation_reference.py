@@ -117,6 +117,7 @@ def test_fovea_is_copied_bit_for_bit_and_the_rest_changes():
         assert result.max() <= 1
 
 
+@pytest.mark.slow
 def test_a_metamer_has_the_statistics_that_a_blur_of_equal_pooling_has_lost():
     """At most a quarter of the blur's distance; displacement at most half of the noise's."""
     picture = photograph(412)

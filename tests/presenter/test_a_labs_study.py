@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 EDGE_PX = 64
 STIMULI = f"""
 kind = "lab-ramps"

@@ -79,6 +79,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(screen, make_study):
     values = {
         "pairings": '[["metameric", "push-pull"]]',

@@ -23,6 +23,8 @@ from PIL import Image
 from protocols.journal import Attempt, SessionResume
 from protocols.journal_file import read_journal
 
+pytestmark = pytest.mark.slow
+
 GUIDE = Path(__file__).resolve().parents[2] / "docs" / "running-a-study.md"
 SMALLER = {
     "study.toml": {

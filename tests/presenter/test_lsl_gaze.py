@@ -46,6 +46,7 @@ def side_rows(study, attempt, name):
 
 
 # Each rate is a whole session in real time; the fastest stands for all in the default run.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rate_hz",
     [

@@ -54,6 +54,7 @@ def events(study, kind):
     return [event for event in study.journal().events if isinstance(event, kind)]
 
 
+@pytest.mark.slow
 def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, wait, tmp_path):
     texts, response = study.protocol.text.languages["en"], study.protocol.response
     pages = Pages((640, 480), texts, 128)
@@ -173,6 +174,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
     assert "2 of 2" in follower.stdout
 
 
+@pytest.mark.slow
 def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
     study = make_study(
         {

@@ -72,6 +72,7 @@ def test_what_cannot_be_shown_or_watched_is_refused_with_its_cure(screen, make_s
     assert not (study.sessions / "demo").exists()
 
 
+@pytest.mark.slow
 def test_a_sitting_without_a_decision_is_no_success(screen, make_study):
     study = make_study({"timeout_s": "0.1", "max_attempts": "1", "repeats": "1"})
 

@@ -43,6 +43,7 @@ def press_until(screen, wait, condition, what, *keys):
     wait(attempt, what, timeout_s=60)
 
 
+@pytest.mark.slow
 def test_a_session_by_real_keys_ignores_wrong_ones_asks_before_quitting_and_goes_on(
     screen, make_study, wait
 ):

@@ -23,6 +23,7 @@ def clip_rectangle(study) -> tuple[int, int, int, int]:
     return (640 - width) // 2, (480 - height) // 2, width, height
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_another_process_sees_every_logged_flip_in_order_with_the_right_frame(
     screen, make_study, full

@@ -23,6 +23,8 @@ from stimuli.foveated.flat_view import flat_view
 from stimuli.recipes.foveated_work import Order
 from study_app.strip import compare
 
+pytestmark = pytest.mark.slow
+
 DECISIONS = {"beyond-blur-task": 300, "beyond-blur-preference": 252, "beyond-blur-detection": 294}
 FEW = {"beyond-blur-task": 20, "beyond-blur-preference": 4, "beyond-blur-detection": 12}
 SIZE = {"beyond-blur-task": (612, 340)}

@@ -151,6 +151,7 @@ def exported(studies, kind: str, form: str, out: Path, *, public: bool) -> tuple
     return out, read_journal(find_journals(sessions)[0]).start.manifest_sha256
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 def test_codes_cannot_be_guessed_from_a_public_export(studies, tmp_path, form):
     for kind, (path, _) in studies.items():

@@ -83,6 +83,7 @@ def study(own, tmp_path_factory, shared_gl_context) -> Path:  # noqa: ARG001
     return folder
 
 
+@pytest.mark.slow
 def test_from_files_to_a_first_report_and_its_figure_in_seven_commands(
     study, metamerlab, tmp_path, monkeypatch
 ):

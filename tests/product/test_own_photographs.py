@@ -12,6 +12,8 @@ from skimage import data
 
 from protocols.load import load_protocol
 
+pytestmark = pytest.mark.slow
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "foveation.md"
 
 

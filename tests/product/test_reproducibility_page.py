@@ -8,7 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from forked import programs
+
+pytestmark = pytest.mark.slow
 
 
 def test_equal_commands_give_equal_bytes_as_the_page_shows(repository, tmp_path):

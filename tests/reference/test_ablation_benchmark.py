@@ -1,6 +1,7 @@
 """Every correction that the ablation switches off is off, alone, and on again afterwards."""
 
 import numpy as np
+import pytest
 
 from benchmarks.ablation import CORRECTIONS, DEFAULT, PRINTED, View, cropped, fills, table
 from benchmarks.paper import Row
@@ -25,6 +26,7 @@ def view(rng) -> View:
     return View(WarpedFrame(colour, depth, hole, flow), colour, hole)
 
 
+@pytest.mark.slow
 def test_each_correction_changes_the_fill_and_leaves_the_default_as_it_was(rng):
     one = view(rng)
     found = dict(fills(one))

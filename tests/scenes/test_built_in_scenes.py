@@ -43,6 +43,7 @@ def test_a_scene_has_near_and_far_and_detail_like_a_photograph(name, gl_context)
     assert -3.5 < slope < -1.0
 
 
+@pytest.mark.slow
 def test_a_seed_makes_the_same_place_and_another_seed_another():
     first, again, other = (build_scene("castle", seed) for seed in (4, 4, 5))
 

@@ -20,6 +20,8 @@ from stimuli.score.measured import Measured
 from stimuli.score.metrics import BLIND, METRICS
 from study_app.cli import app
 
+pytestmark = pytest.mark.slow
+
 OWN = ("statistics", "band-ratio")
 EDGE = 128
 

@@ -10,7 +10,7 @@ import textwrap
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.usefixtures("with_metrics")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("with_metrics")]
 
 # Runs in a fresh interpreter: pyfvvdp and cvvdp cannot share one. `ours(family, ...)` is the
 # command's own path, and `test`, `truth` the frames it read, masked where `region` is holes.

@@ -39,6 +39,7 @@ def scored(batch, tmp_path):
     return run.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
 
 
+@pytest.mark.slow
 def test_the_command_writes_everything(run_score, batch, tmp_path):
     out = tmp_path / "scores"
     done = run_score(batch, "--out", out, "--metrics", ",".join(OURS))
@@ -170,12 +171,14 @@ def test_a_damaged_measurement_is_made_again(scored, batch, tmp_path, monkeypatc
     assert again.values == scored.values
 
 
+@pytest.mark.slow
 def test_several_processes_give_the_same_numbers(scored, batch):
     found = run.score(subjects_of_batch(batch), scored.settings, workers=2)
 
     assert found.values == scored.values
 
 
+@pytest.mark.slow
 def test_without_the_extra_the_rest_is_computed(run_score, batch, tmp_path, monkeypatch):
     from stimuli.score import available
 

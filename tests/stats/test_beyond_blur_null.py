@@ -96,6 +96,7 @@ def power_of(name: str, rng: np.random.Generator, studies: int = 100, **assumed:
     return analysis.power(study, values, rng=rng, studies=studies)
 
 
+@pytest.mark.slow
 def test_power_of_each_condition_follows_its_own_difference(rng):
     found = power_of(
         "beyond-blur-task", rng, **{"difference": 0.0, "difference.blur-140": -1.5, "d_prime": 2.0}
@@ -108,12 +109,14 @@ def test_power_of_each_condition_follows_its_own_difference(rng):
     assert max(float(planned[k]) for k in (1, 2, 3, 5)) < 0.2
 
 
+@pytest.mark.slow
 def test_power_of_detection_leaves_the_reference_out_which_holds_no_signal(rng):
     found = power_of("beyond-blur-detection", rng, difference=3.0, d_prime=0.5)
     assert found.result.comparisons == 2  # blur and F&S against ours
     assert float(next(row for row in found.rows if "planned" in row[0])[1]) > 0.9
 
 
+@pytest.mark.slow
 def test_power_of_bias_follows_the_criterion_and_not_sensitivity(rng):
     """[BB] Fig. 20, right: methods that are called inconsistent more often than `ours`."""
     same = {"d_prime": 0.5, "difference": 0.0, "studies": 50}

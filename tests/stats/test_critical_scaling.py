@@ -49,6 +49,7 @@ def test_one_persons_critical_scaling_is_recovered(rng, rule, law):
     assert fit.participants == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["distance", "published"])
 def test_limits_of_the_typical_critical_scaling_cover(rng, proof_count, law):
     """10 people x 8 scalings x 18: coverage .93 or more; bias below a tenth of the spread."""

@@ -157,6 +157,7 @@ def test_ratios_are_of_typical_times_and_turn_with_the_baseline(times):
         assert one.df == 8
 
 
+@pytest.mark.slow
 def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
     runs, called = proof_count(400), 0
     rng = np.random.default_rng(8)

@@ -46,6 +46,7 @@ def numbers(made) -> dict[str, object]:
     return loaded
 
 
+@pytest.mark.slow
 def test_run_again_every_byte_is_the_same(made, demo_protocol):
     report_sessions(made / "s", demo_protocol, made / "again", figure_files=False)
 
@@ -376,6 +377,7 @@ def test_a_protocol_given_for_a_table_must_know_its_methods(
         report_decisions(tmp_path / "old.csv", tmp_path / "r", protocol=demo_protocol)
 
 
+@pytest.mark.slow
 def test_figure_files_come_at_both_widths_in_three_formats(tmp_path, make_decisions):
     make_decisions(people=4, scenes=2, sizes=("all",)).to_csv(tmp_path / "d.csv", index=False)
     report_decisions(tmp_path / "d.csv", tmp_path / "r")

@@ -147,6 +147,7 @@ def test_dual_pairs_are_told_apart_as_often_as_noise_lets_them(rng):
         assert abx_d_prime(abx_share(d_prime, "dual-pair"), "dual-pair") == pytest.approx(d_prime)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_known_critical_scalings_come_back(name, proof_count, full):
     """The default observers answer the study's own plan; by default two of the four conditions."""
@@ -178,6 +179,7 @@ def test_known_critical_scalings_come_back(name, proof_count, full):
     assert np.mean(inside) >= (0.8 if full else 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monkeypatch, full):
     """Two scenes and three scalings of it: the report says whose critical scaling is which."""

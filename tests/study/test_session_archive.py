@@ -135,6 +135,7 @@ def test_a_secret_is_in_it_where_it_is_encrypted_or_asked_for():
     assert SECRET.encode() not in Path("plain.zip").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_an_encrypted_archive_opens_with_its_passphrase_alone(full):
     pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")

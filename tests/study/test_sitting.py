@@ -540,6 +540,7 @@ def test_presented_is_planned_over_random_protocols(proof_count):
 # --- killed, resumed -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
     """SIGKILL at random times and at random writes; every session goes on to the end."""

@@ -270,6 +270,7 @@ def test_a_list_has_as_many_work_groups_as_its_entries_need(fill, rng):
     assert seen > 5
 
 
+@pytest.mark.slow
 def test_more_holes_than_work_groups_in_a_row(fill):
     """32 769 groups of 64 blocks, one block in the last: a second row of groups must fill it."""
     size = (2050, 4096)
