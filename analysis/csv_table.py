@@ -51,8 +51,7 @@ def read_table(path: Path) -> pd.DataFrame:
         text = decode_utf8(data, path)
     except StudyError as error:
         raise StudyError(f"{error}, or {PLAIN_HINT}") from None
-    if "\n" not in text:
-        text = text.replace("\r", "\n")  # lines as old Macs end them
+    text = with_lines(text)
     check_rows(path, text)
     if found := CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
@@ -82,6 +81,11 @@ def read_table(path: Path) -> pd.DataFrame:
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
     return pd.DataFrame(rows, columns=header, index=lines, dtype=str)
+
+
+def with_lines(text: str) -> str:
+    """Return a text whose lines end as today's do, also where old Macs ended them."""
+    return text if "\n" in text else text.replace("\r", "\n")
 
 
 def separator_of(path: Path, text: str) -> str:

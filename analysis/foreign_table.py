@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 
-from analysis.csv_table import separator_of
+from analysis.csv_table import ZIPPED, separator_of, with_lines
 from analysis.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
 from protocols.limits import check_rows
@@ -22,7 +22,7 @@ from protocols.load import read_bytes
 
 SPREADSHEETS = (".xls", ".ods", ".numbers")
 """Spreadsheets that are not read."""
-ANSWERS = ("chosen", "chose_first", "answer", "correct")
+ANSWERS = ("chosen", "chose_first", "answer", "correct", "rating")
 FIRST = {"first", "left", "1", "a"}
 SECOND = {"second", "right", "2", "b"}
 _DECIMAL = re.compile(r"[+-]?\d+,\d+")
@@ -51,10 +51,10 @@ class PlainForm:
 def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]:
     """Give a table as UTF-8 with commas and decimal points, without rows that have no answer.
 
-    Read are UTF-8, UTF-16 with a mark and Windows' Latin-1, and the first sheet of ``.xlsx``. A
-    column of numbers with decimal commas gets points where the file is separated otherwise. Where
-    the column ``chosen`` says left and right, or first and second, it gets the names of the
-    columns ``first`` and ``second``. Errors inside the block name `path`.
+    Read are UTF-8, UTF-16 with a mark and Windows' Latin-1, and the first sheet of ``.xlsx``,
+    however it is named. A column of numbers with decimal commas gets points where the file is
+    separated otherwise. Where the column ``chosen`` says left and right, or first and second, it
+    gets the names of the columns ``first`` and ``second``. Errors inside the block name `path`.
 
     Parameters
     ----------
@@ -72,11 +72,12 @@ def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]
             " own program"
         )
     notes: list[str] = []
-    if path.suffix.lower() == ENDING:
+    is_sheet = path.suffix.lower() == ENDING or read_bytes(path, "the table").startswith(ZIPPED)
+    if is_sheet:
         rows, separator = read_xlsx(path, notes), ";"
     else:
         rows, separator = _read_text(path, notes)
-    changed = bool(notes) or path.suffix.lower() == ENDING
+    changed = bool(notes) or is_sheet
     for change in (_decimal_points, _answers_by_place, _without_empty):
         found = change(rows, separator, mapping)
         notes += found
@@ -108,6 +109,7 @@ def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:
         except UnicodeDecodeError:
             text = data.decode("cp1252", "replace")
             notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
+    text = with_lines(text)
     check_rows(path, text)
     separator = separator_of(path, text)
     reader = csv.reader(StringIO(text), delimiter=separator)
@@ -167,9 +169,10 @@ def _answers_by_place(
 
 
 def _without_empty(rows: list[list[str]], _separator: str, mapping: Mapping[str, str]) -> list[str]:
-    """Leave out rows without any cell, and rows without an answer."""
+    """Leave out rows without any cell, and rows without an answer, or a time where only that is."""
     places = _places(rows, mapping)
     answers = [places[name] for name in ANSWERS if name in places]
+    answers = answers or [places[name] for name in ("rt_s",) if name in places]
     lines = []
     for line, row in enumerate(rows[1:], start=2):
         blank = not any(cell.strip() for cell in row)
@@ -193,5 +196,5 @@ def _without_empty(rows: list[list[str]], _separator: str, mapping: Mapping[str,
 def _places(rows: list[list[str]], mapping: Mapping[str, str]) -> dict[str, int]:
     """Return in which column each of our names stands."""
     header = [name.strip() for name in rows[0]] if rows else []
-    wanted = {name: name for name in (*ANSWERS, "first", "second")} | dict(mapping)
+    wanted = {name: name for name in (*ANSWERS, "rt_s", "first", "second")} | dict(mapping)
     return {ours: header.index(theirs) for ours, theirs in wanted.items() if theirs in header}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +23,11 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.ordinal import OrdinalLink
 
 TrialsArgument = Annotated[
-    Path, typer.Argument(help="CSV of any tool, one answer per row; or a decisions.csv of ours.")
+    Path,
+    typer.Argument(
+        help="CSV or .xlsx of any tool, one answer per row; or a decisions.csv of ours. What had to"
+        " be read otherwise than it stands is noted."
+    ),
 ]
 MapOption = Annotated[
     list[str] | None,
@@ -90,8 +96,12 @@ def psychometric(
             level=confidence,
         )
         with one_line() as progress:
-            found = psychometric_of_csv(
-                table, options, pairs("--map", columns or ()), progress=progress
+            found = found_in(
+                table,
+                columns,
+                lambda path, mapping: psychometric_of_csv(
+                    path, options, mapping, progress=progress
+                ),
             )
         hand_over(found, out, replace=replace)
 
@@ -119,13 +129,12 @@ def detection(
     from analysis.from_csv.detection import detection_of_csv
 
     with user_errors():
-        found = detection_of_csv(
+        found = found_in(
             table,
-            pairs("--map", columns or ()),
-            signal=signal,
-            by=by,
-            baseline=baseline,
-            level=confidence,
+            columns,
+            lambda path, mapping: detection_of_csv(
+                path, mapping, signal=signal, by=by, baseline=baseline, level=confidence
+            ),
         )
         hand_over(found, out, replace=replace)
 
@@ -150,8 +159,12 @@ def reaction(
     from analysis.from_csv.reaction import reaction_of_csv
 
     with user_errors():
-        found = reaction_of_csv(
-            table, pairs("--map", columns or ()), by=by, baseline=baseline, level=confidence
+        found = found_in(
+            table,
+            columns,
+            lambda path, mapping: reaction_of_csv(
+                path, mapping, by=by, baseline=baseline, level=confidence
+            ),
         )
         hand_over(found, out, replace=replace)
 
@@ -189,14 +202,13 @@ def ratings(
     from analysis.ratings_csv import scale_of
 
     with user_errors():
-        found = ratings_of_csv(
+        levels, model = scale_of(scale), one_of("--link", link, LINKS)
+        found = found_in(
             table,
-            pairs("--map", columns or ()),
-            by=by,
-            scale=scale_of(scale),
-            baseline=baseline,
-            link=one_of("--link", link, LINKS),
-            level=confidence,
+            columns,
+            lambda path, mapping: ratings_of_csv(
+                path, mapping, by=by, scale=levels, baseline=baseline, link=model, level=confidence
+            ),
         )
         hand_over(found, out, replace=replace)
 
@@ -228,17 +240,15 @@ def bayes(
     from analysis.from_csv.bayes import bayes_of_csv
 
     with user_errors():
-        mapping = pairs("--map", columns or ())
         with one_line() as progress:
-            found = bayes_of_csv(
+            found = found_in(
                 table,
-                mapping,
-                method=method,
-                against=against,
-                margin=margin,
-                level=confidence,
-                progress=progress,
-            )
+                columns,
+                lambda path, mapping: bayes_of_csv(
+                    path, mapping, method=method, against=against, margin=margin,
+                    level=confidence, progress=progress,
+                ),
+            )  # fmt: skip
         hand_over(found, out, replace=replace)
 
 
@@ -261,6 +271,18 @@ def _guess(text: str) -> float | None:
     if not 0.0 <= value < 1.0:
         raise StudyError(f"--guess must be a rate from 0 to below 1, or 'fit' (got {text!r})")
     return value
+
+
+def found_in(
+    table: Path, columns: list[str] | None, question: Callable[[Path, Mapping[str, str]], Found]
+) -> Found:
+    """Ask a question of a table in plain form; what was changed to get there is noted."""
+    from analysis.foreign_table import in_plain_form
+
+    mapping = pairs("--map", columns or ())
+    with in_plain_form(table, mapping) as plain:
+        found = question(plain.path, mapping)
+    return changed(found, notes=(*plain.notes, *found.notes))
 
 
 def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:

@@ -92,6 +92,39 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     assert noted["sentences"][0] in " ".join(result.output.split())
 
 
+def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuity, tmp_path):
+    """PsychoPy writes a row for each page of instructions; a German spreadsheet decimal commas."""
+    rows = pd.read_csv(acuity).rename(columns={"who": "participant", "hit": "key_resp.corr"})
+    rows["key_resp.rt"] = 0.5 + 0.01 * np.arange(len(rows)) % 0.7
+    page = pd.DataFrame({"participant": [0, 0]})
+    pages = pd.concat([page, rows, page]).convert_dtypes()
+    pages.to_csv(tmp_path / "psychopy.csv", index=False)
+    asked = ("--level", "ecc", "--by", "method", "--falling")
+
+    result = run(
+        "psychometric", tmp_path / "psychopy.csv", *asked, "--map", "correct=key_resp.corr",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    note = "left out without an answer: 4 rows (line 2, 3, 564, 565)"
+    assert note in result.output
+    assert note in json.loads((tmp_path / "out/results.json").read_text())["notes"]
+    plain = run("psychometric", acuity, *asked, "--map", "participant=who", "--map", "correct=hit")
+    assert plain.output.splitlines()[0] in result.output
+
+    times = run(
+        "reaction", tmp_path / "psychopy.csv", "--map", "rt_s=key_resp.rt", "--by", "method"
+    )
+    assert times.exit_code == 0, times.output
+    assert "560" in times.output
+    assert "4 rows" in times.output
+
+    rows.to_csv(tmp_path / "german.csv", sep=";", decimal=",", index=False, encoding="utf-16")
+    german = run("reaction", tmp_path / "german.csv", "--map", "rt_s=key_resp.rt", "--by", "method")
+    assert german.exit_code == 0, german.output
+    assert "decimal commas read as points: key_resp.rt" in german.output
+
+
 def test_one_person_is_not_compared_between_conditions(seen, tmp_path):
     one = tmp_path / "one.csv"
     rows = pd.read_csv(seen)
@@ -106,7 +139,7 @@ def test_one_person_is_not_compared_between_conditions(seen, tmp_path):
     assert "nan" not in result.output
 
 
-def test_a_table_with_the_lines_of_old_macs_is_read_and_a_renamed_spreadsheet_refused(
+def test_a_table_with_the_lines_of_old_macs_is_read_and_a_broken_spreadsheet_refused(
     acuity, tmp_path
 ):
     columns = ("--level", "ecc", "--by", "method", "--falling")
@@ -118,7 +151,7 @@ def test_a_table_with_the_lines_of_old_macs_is_read_and_a_renamed_spreadsheet_re
     sheet.write_bytes(b"PK\x03\x04" + bytes(100))
     refused = run("psychometric", sheet, *columns, *named)
     assert refused.exit_code == 2
-    assert "this is a spreadsheet); name it .xlsx" in refused.output
+    assert "must be an .xlsx file" in refused.output
 
 
 def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
