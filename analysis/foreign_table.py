@@ -20,6 +20,8 @@ from protocols.errors import StudyError
 from protocols.limits import check_rows
 from protocols.load import read_bytes
 
+TABLES = (".csv", ".tsv", ENDING)
+"""Tables that a folder may hold."""
 SPREADSHEETS = (".xls", ".ods", ".numbers")
 """Spreadsheets that are not read."""
 ANSWERS = ("chosen", "chose_first", "answer", "correct", "rating")
@@ -30,6 +32,9 @@ _NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
 _SHOWN_LINES = 5
 
 
+Rows = list[list[str]]
+
+
 @dataclass(frozen=True)
 class PlainForm:
     """A table in plain form.
@@ -38,7 +43,7 @@ class PlainForm:
     ----------
     path : Path
         Of the plain table: the user's own where nothing was changed, else a copy that is gone when
-        the block ends. Its lines are those of the user's file.
+        the block ends.
     notes : tuple of str
         What was changed.
     """
@@ -54,7 +59,8 @@ def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]
     Read are UTF-8, UTF-16 with a mark and Windows' Latin-1, and the first sheet of ``.xlsx``,
     however it is named. A column of numbers with decimal commas gets points where the file is
     separated otherwise. Where the column ``chosen`` says left and right, or first and second, it
-    gets the names of the columns ``first`` and ``second``. Errors inside the block name `path`.
+    gets the names of the columns ``first`` and ``second``. Of a folder all tables are read as one,
+    with the columns of all. Errors inside the block name the user's file and its line.
 
     Parameters
     ----------
@@ -64,29 +70,19 @@ def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]
     Raises
     ------
     StudyError
-        If it is a spreadsheet of another kind, or cannot be read.
+        If it is a spreadsheet of another kind, or cannot be read; of a folder, if it holds no
+        table.
     """
-    if path.suffix.lower() in SPREADSHEETS:
-        raise StudyError(
-            f"{path}: must be a CSV table or {ENDING}; save it as one of them in the spreadsheet's"
-            " own program"
-        )
-    notes: list[str] = []
-    is_sheet = path.suffix.lower() == ENDING or read_bytes(path, "the table").startswith(ZIPPED)
-    if is_sheet:
-        rows, separator = read_xlsx(path, notes), ";"
+    if not path.is_dir():
+        rows, notes = _plain_rows(path, mapping)
+        lines = [(path, line) for line in range(1, len(rows) + 1)]
+        if not notes and not _is_spreadsheet(path):
+            yield PlainForm(path, ())
+            return
     else:
-        rows, separator = _read_text(path, notes)
-    changed = bool(notes) or is_sheet
-    for change in (_decimal_points, _answers_by_place, _without_empty):
-        found = change(rows, separator, mapping)
-        notes += found
-        changed |= bool(found)
-    if not changed:
-        yield PlainForm(path, ())
-        return
+        rows, lines, notes = _rows_of_folder(path, mapping)
     with tempfile.TemporaryDirectory() as folder:
-        plain = Path(folder) / f"{path.stem}.csv"
+        plain = Path(folder) / f"{path.resolve().stem or 'tables'}.csv"
         with plain.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             for row in rows:
@@ -94,7 +90,70 @@ def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]
         try:
             yield PlainForm(plain, tuple(notes))
         except StudyError as error:
-            raise StudyError(str(error).replace(str(plain), str(path))) from None
+            said = re.sub(
+                rf"{re.escape(str(plain))}: line (\d+)",
+                lambda found: "{}: line {}".format(*lines[int(found[1]) - 1]),
+                str(error),
+            )
+            raise StudyError(said.replace(str(plain), str(path))) from None
+
+
+def _rows_of_folder(
+    path: Path, mapping: Mapping[str, str]
+) -> tuple[Rows, list[tuple[Path, int]], list[str]]:
+    """Return the rows of all tables in a folder, where each comes from, and what was changed."""
+    files = sorted(one for one in path.iterdir() if one.suffix.lower() in (*TABLES, *SPREADSHEETS))
+    if not files:
+        raise StudyError(f"{path}: must hold tables ({', '.join(TABLES)}) (it holds none)")
+    header: dict[str, None] = {}
+    cells: list[dict[str, str]] = []
+    lines = [(files[0], 1)]
+    told: dict[str, list[str]] = {}
+    for file in files:
+        rows, notes = _plain_rows(file, mapping)
+        if not rows:
+            notes.append("left out: it is empty")
+        names = [name.strip() for name in rows[0]] if rows else []
+        if len(set(names)) < len(names):
+            raise StudyError(f"{file}: columns must have names of their own")
+        header |= dict.fromkeys(names)
+        for line, row in enumerate(rows[1:], start=2):
+            if row and len(row) != len(names):
+                raise StudyError(
+                    f"{file}: line {line}: must have {len(names)} cells like the header (found"
+                    f" {len(row)})"
+                )
+            if row:
+                cells.append(dict(zip(names, row, strict=True)))
+                lines.append((file, line))
+        for note in notes:
+            told.setdefault(note.partition(":")[0], []).append(f"{file.name}: {note}")
+    rows = [list(header), *([row.get(name, "") for name in header] for row in cells)]
+    notes = [f"{len(files)} tables of {path} read as one"]
+    for one, *others in told.values():
+        notes.append(one + (f"; likewise in {len(others)} more" if others else ""))
+    return rows, lines, notes
+
+
+def _plain_rows(path: Path, mapping: Mapping[str, str]) -> tuple[Rows, list[str]]:
+    """Return the rows of one file by line, in plain form, and what was changed."""
+    if path.suffix.lower() in SPREADSHEETS:
+        raise StudyError(
+            f"{path}: must be a CSV table or {ENDING}; save it as one of them in the spreadsheet's"
+            " own program"
+        )
+    notes: list[str] = []
+    if _is_spreadsheet(path):
+        rows, separator = read_xlsx(path, notes), ";"
+    else:
+        rows, separator = _read_text(path, notes)
+    for change in (_decimal_points, _answers_by_place, _without_empty):
+        notes += change(rows, separator, mapping)
+    return rows, notes
+
+
+def _is_spreadsheet(path: Path) -> bool:
+    return path.suffix.lower() == ENDING or read_bytes(path, "the table").startswith(ZIPPED)
 
 
 def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:

@@ -290,7 +290,13 @@ def power(
 
 @app.command("import")
 def import_(
-    table: Annotated[Path, typer.Argument(help="CSV or .xlsx of any tool, one decision per row.")],
+    table: Annotated[
+        Path,
+        typer.Argument(
+            help="CSV or .xlsx of any tool, one decision per row; or a folder of such, for example"
+            " one per participant."
+        ),
+    ],
     out: NewFolderOption,
     task: Annotated[
         str,

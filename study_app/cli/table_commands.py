@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
 TrialsArgument = Annotated[
     Path,
     typer.Argument(
-        help="CSV or .xlsx of any tool, one answer per row; or a decisions.csv of ours. What had to"
-        " be read otherwise than it stands is noted."
+        help="CSV or .xlsx of any tool, one answer per row; a folder of such, for example one per"
+        " participant; or a decisions.csv of ours. What was left out or changed is noted."
     ),
 ]
 MapOption = Annotated[

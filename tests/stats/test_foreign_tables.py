@@ -222,6 +222,54 @@ def test_the_report_of_such_a_file_names_the_command_that_helps(tmp_path, name, 
     assert "metamerlab analysis import" in " ".join(done.stderr.split())
 
 
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A file for each participant, as PsychoPy leaves them: columns differ, one run was ended."""
+    data = tmp_path / "data"
+    data.mkdir()
+    head, *rows = PLAIN
+    start = (("Jörg", "", "", "", "", ""),)
+    (data / "P1.csv").write_text(text_of((head, *start, *rows[:2])), encoding="utf-8")
+    mouse = [(*row, "0,5") for row in rows[2:]]
+    xlsx(data / "P2.xlsx", [(*head, "mouse"), *mouse])
+    (data / "P3.csv").write_text("")
+    (data / "P1.log").write_text("not a table")
+    return data
+
+
+def test_a_folder_with_a_file_for_each_participant_is_read_as_one_table(folder, expected):
+    found, said = imported(folder)
+
+    pd.testing.assert_frame_equal(found.drop(columns="trial"), expected.drop(columns="trial"))
+    assert f"3 tables of {folder} read as one" in said
+    assert "P1.csv: left out without an answer: 1 row (line 2)" in said
+    assert "P3.csv: left out: it is empty" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "said"),
+    [
+        ("P1.csv", "Jörg,ours,ours,ours,1,Garten\n", "line 5: first and second must differ"),
+        ("P1.csv", "Jörg,ours\n", "line 5: must have 6 cells like the header"),
+        ("P4.csv", "A,A\n1,2\n", "columns must have names of their own"),
+    ],
+)
+def test_a_mistake_in_a_folder_is_told_with_its_file_and_line(folder, name, line, said):
+    with (folder / name).open("a", encoding="utf-8") as file:
+        file.write(line)
+    done = run("analysis", "import", folder, *MAP, "--map", "chosen=Wahl", "--out", folder / "i")
+
+    assert done.exit_code == 2
+    assert f"{folder / name}: {said}" in " ".join(done.stderr.split())
+    assert not (folder / "i").exists()
+
+
+def test_a_folder_without_tables_is_refused(tmp_path):
+    done = run("analysis", "reaction", tmp_path, "--by", "method")
+    assert done.exit_code == 2
+    assert f"{tmp_path}: must hold tables (.csv, .tsv, .xlsx)" in " ".join(done.stderr.split())
+
+
 def test_another_spreadsheet_says_how_to_save_it(tmp_path):
     (tmp_path / "old.ods").write_bytes(b"PK")
     with (
