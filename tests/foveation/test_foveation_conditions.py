@@ -24,7 +24,10 @@ NEEDS_TORCH = pytest.mark.skipif(
     reason="needs the extra `metamers`: script/setup --metamers installs it",
 )
 MADE_HERE = [
-    pytest.param(entry.name, marks=NEEDS_TORCH if entry.name == "energy-metamer" else ())
+    pytest.param(
+        entry.name,
+        marks=(NEEDS_TORCH, pytest.mark.slow) if entry.name == "energy-metamer" else (),
+    )
     for entry in CONDITIONS
     if not entry.takes_path
 ]

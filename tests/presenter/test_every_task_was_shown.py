@@ -140,6 +140,7 @@ def write_pictures(folder, case):
     (folder / "stimuli.csv").write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", CASES)
 def test_another_process_sees_every_logged_flip_with_the_hashed_frames(screen, make_study, name):
