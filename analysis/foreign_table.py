@@ -102,7 +102,12 @@ def _rows_of_folder(
     path: Path, mapping: Mapping[str, str]
 ) -> tuple[Rows, list[tuple[Path, int]], list[str]]:
     """Return the rows of all tables in a folder, where each comes from, and what was changed."""
-    files = sorted(one for one in path.iterdir() if one.suffix.lower() in (*TABLES, *SPREADSHEETS))
+    files = sorted(
+        one
+        for one in path.iterdir()
+        if one.suffix.lower() in (*TABLES, *SPREADSHEETS)
+        and not one.name.startswith((".", "~$"))  # of macOS, and of Excel while it runs
+    )
     if not files:
         raise StudyError(f"{path}: must hold tables ({', '.join(TABLES)}) (it holds none)")
     header: dict[str, None] = {}

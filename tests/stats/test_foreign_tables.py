@@ -233,7 +233,8 @@ def folder(tmp_path) -> Path:
     mouse = [(*row, "0,5") for row in rows[2:]]
     xlsx(data / "P2.xlsx", [(*head, "mouse"), *mouse])
     (data / "P3.csv").write_text("")
-    (data / "P1.log").write_text("not a table")
+    for name in ("P1.log", "._P1.csv", "~$P2.xlsx"):
+        (data / name).write_text("not a table")
     return data
 
 
