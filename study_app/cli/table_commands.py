@@ -79,8 +79,13 @@ def psychometric(
     person's curve has priors on lapses, guesses and on answers that vary more than chance; limits
     of all people come from one model in which thresholds vary between people.
 
-    Example: metamerlab analysis psychometric acuity.csv --level ecc_deg --by method --falling
-    --guess 0.25 --out acuity
+    Examples, the second a folder of PsychoPy's files:
+
+        metamerlab analysis psychometric acuity.csv --level ecc_deg --by method --falling
+        --guess 0.25 --out acuity
+
+        metamerlab analysis psychometric data/ --level contrast --log --by method
+        --map correct=key_resp.corr
     """
     from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
     from protocols.adaptive.psychometric import SHAPES
