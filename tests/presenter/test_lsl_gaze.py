@@ -45,7 +45,7 @@ def side_rows(study, attempt, name):
         return list(csv.DictReader(file))
 
 
-# Each rate is a whole session in real time; the fastest stands for all in the default run.
+# Each rate is a whole session in real time; without --full the fastest stands for all.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "rate_hz",
