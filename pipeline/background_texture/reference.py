@@ -112,7 +112,7 @@ def background_border(
     Returns end, direction (both (N, 2)) and whether there is one.
     """
     octants = np.array(OCTANTS)
-    steps, end = _rays(scene, pixel, reach_px)
+    steps, end = rays(scene.known, pixel, reach_px)
     met = steps > 0
     behind = np.stack([scene.is_background(place, pixel) for place in end])
     length = np.where(met, steps**2 * (octants**2).sum(axis=1)[:, None], np.inf)
@@ -132,16 +132,16 @@ def background_border(
     return end[chosen, everyone], octants[chosen], (behind & met)[chosen, everyone]
 
 
-def _rays(
-    scene: Scene, pixel: NDArray[np.intp], reach_px: int
+def rays(
+    known: NDArray[np.bool_], pixel: NDArray[np.intp], reach_px: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Walk all octants to the first known pixel: steps taken (8, N; 0: none), ends (8, N, 2)."""
     steps = np.zeros((len(OCTANTS), len(pixel)), np.intp)
     for ray, direction in zip(steps, np.array(OCTANTS), strict=True):
         for count in range(1, reach_px + 1):
             place = pixel + count * direction
-            inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
-            ray[(ray == 0) & inside & at(scene.known, place)] = count
+            inside = ((place >= 0) & (place < known.shape)).all(axis=1)
+            ray[(ray == 0) & inside & at(known, place)] = count
     ends = pixel + steps[:, :, None] * np.array(OCTANTS)[:, None]
     return steps, ends
 

@@ -1,6 +1,6 @@
 #version 430
 // The base of every hole pixel: push-pull, and the background's edge averaged across ways side by
-// side. What is not thin is cut into tiles.
+// side, or what is nearer where there is no way. What is not thin is cut into tiles.
 // Twin: across() and smooth_base() in base.py, cut_tiles() in tiles.py. Change both or neither.
 
 #constant THIN_PX          // across a hole: from here up,
@@ -12,6 +12,7 @@
 #include "pixels.glsl"
 #include "shift_tiles.glsl"
 #include "shift_planes.glsl"
+#include "thickness.glsl"
 
 layout(rgba32f) uniform readonly image2D image;  // a: 1 known, 0 hole
 layout(r32f) uniform readonly image2D depth_m;
@@ -26,10 +27,6 @@ uniform float depth_threshold;
 bool is_hole(ivec2 place) {
     return all(greaterThanEqual(place, ivec2(0))) && all(lessThan(place, imageSize(image)))
         && imageLoad(image, place).a < 0.5;
-}
-
-float thickness(int across_px) {
-    return clamp(float(across_px - THIN_PX) / float(WIDE_PX - THIN_PX), 0.0, 1.0);
 }
 
 void cut(ivec2 pixel, ivec4 way) {
@@ -73,6 +70,9 @@ void complete(ivec2 pixel) {
         wide = total.a;
         pushed += EXTENSION_SHARE * wide * (total.rgb - pushed);
         if (wide > 0.0) cut(pixel, way);
+    } else {
+        vec4 nearer = imageLoad(ends, pixel);
+        pushed += nearer.a * (nearer.rgb - pushed);
     }
     imageStore(base, pixel, vec4(pushed, wide));
 }

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.background_texture.reference import Scene, at, background_border
+from pipeline.background_texture.reference import OCTANTS, Scene, at, background_border, rays
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level, guided_base, guided_mean
 from pipeline.shiftmap.settings import (
     EXTENSION_SHARE,
     LOW_RESOLUTION,
+    NEARER_SHARE,
     THIN_PX,
     WAY_REACH_PX,
     WIDE_PX,
@@ -123,13 +124,49 @@ def across(
     return total / np.maximum(weight, 1)[:, None]
 
 
+def nearer_around(
+    warped: WarpedFrame, pixel: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Tell what hole pixels may show instead, whose background is in sight nowhere.
+
+    Between leaves a narrow gap uncovers another leaf as often as what lies behind them all.
+
+    Parameters
+    ----------
+    pixel : (N, 2)
+        Those without a way.
+
+    Returns
+    -------
+    colour : (N, 3)
+        Mean of where the eight rays end, nearer ends counting more; all of it is in front.
+    share : (N,)
+        Of the base. Zero where the hole is wide even where it is narrowest.
+    """
+    steps, end = rays(~warped.hole, pixel, WAY_REACH_PX)
+    met = steps > 0
+    step_px = np.sqrt((np.array(OCTANTS) ** 2).sum(axis=1))[:, None]
+    weight = np.where(met, 1 / (step_px * np.maximum(steps, 1)), 0.0)
+    total = np.where(met.any(axis=0), weight.sum(axis=0), 1.0)
+    colour = (weight[..., None] * at(warped.colour, end)).sum(axis=0) / total[:, None]
+    crossed = met[:4] & met[4:]
+    across_px = np.where(crossed, steps[:4] + steps[4:] - 1, WIDE_PX).min(axis=0)
+    return colour, NEARER_SHARE * (1 - _thickness(across_px))
+
+
+def _thickness(across_px: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Tell how far from thin a hole is: 0 up to `THIN_PX` across, 1 from `WIDE_PX` on."""
+    return np.clip((across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
+
+
 def smooth_base(
     warped: WarpedFrame, guide: NDArray[np.float64], ways: Ways, threshold: float
 ) -> Base:
     """Fill the holes smoothly.
 
     Half of it is what push-pull finds around the hole at its depth, half the low-pass of the
-    background's edge continued along the parallax. Thin holes are filled by push-pull alone.
+    background's edge continued along the parallax. Thin holes are filled by push-pull alone, but
+    for a share of what is nearer where the background is in sight nowhere.
     """
     hole = warped.hole
     colour = np.where(hole[..., None], 0.0, warped.colour.astype(np.float64))
@@ -139,12 +176,15 @@ def smooth_base(
     pushed = np.where(hole[..., None], levels[0].values, colour)
     low = lowpass(levels[LOW_RESOLUTION], guide, 0, threshold)
     halves = lowpass(levels[LOW_RESOLUTION], levels[1].guide, 1, threshold)
-    thickness = np.clip((ways.across_px - THIN_PX) / (WIDE_PX - THIN_PX), 0.0, 1.0)
+    thickness = _thickness(ways.across_px)
     own = np.concatenate([low[ways.end[:, 0], ways.end[:, 1]], thickness[:, None]], axis=1)
     extended = across(own, hole, ways, guide, threshold)
     share = EXTENSION_SHARE * extended[:, 3:]
     base, wide, detail = pushed.copy(), np.zeros(hole.shape), np.zeros(hole.shape)
     base[hole] = (1 - share) * pushed[hole] + share * extended[:, :3]
+    enclosed = ways.pixel[ways.steps == 0]
+    nearer, nearer_share = nearer_around(warped, enclosed)
+    base[tuple(enclosed.T)] += nearer_share[:, None] * (nearer - base[tuple(enclosed.T)])
     wide[hole] = extended[:, 3]
     detail[hole] = (1 - share[:, 0]) * ((pushed - low)[hole] @ LUMA)
     return Base(base, low, halves, wide, detail)

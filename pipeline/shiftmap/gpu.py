@@ -34,7 +34,7 @@ _SEARCH = (
 )
 _CONSTANTS: dict[str, tuple[str, ...]] = {  # of settings.py, by pass
     "reset": _GRID,
-    "ways": ("WIDE_PX",),
+    "ways": ("THIN_PX", "WIDE_PX", "NEARER_SHARE"),
     "base": ("THIN_PX", "WIDE_PX", "EXTENSION_SHARE", *_GRID),
     "planes": (),
     "first": ("LENGTHS", *_SEARCH),

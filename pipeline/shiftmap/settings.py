@@ -16,6 +16,7 @@ LOW_RESOLUTION = 2  # detail is what lies above push-pull's means of 4x4 pixels,
 WAY_REACH_PX = 256
 THIN_PX, WIDE_PX = 2, 6  # across a hole: from here up, and from here on, it is not thin
 EXTENSION_SHARE = 0.5  # of the base; the rest is push-pull
+NEARER_SHARE = 0.25  # of the base of a thin hole whose background is in sight nowhere
 OVERLAP_POWER = 3  # bilinear shares of four tiles, sharpened: 1 blends most
 SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp gives it
 TILE = TILE_PX * SUBPIXELS

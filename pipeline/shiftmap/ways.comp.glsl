@@ -1,8 +1,10 @@
 #version 430
 // From every hole pixel to its end on the background's side, and the other way to the hole's end.
-// Twin: find_ways() in base.py. Change both or neither.
+// Twin: find_ways() and nearer_around() in base.py. Change both or neither.
 
-#constant WIDE_PX  // a hole that is open behind is as wide as the way says, and this more
+#constant THIN_PX       // across a hole: from here up,
+#constant WIDE_PX       // and from here on, it is not thin; one open behind is so much wider
+#constant NEARER_SHARE  // of the base of a thin hole whose background is in sight nowhere
 
 #include "pixels.glsl"
 #include "guided.glsl"
@@ -13,10 +15,11 @@ layout(rg32f) uniform readonly image2D flow_px;
 layout(rgba32f) uniform readonly image2D quarters;
 layout(r32f) uniform readonly image2D quarter_guide;
 layout(rgba32i) uniform writeonly iimage2D ways;  // step x, y; steps; width
-layout(rgba32f) uniform writeonly image2D ends;   // low-pass and guide there
+layout(rgba32f) uniform writeonly image2D ends;   // low-pass and guide there; if none: see below
 
 #include "sides.glsl"
 #include "quarters.glsl"
+#include "thickness.glsl"
 
 int hole_pixels_behind(ivec2 pixel, ivec2 direction) {
     for (int count = 0; count < REACH; ++count) {
@@ -27,11 +30,33 @@ int hole_pixels_behind(ivec2 pixel, ivec2 direction) {
     return REACH;
 }
 
+vec4 end_of_ray(ivec2 pixel, ivec2 direction, int steps) {
+    if (steps == 0) return vec4(0.0);
+    float length_px = float(steps) * sqrt(float(direction.x * direction.x + direction.y * direction.y));
+    return vec4(imageLoad(image, pixel + steps * direction).rgb, 1.0) / length_px;
+}
+
+// The mean colour where eight rays end, nearer ends counting more; a: its share of the base.
+vec4 nearer_around(ivec2 pixel) {
+    vec4 total = vec4(0.0);
+    int across_px = WIDE_PX;
+    for (int number = 0; number < 4; ++number) {
+        ivec2 direction = octant(number);
+        int one = steps_to_known(pixel, direction, REACH);
+        int other = steps_to_known(pixel, -direction, REACH);
+        if (one > 0 && other > 0) across_px = min(across_px, one + other - 1);
+        total += end_of_ray(pixel, direction, one) + end_of_ray(pixel, -direction, other);
+    }
+    if (total.a == 0.0) return vec4(0.0);
+    return vec4(total.rgb / total.a, NEARER_SHARE * (1.0 - thickness(across_px)));
+}
+
 void find_way(ivec2 pixel) {
     float guide = guide_at(pixel);
     Side side = background_side(pixel, guide);
     if (side.steps == 0) {
         imageStore(ways, pixel, ivec4(0));
+        imageStore(ends, pixel, nearer_around(pixel));
         return;
     }
     ivec2 end = pixel + side.steps * side.direction;

@@ -9,7 +9,14 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level, guide_from_depth
 from pipeline.methods.registry import create_method
-from pipeline.shiftmap.base import Ways, across, find_ways, lowpass, smooth_base
+from pipeline.shiftmap.base import (
+    Ways,
+    across,
+    find_ways,
+    lowpass,
+    nearer_around,
+    smooth_base,
+)
 from pipeline.shiftmap.reference import lacking, shift_map_fill
 from pipeline.shiftmap.settings import (
     COST_SCALE,
@@ -20,6 +27,7 @@ from pipeline.shiftmap.settings import (
     GUIDE_STEPS,
     LEAST_COMPARED,
     LENGTHS,
+    NEARER_SHARE,
     NOT_KNOWN_COST,
     SQUARE_STEPS,
     STEPS_PX,
@@ -216,6 +224,78 @@ def test_thin_holes_are_filled_as_by_push_pull_and_get_no_detail(rng, gl_context
     # The twin of push-pull-depth agrees within its own tolerance: rounding, per resolution.
     np.testing.assert_allclose(found.colour, method.fill(frame, 1), atol=36 * 7 * 2.0**-24)
     method.release()
+
+
+# --- what is nearer -------------------------------------------------------------------------
+
+
+def gap_in_foreground(width_px) -> WarpedFrame:
+    """A gap 16 px high through a foreground at 2 m, black on its left and white on its right."""
+    hole = np.zeros((32, 48), bool)
+    hole[8:24, 16 : 16 + width_px] = True
+    white = np.broadcast_to(np.arange(48) >= 16 + width_px, hole.shape)
+    colour = np.repeat(white[..., None], 3, axis=-1).astype(np.float32)
+    depth_m = np.where(hole, 5.0, 2.0).astype(np.float32)
+    return WarpedFrame(colour, depth_m, hole, np.zeros((32, 48, 2), np.float32))
+
+
+def test_what_is_nearer_is_the_mean_of_eight_ends_by_their_distance():
+    """By hand: one pixel; its sides weigh 1 and its corners one over the root of 2."""
+    rng = np.random.default_rng(1)
+    colour = rng.random((3, 3, 3)).astype(np.float32)
+    hole = np.zeros((3, 3), bool)
+    hole[1, 1] = True
+    depth_m = np.where(hole, 5.0, 2.0).astype(np.float32)
+    frame = WarpedFrame(colour, depth_m, hole, np.zeros((3, 3, 2), np.float32))
+
+    found, share = nearer_around(frame, np.array([[1, 1]]))
+
+    weight = np.full((3, 3, 1), 2**-0.5)
+    weight[1], weight[:, 1], weight[1, 1] = 1, 1, 0
+    np.testing.assert_allclose(found[0], (weight * colour).sum(axis=(0, 1)) / (4 + 4 * 2**-0.5))
+    assert share.tolist() == [NEARER_SHARE]
+
+
+@pytest.mark.parametrize(
+    ("width_px", "of_it"), [(1, 1.0), (2, 1.0), (3, 0.75), (5, 0.25), (6, 0.0), (9, 0.0)]
+)
+def test_a_narrow_gap_whose_background_is_out_of_sight_takes_some_of_what_is_nearer(
+    width_px, of_it
+):
+    """In its middle rows; in a corner the way across is shorter."""
+    ways = ways_of(gap_in_foreground(width_px))
+    middle = np.abs(ways.pixel[:, 0] - 16) < 2
+
+    _, share = nearer_around(gap_in_foreground(width_px), ways.pixel)
+
+    assert not ways.steps.any()
+    np.testing.assert_allclose(share[middle], of_it * NEARER_SHARE)
+
+
+def test_the_base_of_a_narrow_gap_is_mixed_with_what_is_nearer(gl_context):
+    frame = gap_in_foreground(2)
+    method = create_method("push-pull-depth", gl_context, {"z_near_m": Z_NEAR_M})
+    pushed = method.fill(frame, 1)[frame.hole]
+    method.release()
+    nearer, share = nearer_around(frame, np.argwhere(frame.hole))
+
+    found = smooth_base(frame, guide_of(frame), ways_of(frame), THRESHOLD).colour[frame.hole]
+
+    wanted = (1 - share[:, None]) * pushed + share[:, None] * nearer
+    np.testing.assert_allclose(found, wanted, atol=36 * 7 * 2.0**-24)
+    assert np.abs(found - pushed).max() > 0.01
+
+
+def test_nothing_nearer_comes_in_where_one_ray_meets_the_background():
+    """The gap's upper end is open to the background: the column of rays that goes up meets it."""
+    frame = gap_in_foreground(1)
+    depth_m, colour = frame.depth_m.copy(), frame.colour.copy()
+    depth_m[7, 16], colour[7, 16] = 5.0, 0.5
+    frame = WarpedFrame(colour, depth_m, frame.hole, frame.flow_px)
+
+    found = smooth_base(frame, guide_of(frame), ways_of(frame), THRESHOLD).colour[frame.hole]
+
+    np.testing.assert_allclose(found, 0.5)
 
 
 # --- tiles and their cost -------------------------------------------------------------------

@@ -10,7 +10,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back, texture_bytes
 from pipeline.inpaint.reference import guide_from_depth
-from pipeline.shiftmap.base import find_ways, smooth_base
+from pipeline.shiftmap.base import find_ways, nearer_around, smooth_base
 from pipeline.shiftmap.gpu import TILE_BYTES, TILES, ShiftMapPass
 from pipeline.shiftmap.reference import lay_detail
 from pipeline.shiftmap.settings import ENCODED_STEPS, GUIDE_STEPS, ShiftMapSettings
@@ -28,13 +28,18 @@ WHOLE_ATOL = 2.0**-12
 
 
 def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
-    """A ground at 5 m and one behind, a post that moved in front of both, a hole at the border."""
+    """A ground at 5 m and one behind, a post that moved in front of both, a hole at the border.
+
+    From a narrow gap in the post no ray meets the ground.
+    """
     height, width = size
     y, x = np.mgrid[:height, :width]
     left = width // 3 + (y // 7) % 3
     post = (x >= left - 6) & (x < left)
     hole = (x >= left) & (x < left + width_px) & (y > 2)
     hole |= (x >= width - 5) & (y > height // 2)
+    gap = post & (np.abs(x - left + 3.5) < 1) & (y >= 43) & (y < 45)
+    post, hole = post & ~gap, hole | gap
     hole[0, 0] = False
     texture = 0.5 + 0.15 * rng.standard_normal((*size, 3)) + 0.1 * np.sin(0.9 * x)[..., None]
     colour = np.where(post[..., None], (0.9, 0.1, 0.1), texture.clip(0, 1)).astype(np.float32)
@@ -108,6 +113,8 @@ def test_bases_agree(run):
     np.testing.assert_allclose(found[:, :3], run.base.colour[hole], rtol=0, atol=BASE_ATOL)
     np.testing.assert_allclose(found[:, 3], run.base.wide[hole], rtol=0, atol=BASE_ATOL)
     assert 0 < found[:, 3].max() <= 1
+    _, share = nearer_around(run.frame, run.ways.pixel[run.ways.steps == 0])
+    assert 0 < share.max() < 1
 
 
 def test_planes_agree_to_one_step(run):
