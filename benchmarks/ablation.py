@@ -29,15 +29,16 @@ from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.inpaint import reference as inpaint
-from pipeline.inpaint.reference import Level, nearest_depth_m
+from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.noise import tile
 from pipeline.noise.mixing import Mixing, fitted_mixing
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
 from pipeline.quality import Quality, evaluate
+from pipeline.statistics import lacking
 from pipeline.statistics import reference as statistics
 from pipeline.statistics.lacking import noise_variances
-from pipeline.statistics.reference import band_statistics
+from pipeline.statistics.moments import PER_BAND
 from pipeline.synthesis import reference as synthesis
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
@@ -78,19 +79,10 @@ def _everywhere(hole: NDArray[np.bool_], *_: int) -> NDArray[np.bool_]:
     return np.ones_like(hole)
 
 
-def _magnitudes(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
-    """As `moments`, with E|X_0| for E[X_0^2] and E[sign(X_0) X_c] for E[X_0 X_c]."""
-    assert cross
-    second = np.sign(bands[..., :1]) * bands
-    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
-
-
-def _from_magnitudes(*args: Any, **options: Any) -> Level:
-    """As `band_statistics`: of normal coefficients, a moment is pi / 2 times a product of these."""
-    found = band_statistics(*args, **options)
-    values = found.values.reshape(*found.values.shape[:2], -1, 6).copy()
-    values[..., 3:] *= np.pi / 2 * values[..., 3:4].clip(0).copy()
-    return replace(found, values=values.reshape(found.values.shape))
+def _from_squares(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """As `luma_moments`, of E[X^2] in place of E|X|."""
+    mean, _, square = np.moveaxis(values.reshape(*values.shape[:2], -1, PER_BAND)[..., :3], -1, 0)
+    return mean, np.maximum(0.0, square - mean**2)
 
 
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
@@ -137,11 +129,8 @@ VARIANTS = (
         ),
     ),
     Variant(
-        "deviations from mean magnitudes",
-        patches=(
-            (statistics, "moments", _magnitudes),
-            (statistics, "band_statistics", _from_magnitudes),
-        ),
+        "variances from mean squares",
+        patches=((lacking, "luma_moments", _from_squares),),
     ),
     Variant("statistics of the whole frame", patches=((statistics, "near_a_hole", _everywhere),)),
     Variant("texture background", MetamericSettings(texture="background")),

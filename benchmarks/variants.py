@@ -7,10 +7,9 @@ textured plane behind a disc, ten frames of lateral motion, where flicker is mea
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
 
 import moderngl
 import numpy as np
@@ -20,18 +19,10 @@ from scipy import ndimage
 
 from benchmarks.output import file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
-from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from pipeline.features.reference import Pyramid, analyse, spoiled_levels, synthesise
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
-from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, interpolate
 from pipeline.methods.metameric import Metameric
-from pipeline.noise.tile import noise_bands
 from pipeline.quality import Quality, evaluate, interior
-from pipeline.statistics.lacking import noise_variances
-from pipeline.statistics.moments import means_and_variances
-from pipeline.statistics.reference import inpainted_statistics
-from pipeline.synthesis.reference import shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
@@ -43,8 +34,6 @@ CLIP_STEP_PX = 0.7  # motion of the background per frame; the disc moves 3.3 mor
 CLIP_SCORED = (4, 9)  # frames that are compared with the truth
 TEXTURES = ("brick", "grass", "gravel")
 
-Fill: TypeAlias = Callable[[WarpedFrame, float], NDArray[np.float32]]
-
 DEFAULTS = MetamericSettings()
 
 
@@ -54,7 +43,6 @@ class Variant:
 
     label: str
     settings: MetamericSettings = DEFAULTS
-    lowpass_base: bool = False  # the paper's base; numpy only
 
 
 BACKGROUND = MetamericSettings(texture="background")
@@ -71,8 +59,6 @@ VARIANTS = (
     Variant("gamma 0", MetamericSettings(gamma=0.0)),
     Variant("gamma 0.5", MetamericSettings(gamma=0.5)),
     Variant("gamma 1", MetamericSettings(gamma=1.0)),
-    Variant("low-pass base", lowpass_base=True),
-    Variant("low-pass base, noise 0", MetamericSettings(noise=0.0), lowpass_base=True),
 )
 
 
@@ -91,67 +77,6 @@ class Clip:
     frames: list[WarpedFrame]
     truth: list[NDArray[np.float32]]
     z_near_m: float = 2.0
-
-
-def lowpass_base_fill(
-    warped: WarpedFrame, settings: MetamericSettings, *, seed: int, z_near_m: float
-) -> NDArray[np.float32]:
-    """Fill as the paper's equation has it: low-pass residual, band means and shaped noise.
-
-    Kuffner dos Anjos et al. 2022, section 3.4: ``mu_l + sum mu_ij + xi_ij sigma_ij``. The
-    inpainted residual takes the place of the depth-guided colour; the noise has all of the
-    inpainted deviation, for band means carry none.
-    """
-    levels, hole = settings.levels, warped.hole
-    guide = guide_from_depth(warped.depth_m, z_near_m)
-    base_levels = guided_base(
-        warped.colour,
-        hole,
-        guide,
-        levels=levels,
-        gamma=settings.gamma,
-        threshold=settings.depth_threshold,
-    )
-    base = np.where(hole[..., None], base_levels[0].values, warped.colour)
-    guides = [level.guide for level in base_levels]
-    cross = settings.channels == "correlated"
-    statistics, _ = inpainted_statistics(
-        base,
-        hole,
-        base_levels,
-        levels=levels,
-        cross=cross,
-        gamma=settings.gamma,
-        threshold=settings.depth_threshold,
-        skip_depth_edges=settings.skip_depth_edges,
-    )
-    pyramid = analyse(ycbcr_from_rgb(base), levels)
-    *spoiled, residual_spoiled = spoiled_levels(hole, levels + 1)
-    bands, lacking = [], []
-    for level, found in enumerate(statistics):
-        mean, _ = means_and_variances(found.values, cross=cross)
-        flat = Level(mean.reshape(*mean.shape[:2], -1), found.validity, found.guide)
-        shape = pyramid.bands[level].shape
-        smooth = interpolate(flat, guides[level], settings.depth_threshold)[0].reshape(shape)
-        bands.append(np.where(spoiled[level][..., None, None], smooth, pyramid.bands[level]))
-        own = mean.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
-        no_outline, nowhere = np.zeros(own.shape[:2], np.bool_), np.zeros(found.guide.shape)
-        all_of_it = noise_variances(found.values, own, no_outline, nowhere, cross=cross)
-        lacking.append(replace(found, values=all_of_it))
-    # Averages of known background alone: a low-pass that no hole reaches into.
-    clean = ycbcr_from_rgb(base_levels[levels].values)
-    residual = np.where(residual_spoiled[..., None], clean, pyramid.residual)
-    x, y = np.meshgrid(np.arange(hole.shape[1]) + 0.5, np.arange(hole.shape[0]) + 0.5)
-    noise = shaped_noise(
-        lacking,
-        guide,
-        np.stack([x, y], axis=-1) - warped.flow_px,
-        noise_bands(seed, levels, 1 if cross else 3),
-        settings.depth_threshold,
-    )
-    image = synthesise(Pyramid(tuple(bands), residual)) + settings.noise * noise
-    filled = np.clip(rgb_from_ycbcr(image), 0.0, 1.0)
-    return np.where(hole[..., None], filled, warped.colour).astype(np.float32)
 
 
 def moving_texture(ctx: moderngl.Context, name: str) -> Clip:
@@ -203,25 +128,13 @@ def _glided(image: NDArray[np.float32], by_px: float, order: int = 3) -> NDArray
     )
 
 
-def filler(ctx: moderngl.Context, variant: Variant, z_near_m: float) -> tuple[Fill, Metameric]:
-    """Return what fills a frame by `variant`, and the method to release."""
-    method = Metameric(ctx, **asdict(variant.settings), z_near_m=z_near_m)
-
-    def fill(warped: WarpedFrame, z_near_m: float) -> NDArray[np.float32]:
-        if variant.lowpass_base:
-            return lowpass_base_fill(warped, variant.settings, seed=0, z_near_m=z_near_m)
-        return method.fill(warped, 0)
-
-    return fill, method
-
-
 def score_pair(
     ctx: moderngl.Context, variant: Variant, warped: WarpedFrame, truth: NDArray[np.float32]
 ) -> tuple[Scored, NDArray[np.float32]]:
     """Fill one frame; quality inside its interior holes."""
     z_near_m = float(warped.depth_m.min())
-    fill, method = filler(ctx, variant, z_near_m)
-    filled = fill(warped, z_near_m)
+    method = Metameric(ctx, **asdict(variant.settings), z_near_m=z_near_m)
+    filled = method.fill(warped, 0)
     method.release()
     return Scored(evaluate(filled, truth, interior(warped.hole))), filled
 
@@ -230,8 +143,8 @@ def score_clip(
     ctx: moderngl.Context, variant: Variant, clip: Clip
 ) -> tuple[Scored, NDArray[np.float32]]:
     """Fill all frames; mean quality of the scored ones, flicker of all; and the last fill."""
-    fill, method = filler(ctx, variant, clip.z_near_m)
-    fills = [fill(frame, clip.z_near_m) for frame in clip.frames]
+    method = Metameric(ctx, **asdict(variant.settings), z_near_m=clip.z_near_m)
+    fills = [method.fill(frame, 0) for frame in clip.frames]
     method.release()
     found = [asdict(evaluate(fills[k], clip.truth[k], clip.frames[k].hole)) for k in CLIP_SCORED]
     mean = Quality(**{key: float(np.mean([one[key] for one in found])) for key in found[0]})

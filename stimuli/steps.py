@@ -18,7 +18,7 @@ from pipeline.features.reference import BANDS, analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.noise.tile import look_up, noise_bands
-from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.moments import luma_moments
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from stimuli import pictures
@@ -101,9 +101,9 @@ def metameric_steps(
         yield f"level{level}-bands", f"bands, {across}", _three(luma, largest, signed=True)
         mask = pictures.of_mask(~spoiled[level])
         yield f"level{level}-valid", f"coefficients free of holes, level {level}", mask
-        mean, variance = means_and_variances(fill.statistics[level].values, cross=cross)
-        deviation = np.sqrt(np.maximum(variance[..., 0], 0))
-        yield f"level{level}-mean", f"mean, {across}", _three(mean[..., 0], largest, signed=True)
+        mean, variance = luma_moments(fill.statistics[level].values)
+        deviation = np.sqrt(variance)
+        yield f"level{level}-mean", f"mean, {across}", _three(mean, largest, signed=True)
         widest = float(np.percentile(deviation, 99.5))
         yield f"level{level}-deviation", f"deviation, {across}", _three(deviation, widest)
         lacking = np.sqrt(fill.lacking[level].values[..., :9:3])

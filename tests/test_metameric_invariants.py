@@ -246,8 +246,9 @@ def test_the_holes_of_the_texture_tests_span_four_coefficients_at_every_level(sc
 def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scene, full):
     """A guard against breakage, no target: a quarter, where the measure is off by a tenth itself.
 
-    White noise, which no photograph is, has up to a third more at the second level: its bands are
-    mixed for softer textures. With ``--full`` more textures and seeds.
+    White noise, which no photograph is, has up to a half more at the second level: its bands are
+    mixed for softer textures, and have no Laplace distribution. With ``--full`` more textures and
+    seeds.
     """
     one = method("metameric", z_near_m=Z_NEAR_M)
     textures = [Texture(0.0), Texture(1.0), Texture(1.0, blur_px=1.0)]
@@ -256,8 +257,22 @@ def test_a_stationary_texture_keeps_its_band_statistics_in_the_hole(method, scen
     found = measure(one, SCENES[scene], textures, range(64 if full else 16))
 
     np.testing.assert_allclose(found.ratio[1:], 1, rtol=0, atol=0.25)
-    np.testing.assert_allclose(found.ratio[0], 1, rtol=0, atol=0.4)
+    np.testing.assert_allclose(found.ratio[0], 1, rtol=0, atol=0.5)
     assert found.offset.max() < 0.25
+
+
+@pytest.mark.parametrize(("right", "down"), [(1.0, 0.0), (0.0, 1.0), (0.7, 0.7)])
+def test_a_ramp_of_one_step_a_pixel_gets_no_noise(right, down):
+    """Shading is no texture, although its bands are not zero. A tenth of an 8-bit step."""
+    y, x = np.mgrid[:128, :160]
+    near = disc((128, 160), 70, 64, 22)
+    hole = disc((128, 160), 86, 64, 22) & ~near
+    ramp = 0.2 + (right * x + down * y)[..., None] / 255
+    colour = np.where(near[..., None], (0.8, 0.1, 0.1), ramp)
+
+    found = fill(frame_of(colour, hole, np.where(near, 2.0, 5.0)))
+
+    assert np.abs(found.colour - found.base)[hole].max() < 0.1 / 255
 
 
 # --- shifts of the picture ------------------------------------------------------------------
@@ -296,14 +311,14 @@ def test_a_shift_by_whole_cells_of_the_pyramid_shifts_the_fill(shifted):
 
 
 def test_a_shift_by_other_pixels_changes_the_fill_as_far_as_pull_and_push_do(shifted):
-    """Blocks lie otherwise: 8-bit steps, on average. Most of it is the base's own."""
+    """Blocks lie otherwise: 8-bit steps, on average; of the base, and of all."""
     here, base_here = shifted(0, 128)
 
     for down, right in ((1, 125), (3, 129)):
         there, base_there = shifted(down, right)
         of_base = 255 * np.abs(base_there - base_here).mean()
         assert of_base < 5
-        assert 255 * np.abs(there - here).mean() < 1.5 * of_base
+        assert 255 * np.abs(there - here).mean() < 2 * of_base
 
 
 # --- screen door ----------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from pipeline.inpaint.regions import FIRST_STORED, LIST_GROUP, WorkLists
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128
 BASE_PLANES = 1
-MOMENT_PLANES = 5
+MOMENT_PLANES = 4
 
 
 @dataclass(frozen=True)

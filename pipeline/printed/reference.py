@@ -27,7 +27,6 @@ from pipeline.inpaint.reference import Level, children, guide_from_depth, pull
 from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.settings import PrintedSettings
 from pipeline.pushpull.reference import upsample
-from pipeline.statistics.moments import means_and_variances, moments
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
 
 PARTLY = -1.0  # state of what is known in part
@@ -73,9 +72,10 @@ def printed_fill(
         pulled = pull(pulled, threshold)
         valid = (~grow(state < 1, 1)).astype(np.float64)
         values = inpainted(Level(features(low, state), valid, guide), settings.gamma, threshold)
-        mean, variance = means_and_variances(values, cross=False)
+        mean, square = np.split(values.reshape(*values.shape[:2], -1, 6), 2, axis=-1)
         means.append(mean)
-        deviations.append(np.sqrt(np.maximum(variance, 0.0)))
+        # 3.3.1 prints the sign reversed.
+        deviations.append(np.sqrt(np.maximum(square - mean**2, 0.0)))
         low, state, guide = half(low, state, guide)
     residual = inpainted(residual_level(low, state, pulled), settings.gamma, threshold)
     image = synthesise(Pyramid(tuple(means), residual))
@@ -90,13 +90,13 @@ def printed_fill(
 
 
 def features(low: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Measure a level's bands and their squares: (H, W, 3 bands * 6), see `inpaint.moments`.
+    """Measure a level's bands and their squares, band by band: (H, W, 3 bands * 6).
 
     What reaches a hole is not valid, and counts for nothing ([MI] 3.2, Fig. 7).
     """
     clean = np.where(state[..., None] != 0, low, 0.0)
     bands = np.stack([band(clean, kernel) for kernel in fitted_kernels().bands()], axis=2)
-    return moments(bands, cross=False)
+    return np.concatenate([bands, bands**2], axis=-1).reshape(*bands.shape[:2], -1)
 
 
 def half(

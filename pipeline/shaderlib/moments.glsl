@@ -2,7 +2,7 @@
 // Include guided.glsl before.
 // Twin: band_statistics() and outlined_levels() in statistics/reference.py. Change both or neither.
 
-#constant CROSS             // 1: second moments are products with luma, else squares
+#constant CROSS             // 1: of chroma its product with luma, else its magnitude
 #constant SKIP_DEPTH_EDGES  // 1: a kernel across a jump of depth measures nothing
 
 #include "bands.glsl"
@@ -12,10 +12,12 @@ struct WindowGuide {
     vec4 r0, r1, r2, r3;
 };
 
-// As a chain stores them. Means of high, along x, along y; second moments of high in the w of
-// planes 1 to 3, of the others in planes 3 and 4.
+// As a chain stores them: means of the bands high, along x, along y. The squares of luma are the w of
+// the last three planes.
 struct Moments {
-    vec4 plane_0, plane_1, plane_2, plane_3, plane_4;  // w of the first: confidence
+    vec4 magnitude;  // of luma; w: confidence
+    vec4 itself;
+    vec4 blue, red;  // of Cb and Cr: see CROSS
 };
 
 struct Measured {
@@ -44,7 +46,18 @@ vec4 across_a_jump(WindowGuide g) {
                 jumps(left_1, left_2, left_3, g.r2.y), jumps(right_1, right_2, right_3, g.r2.z));
 }
 
-vec3 second_moment(vec3 band) { return band * (CROSS == 1 ? band.xxx : band); }
+// One channel of all bands.
+vec3 luma_of(Bands b) { return vec3(b.high.x, b.along_x.x, b.along_y.x); }
+vec3 blue_of(Bands b) { return vec3(b.high.y, b.along_x.y, b.along_y.y); }
+vec3 red_of(Bands b) { return vec3(b.high.z, b.along_x.z, b.along_y.z); }
+
+Moments moments_of(Bands b) {
+    vec3 luma = luma_of(b), square = luma * luma;
+    vec3 blue = CROSS == 1 ? luma * blue_of(b) : abs(blue_of(b));
+    vec3 red = CROSS == 1 ? luma * red_of(b) : abs(red_of(b));
+    return Moments(vec4(abs(luma), 0.0), vec4(luma, square.x), vec4(blue, square.y),
+                   vec4(red, square.z));
+}
 
 // `window`: rgb filled; a 1 clean, 0 reached by a hole, below that mixed from two depths.
 // `first`: the first child, of a level of `size`. `deepest`: the guide of all four.
@@ -71,14 +84,9 @@ Measured measure(Window w, WindowGuide g, ivec2 first, ivec2 size, float deepest
 
     ChildBands b = child_bands(w, whole);
     m.bands = b;
-#define MEAN(name) \
-    (p.share.x * b.a.name + p.share.y * b.b.name + p.share.z * b.c.name + p.share.w * b.d.name)
-#define SECOND(name)                                                                \
-    (p.share.x * second_moment(b.a.name) + p.share.y * second_moment(b.b.name)      \
-     + p.share.z * second_moment(b.c.name) + p.share.w * second_moment(b.d.name))
-    vec3 second = SECOND(high);
-    m.moments = Moments(vec4(MEAN(high), p.confidence), vec4(MEAN(along_x), second.x),
-                        vec4(MEAN(along_y), second.y), vec4(SECOND(along_x), second.z),
-                        vec4(SECOND(along_y), 0.0));
+    Moments at_a = moments_of(b.a), at_b = moments_of(b.b);
+    Moments at_c = moments_of(b.c), at_d = moments_of(b.d);
+#define MEAN(plane) mixed(p.share, at_a.plane, at_b.plane, at_c.plane, at_d.plane)
+    m.moments = Moments(vec4(MEAN(magnitude).rgb, p.confidence), MEAN(itself), MEAN(blue), MEAN(red));
     return m;
 }

@@ -16,9 +16,8 @@ Taps texels_at(Taps taps, int chain, int rows) {
 // Calls step(offset) for all planes but the first. No loop: see guided.glsl.
 #if PLANES == 1
 #define EACH_OTHER_PLANE(step)
-#elif PLANES == 5
-#define EACH_OTHER_PLANE(step) \
-    step(ivec2(1, 0)) step(ivec2(2, 0)) step(ivec2(3, 0)) step(ivec2(4, 0))
+#elif PLANES == 4
+#define EACH_OTHER_PLANE(step) step(ivec2(1, 0)) step(ivec2(2, 0)) step(ivec2(3, 0))
 #else
 #error "write out the planes of this chain"
 #endif

@@ -14,10 +14,8 @@ from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
-from pipeline.statistics.lacking import (
-    KNOWN_ENOUGH,
-    SMALLEST_VARIANCE,
-)
+from pipeline.statistics.lacking import KNOWN_ENOUGH
+from pipeline.statistics.moments import LAPLACE, SMALLEST_VARIANCE
 
 BANDS = 3  # high, along x, along y: so many texels side by side
 
@@ -99,6 +97,7 @@ class VariancePass(Pass):
                 IS_FINEST=finest,
                 KNOWN_ENOUGH=KNOWN_ENOUGH,
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
+                LAPLACE=LAPLACE,
                 GAMMA=float(gamma),
                 GAIN=with_gain,
                 **bands,

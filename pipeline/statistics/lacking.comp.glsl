@@ -7,6 +7,7 @@
 
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant GAIN               // 1: also say how much of the luma deviation the base lacks
+#constant LAPLACE            // variance over the square of the mean magnitude
 #constant KNOWN_ENOUGH       // share of known background that settles a band
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
 
@@ -42,15 +43,15 @@ float known_background(ivec2 place, float deepest) {
     return 0.0625 * (corners + 2.0 * edges + 4.0 * known_at(place, deepest));
 }
 
-// `held`: share of the wanted variance that the base is taken to hold; negative: as measured.
-vec3 lacking(vec3 mean, vec3 second, vec3 measured, float held) {
-    vec3 variance = second - mean * (CROSS == 1 ? mean.xxx : mean);
-    vec3 present = held < 0.0 ? measured : held * variance;
-    vec3 missing = max(vec3(0.0), variance - present);
-#if CROSS
-    missing = missing.x * (variance.x > SMALLEST_VARIANCE ? variance / variance.x : vec3(0.0));
-#endif
-    return missing;
+// Of three bands: variance that is wanted, less what the base holds. That is a share `held` of it, or
+// if negative its energy as measured.
+vec3 lacking(vec3 variance, vec3 measured, float held) {
+    return max(vec3(0.0), variance - (held < 0.0 ? measured : held * variance));
+}
+
+// How much of chroma goes with so much of luma.
+vec3 slope_of(vec3 product, vec3 square) {
+    return mix(vec3(0.0), product / square, greaterThan(square, vec3(SMALLEST_VARIANCE)));
 }
 
 Four row(int y, int x, ivec2 last) {
@@ -79,32 +80,33 @@ void work(ivec2 pixel, int chain) {
     Taps taps = parents_of(pixel, coarse_size);
     Shares below = push_shares(deepest, GUIDES_AT(quarter_guide, taps));
     taps = texels_at(taps, chain, coarse_size.y);
-    float keep = kept(m.moments.plane_0.w, GAMMA, below.similar);
-#define COMPLETED(plane, offset) \
-    ((1.0 - keep) * MIXED_AT(coarse, taps, below.share, offset) + keep * m.moments.plane)
-    vec4 plane_0 = COMPLETED(plane_0, ivec2(0, 0));  // its w is no moment
-    vec4 plane_1 = COMPLETED(plane_1, ivec2(1, 0)), plane_2 = COMPLETED(plane_2, ivec2(2, 0));
-    vec4 plane_3 = COMPLETED(plane_3, ivec2(3, 0)), plane_4 = COMPLETED(plane_4, ivec2(4, 0));
+    float keep = kept(m.moments.magnitude.w, GAMMA, below.similar);
+#define COMPLETED(name, plane) \
+    ((1.0 - keep) * MIXED_AT(coarse, taps, below.share, ivec2(plane, 0)) + keep * m.moments.name)
+    vec3 magnitude = COMPLETED(magnitude, 0).rgb;
+    vec4 itself = COMPLETED(itself, 1), of_blue = COMPLETED(blue, 2), of_red = COMPLETED(red, 3);
 
     float known = known_background(pixel, deepest);
     float held = m.outlined ? min(1.0, known / KNOWN_ENOUGH) : -1.0;
-#define MEASURED(name, mean)                                                   \
-    (0.25 * (squared(m.bands.a.name - (mean)) + squared(m.bands.b.name - (mean)) \
-             + squared(m.bands.c.name - (mean)) + squared(m.bands.d.name - (mean))))
-    vec3 high = lacking(plane_0.rgb, vec3(plane_1.w, plane_2.w, plane_3.w),
-                        MEASURED(high, plane_0.rgb), held);
-    vec3 along_x = lacking(plane_1.rgb, plane_3.rgb, MEASURED(along_x, plane_1.rgb), held);
-    vec3 along_y = lacking(plane_2.rgb, plane_4.rgb, MEASURED(along_y, plane_2.rgb), held);
+#define MEASURED(channel, about)                                                         \
+    (0.25 * (squared(channel(m.bands.a) - (about)) + squared(channel(m.bands.b) - (about)) \
+             + squared(channel(m.bands.c) - (about)) + squared(channel(m.bands.d) - (about))))
+    vec3 wanted = LAPLACE * max(vec3(0.0), squared(magnitude) - squared(itself.rgb));
+    vec3 luma = lacking(wanted, MEASURED(luma_of, itself.rgb), held);
+#if CROSS
+    vec3 square = vec3(itself.w, of_blue.w, of_red.w);
+    vec3 blue = luma * slope_of(of_blue.rgb, square), red = luma * slope_of(of_red.rgb, square);
+#else
+    vec3 blue = lacking(LAPLACE * squared(of_blue.rgb), MEASURED(blue_of, vec3(0.0)), held);
+    vec3 red = lacking(LAPLACE * squared(of_red.rgb), MEASURED(red_of, vec3(0.0)), held);
+#endif
     float gain = 0.0;
 #if GAIN
-    float luma = high.x + along_x.x + along_y.x;
-    vec3 means = vec3(plane_0.x, plane_1.x, plane_2.x);
-    vec3 wanted = vec3(plane_1.w, plane_3.x, plane_4.x) - means * means;
     float total = dot(wanted, vec3(1.0));
-    gain = total > SMALLEST_VARIANCE ? sqrt(luma / total) : 0.0;
+    gain = total > SMALLEST_VARIANCE ? sqrt(dot(luma, vec3(1.0)) / total) : 0.0;
 #endif
     ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
-    imageStore(variances, to, vec4(high, deepest));
-    imageStore(variances, to + ivec2(1, 0), vec4(along_x, gain));
-    imageStore(variances, to + ivec2(2, 0), vec4(along_y, 0.0));
+    imageStore(variances, to, vec4(luma.x, blue.x, red.x, deepest));
+    imageStore(variances, to + ivec2(1, 0), vec4(luma.y, blue.y, red.y, gain));
+    imageStore(variances, to + ivec2(2, 0), vec4(luma.z, blue.z, red.z, 0.0));
 }

@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inpaint.reference import Level, children
-from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.moments import (
+    SMALLEST_VARIANCE,
+    chroma_slopes,
+    chroma_variances,
+    luma_moments,
+)
 
-SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 # Share of known background around a texel from which on the base holds the whole band.
 KNOWN_ENOUGH = 0.2
 
@@ -31,12 +35,11 @@ def noise_variances(
     coefficient across the outline of something nearer measures that outline. Beside one, the
     base is taken to hold ``known / KNOWN_ENOUGH`` of the variance, and all of it at most.
 
-    With `cross`, chroma has its covariance with the luma noise: luma's variance times the
-    slope ``cov(Y, C) / var(Y)``.
+    With `cross`, chroma has its covariance with the luma noise: what luma lacks times the slope.
 
     Parameters
     ----------
-    values : (H, W, 18)
+    values : (H, W, 15)
         Inpainted moments.
     base_bands : (2 H, 2 W, bands, 3)
         The filled frame's; either edge may be one shorter.
@@ -50,17 +53,18 @@ def noise_variances(
     ndarray of shape (H, W, 9)
         Of band b in channel c at index 3 * b + c.
     """
-    mean, variance = means_and_variances(values, cross=cross)
-    measured = ((children(base_bands) - mean[:, :, None]) ** 2).mean(axis=2)
+    mean, luma = luma_moments(values)
+    variance = luma[..., None]
+    if not cross:
+        variance = np.concatenate([variance, chroma_variances(values)], axis=-1)
+    about = children(base_bands)
+    about[..., 0] -= mean[:, :, None]
+    measured = (about**2).mean(axis=2)[..., : variance.shape[-1]]
     continued = variance * np.minimum(1.0, known / KNOWN_ENOUGH)[..., None, None]
     across = children(outlined[..., None].astype(np.float64)).max(axis=2)[..., None] > 0
     lacking = np.maximum(0.0, variance - np.where(across, continued, measured))
     if cross:
-        measurable = variance[..., :1] > SMALLEST_VARIANCE
-        slope = np.divide(
-            variance, variance[..., :1], out=np.zeros_like(variance), where=measurable
-        )
-        lacking = lacking[..., :1] * slope
+        lacking = np.concatenate([lacking, lacking * chroma_slopes(values)], axis=-1)
     return lacking.reshape(*values.shape[:2], -1)
 
 
@@ -86,8 +90,7 @@ def detail_gain(
     statistics: NDArray[np.float64], lacking: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Deviation of the luma to add over that wanted, over all bands: (H, W, 1), at most 1."""
-    _, variance = means_and_variances(statistics, cross=True)
-    wanted = variance[..., 0].sum(axis=2, keepdims=True)
+    wanted = luma_moments(statistics)[1].sum(axis=2, keepdims=True)
     luma = lacking[..., ::3].sum(axis=2, keepdims=True)
     measurable = wanted > SMALLEST_VARIANCE
     ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)

@@ -1,26 +1,47 @@
-"""Means and second moments of bands, which travel together: to stack and to undo."""
+"""Moments of bands, which travel together, and what they stand for."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
+# A variance over the square of its mean magnitude, of a Laplace distribution, which photographs'
+# bands nearly have (decision 0065). Means of squares would let a few edges make all the noise.
+LAPLACE = 2.0
+PER_BAND = 5
+
 
 def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
-    """Stack (H, W, bands, 3) and its second moments into (H, W, bands * 6).
+    """Make (H, W, bands, 3) into what is averaged: (H, W, bands * 5).
 
-    Second moments are squares, E[X_c^2]; with `cross`, products with the first channel,
-    E[X_0 X_c], so that colour can follow luma.
+    Of luma itself, magnitude and square. Of each chroma the magnitude, or with `cross` the
+    product with luma, so that colour can follow it.
     """
-    second = bands * bands[..., :1] if cross else bands**2
-    return np.concatenate([bands, second], axis=-1).reshape(*bands.shape[:2], -1)
+    luma, chroma = bands[..., :1], bands[..., 1:]
+    of_chroma = luma * chroma if cross else np.abs(chroma)
+    found = np.concatenate([luma, np.abs(luma), luma**2, of_chroma], axis=-1)
+    return found.reshape(*bands.shape[:2], -1)
 
 
-def means_and_variances(
-    values: NDArray[np.float64], *, cross: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Undo `moments`: means and (co)variances, each (H, W, bands, 3).
+def luma_moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Give mean and variance of luma, each (H, W, bands), by means of `moments`.
 
-    ``Var[X] = E[X^2] - E[X]^2``: the paper (3.3.1) prints the sign reversed.
+    The variance is ``LAPLACE (E|X|^2 - E[X]^2)``: a ramp is no texture.
     """
-    pairs = values.reshape(*values.shape[:2], -1, 6)
-    mean, second = pairs[..., :3], pairs[..., 3:]
-    return mean, second - (mean * mean[..., :1] if cross else mean**2)
+    mean, magnitude = np.moveaxis(_by_band(values)[..., :2], -1, 0)
+    return mean, LAPLACE * np.maximum(0.0, magnitude**2 - mean**2)
+
+
+def chroma_slopes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tell how much chroma goes with luma, ``E[Y C] / E[Y^2]``: (H, W, bands, 2); with `cross`."""
+    square, product = np.split(_by_band(values)[..., 2:], [1], axis=-1)
+    measurable = square > SMALLEST_VARIANCE
+    return np.divide(product, square, out=np.zeros_like(product), where=measurable)
+
+
+def chroma_variances(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give variances of chroma by itself: (H, W, bands, 2); without `cross`."""
+    return np.asarray(LAPLACE * _by_band(values)[..., 3:] ** 2)
+
+
+def _by_band(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return values.reshape(*values.shape[:2], -1, PER_BAND)

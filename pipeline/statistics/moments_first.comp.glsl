@@ -65,7 +65,7 @@ void work(ivec2 pixel, int chain) {
     if (!whole.x) { b = a; d = c; }
     if (!whole.y) { c = a; d = b; }
 
-    vec4 validity = vec4(a.plane_0.w, b.plane_0.w, c.plane_0.w, d.plane_0.w);
+    vec4 validity = vec4(a.magnitude.w, b.magnitude.w, c.magnitude.w, d.magnitude.w);
     bvec4 incomplete = lessThan(validity, vec4(1.0));
     append_some(halves_list.x, halves_list.y, 2 * pixel, chain,
                 bits(incomplete.x, incomplete.y && whole.x, incomplete.z && whole.y,
@@ -73,10 +73,9 @@ void work(ivec2 pixel, int chain) {
     Pull p = pull_shares(validity, guides, imageLoad(quarter_guide, pixel).r);
     ivec2 to = texel_at(pixel, chain, work_size.y);
 #define PULLED(plane) mixed(p.share, a.plane, b.plane, c.plane, d.plane)
-    imageStore(moments, to, vec4(PULLED(plane_0).rgb, p.confidence));
-    imageStore(moments, to + ivec2(1, 0), PULLED(plane_1));
-    imageStore(moments, to + ivec2(2, 0), PULLED(plane_2));
-    imageStore(moments, to + ivec2(3, 0), PULLED(plane_3));
-    imageStore(moments, to + ivec2(4, 0), PULLED(plane_4));
+    imageStore(moments, to, vec4(PULLED(magnitude).rgb, p.confidence));
+    imageStore(moments, to + ivec2(1, 0), PULLED(itself));
+    imageStore(moments, to + ivec2(2, 0), PULLED(blue));
+    imageStore(moments, to + ivec2(3, 0), PULLED(red));
     if (p.confidence < 1.0) append(incomplete_list.x, incomplete_list.y, pixel, chain);
 }

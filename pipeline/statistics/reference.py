@@ -1,7 +1,7 @@
 """Statistics of the background's bands, carried into the holes.
 
-Kuffner dos Anjos et al. 2022, 3.3: mean and second moment of every band of the pyramid, of what is
-known near a hole, pulled and pushed like colour.
+Kuffner dos Anjos et al. 2022, 3.3: how strong every band of the pyramid is, of what is known near a
+hole, pulled and pushed like colour. The paper carries means and squares, and here it is magnitudes.
 
 Twin: gpu.py and moments.glsl. Change both or neither.
 """

@@ -148,9 +148,8 @@ def test_details_and_what_lies_below_are_the_image(rng):
 
 def test_gain_is_the_share_that_the_base_lacks():
     """By hand: three bands of variance 4; the base lacks deviations of 2, 0 and 1."""
-    values = np.zeros((1, 1, 3, 6))
-    values[..., 0] = 1.0  # luma mean
-    values[..., 3] = 5.0  # luma mean square
+    values = np.zeros((1, 1, 3, 5))
+    values[..., 1] = np.sqrt(2)  # luma's magnitude
     lacking = np.zeros((1, 1, 3, 3))
     lacking[0, 0, :, 0] = (4, 0, 1)  # variances
 

@@ -21,7 +21,12 @@ from pipeline.inpaint.reference import (
     relax,
 )
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
-from pipeline.statistics.moments import means_and_variances, moments
+from pipeline.statistics.moments import (
+    chroma_slopes,
+    chroma_variances,
+    luma_moments,
+    moments,
+)
 from pipeline.statistics.reference import band_statistics, outlined_levels, straddles
 
 THRESHOLD = 0.04
@@ -452,18 +457,45 @@ def test_no_pixel_depends_on_more_than_is_read():
     assert farthest < SOURCE_RINGS * (CELL << source_resolution(1))
 
 
-def test_moments_come_back_as_means_and_variances(rng):
-    """Over constant maps of two values: mean 0.5 (a + b), variance 0.25 (a - b)^2."""
-    bands = rng.normal(size=(2, 1, 3, 3))
+def mean_moments(bands, *, cross):
+    return moments(bands, cross=cross).mean(axis=(0, 1), keepdims=True)
 
-    for cross in (False, True):
-        both = moments(bands, cross=cross).mean(axis=0, keepdims=True)
-        mean, variance = means_and_variances(both, cross=cross)
 
-        half = 0.5 * (bands[:1] - bands[1:])
-        np.testing.assert_allclose(mean, bands.mean(axis=0, keepdims=True), atol=1e-15)
-        expected = half * half[..., :1] if cross else half**2
-        np.testing.assert_allclose(variance, expected, atol=1e-14)
+def test_the_variance_of_laplace_coefficients_comes_back_from_their_magnitudes(rng):
+    """And chroma's, or its slope beside luma; to 4 standard errors."""
+    luma = rng.laplace(scale=0.1, size=(400, 400, 1, 1))
+    slope = np.array([1.0, -0.5, 0.25])
+    bands = luma * slope
+    few = 4 * np.sqrt(5 + 4) / 400
+
+    mean, variance = luma_moments(mean_moments(bands, cross=True))
+    np.testing.assert_allclose(mean, 0.0, atol=4 * luma.std() / 400)
+    np.testing.assert_allclose(variance, luma.var(), rtol=few)
+    of_chroma = chroma_slopes(mean_moments(bands, cross=True))[0, 0, 0]
+    np.testing.assert_allclose(of_chroma, slope[1:], rtol=1e-12)
+    of_chroma = chroma_variances(mean_moments(bands, cross=False))[0, 0, 0]
+    np.testing.assert_allclose(of_chroma, luma.var() * slope[1:] ** 2, rtol=few)
+
+
+def test_a_few_edges_count_for_less_than_texture_of_their_variance():
+    """By hand: of 100 coefficients two of 10 / root 2 have the variance of 100 ones; 1 / 50."""
+    edge, texture = np.zeros((10, 10, 1, 3)), np.ones((10, 10, 1, 3))
+    edge[3, 4], edge[3, 5] = np.sqrt(50), -np.sqrt(50)
+    texture[::2] = -1
+
+    of_edge, of_texture = (
+        luma_moments(mean_moments(bands, cross=False))[1] for bands in (edge, texture)
+    )
+
+    assert edge.var() == pytest.approx(texture.var())
+    np.testing.assert_allclose(of_edge, of_texture / 50)
+
+
+def test_without_luma_chroma_has_no_slope():
+    bands = np.zeros((4, 4, 1, 3))
+    bands[..., 1:] = 0.3
+
+    assert not chroma_slopes(mean_moments(bands, cross=True)).any()
 
 
 def test_the_nearest_depth_is_the_smallest_and_a_metre_where_all_is_sky():
@@ -536,25 +568,22 @@ def test_statistics_ignore_what_is_not_valid(rng):
     valid = rng.random(size) < 0.6
     bands = np.where(valid[..., None, None], 1.0, 1000.0) + np.zeros((*size, 3, 3))
 
-    mean, variance = means_and_variances(
-        statistics(bands, valid, np.full(size, 0.5)).values, cross=False
-    )
+    found = statistics(bands, valid, np.full(size, 0.5))
 
-    np.testing.assert_allclose(mean, 1, rtol=1e-12)
-    np.testing.assert_allclose(variance, 0, atol=1e-12)
+    np.testing.assert_allclose(found.values, 1, rtol=1e-12)
 
 
 def test_statistics_are_half_the_level_s_size():
     found = statistics(np.ones((7, 10, 3, 3)), np.ones((7, 10), bool), np.zeros((7, 10)))
 
-    assert found.values.shape == (4, 5, 18)
+    assert found.values.shape == (4, 5, 15)
 
 
-def test_statistics_are_crossed_with_the_first_channel_if_told_so():
-    """By hand: luma 2 and two chromas 3 and 5 everywhere; 2 * 2, 2 * 3, 2 * 5."""
+def test_statistics_are_crossed_with_luma_if_told_so():
+    """By hand: luma -2 and two chromas -3 and 5 everywhere."""
     size = (4, 4)
-    bands = np.broadcast_to([2.0, 3.0, 5.0], (*size, 1, 3)).copy()
+    bands = np.broadcast_to([-2.0, -3.0, 5.0], (*size, 1, 3)).copy()
 
-    found = statistics(bands, np.ones(size, bool), np.full(size, 0.5), cross=True)
-
-    np.testing.assert_allclose(found.values[0, 0], [2, 3, 5, 4, 6, 10], rtol=1e-15)
+    for cross, of_chroma in ((True, [6, -10]), (False, [3, 5])):
+        found = statistics(bands, np.ones(size, bool), np.full(size, 0.5), cross=cross)
+        np.testing.assert_allclose(found.values[0, 0], [-2, 2, 4, *of_chroma], rtol=1e-15)

@@ -11,15 +11,15 @@ from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import Level, guided_base
 from pipeline.methods.metameric import PushPullDepth
 from pipeline.statistics.lacking import known_background, noise_variances
-from pipeline.statistics.moments import means_and_variances
+from pipeline.statistics.moments import luma_moments
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.reference import deviations, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
 
 
-def statistics(mean, second):
-    """One texel: the same mean and second moments in all three bands."""
-    return np.tile(np.concatenate([mean, second]), 3).reshape(1, 1, 18)
+def statistics(mean, magnitude, square, of_chroma):
+    """One texel: the same in all three bands."""
+    return np.tile([mean, magnitude, square, *of_chroma], 3).reshape(1, 1, 15)
 
 
 def lacking(values, base, *, outlined=False, known=0.0, cross=False):
@@ -30,21 +30,28 @@ def lacking(values, base, *, outlined=False, known=0.0, cross=False):
 
 
 def test_noise_is_what_the_statistics_ask_for_and_the_base_lacks():
-    """By hand: variance 0.25 - 0.16 = 0.09; the base holds 0.05 of it."""
-    values = statistics([0.4, 0.0, 0.0], [0.25, 0.01, 0.0])
-    around = 0.4 + np.sqrt(0.05) * np.array([1, -1, 1, -1])
+    """By hand: luma's variance is 2 (0.5^2 - 0.4^2) = 0.18, and the base holds 0.05 of it."""
+    values = statistics(0.4, 0.5, 0.3, [0.1, 0.0])
     base = np.zeros((2, 2, 3, 3))
-    base[..., 0] = around.reshape(2, 2, 1)
+    base[..., 0] = 0.4 + np.sqrt(0.05) * np.array([[1, -1], [1, -1]])[..., None]
 
     found = lacking(values, base)
 
-    np.testing.assert_allclose(found, np.tile([0.04, 0.01, 0.0], 3), atol=1e-12)
+    np.testing.assert_allclose(found, np.tile([0.13, 0.02, 0.0], 3), atol=1e-12)
 
 
 def test_a_base_with_more_than_is_wanted_gets_no_noise():
     base = np.tile([[1.0, -1.0]], (2, 1))[..., None, None] * np.ones((3, 3))
 
-    assert lacking(statistics([0, 0, 0], [0.5] * 3), base).max() == 0
+    assert lacking(statistics(0.0, 0.5, 0.5, [0.5, 0.5]), base).max() == 0
+
+
+def test_a_ramp_is_no_texture():
+    """A band that is the same everywhere asks for nothing, whether the base goes on or is flat."""
+    for of_base in (0.0, 0.3):
+        base = np.zeros((2, 2, 3, 3))
+        base[..., 0] = of_base
+        assert lacking(statistics(0.3, 0.3, 0.09, [0.0, 0.0]), base, cross=True).max() == 0
 
 
 @pytest.mark.parametrize(
@@ -55,7 +62,8 @@ def test_beside_an_outline_the_base_holds_what_its_known_background_continues(kn
     base = np.zeros((2, 2, 3, 3))
     base[1, 0] = 3.0
 
-    found = lacking(statistics([0, 0, 0], [0.08] * 3), base, outlined=True, known=known)
+    wanted = statistics(0.0, 0.2, 0.0, [0.2, 0.2])
+    found = lacking(wanted, base, outlined=True, known=known)
 
     np.testing.assert_allclose(found, 0.08 * (1 - held), atol=1e-15)
 
@@ -114,8 +122,8 @@ def test_beside_an_outline_a_hole_lacks_what_is_wanted_only_if_told_so(skip_dept
 
     statistics, lacking = beside_red(plane, 16, skip_depth_edges=skip_depth_edges)
 
-    _, variance = means_and_variances(statistics[0].values, cross=True)
-    wanted, found = variance[:, 8, :, 0], lacking[0].values[:, 8, :9:3]
+    _, variance = luma_moments(statistics[0].values)
+    wanted, found = variance[:, 8], lacking[0].values[:, 8, :9:3]
     assert wanted.min() > 0
     if skip_depth_edges:
         np.testing.assert_allclose(found, wanted, rtol=1e-12)
@@ -124,8 +132,8 @@ def test_beside_an_outline_a_hole_lacks_what_is_wanted_only_if_told_so(skip_dept
 
 
 def test_chroma_follows_luma_by_its_slope():
-    """By hand: var Y 0.04, cov(Y, Cb) -0.02, cov(Y, Cr) 0.01: slopes -0.5 and 0.25."""
-    values = statistics([0, 0, 0], [0.04, -0.02, 0.01])
+    """By hand: products of -0.03 and 0.015 over squares of 0.06: slopes of -0.5 and 0.25."""
+    values = statistics(0.0, np.sqrt(0.02), 0.06, [-0.03, 0.015])
 
     found = lacking(values, np.zeros((2, 2, 3, 3)), cross=True)
 

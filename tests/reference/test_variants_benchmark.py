@@ -1,10 +1,10 @@
-"""The benchmark of metameric's switches: its measure of flicker and the paper's base."""
+"""The benchmark of metameric's switches: its measure of flicker."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.variants import CLIP_STEP_PX, VARIANTS, Clip, flicker, lowpass_base_fill
+from benchmarks.variants import CLIP_STEP_PX, VARIANTS, Clip, flicker
 from pipeline.frame import WarpedFrame
 from pipeline.synthesis.settings import MetamericSettings
 
@@ -34,23 +34,8 @@ def test_flicker_is_nought_where_texture_moves_with_the_background_only():
     assert flicker([wave(k, still=True) for k in range(4)], clip) > 0.05  # the screen door
 
 
-def test_lowpass_base_keeps_a_constant_and_the_known_pixels(rng):
-    hole = np.zeros((64, 96), bool)
-    hole[20:40, 30:50] = True
-    settings = MetamericSettings()
-    flat = frame(np.full((64, 96, 3), 0.4), hole)
-    noisy = frame(rng.uniform(0.2, 0.8, (64, 96, 3)), hole)
-
-    filled = lowpass_base_fill(flat, settings, seed=1, z_near_m=1.0)
-    known = lowpass_base_fill(noisy, settings, seed=1, z_near_m=1.0)[~hole]
-
-    np.testing.assert_allclose(filled, 0.4, atol=1e-6)
-    np.testing.assert_array_equal(known, noisy.colour[~hole])
-
-
 def test_every_variant_has_a_name_of_its_own_and_the_first_is_the_default():
     labels = [variant.label for variant in VARIANTS]
 
     assert len(set(labels)) == len(labels)
     assert VARIANTS[0].settings == MetamericSettings()
-    assert not VARIANTS[0].lowpass_base
