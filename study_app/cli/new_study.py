@@ -129,7 +129,7 @@ def new_study(
         metamerlab new-study my-thresholds --task yes-no
 
         metamerlab new-study mine --scene place.glb --pair left.png right.png disparity.pfm \\
-            --methods metameric,push-pull,reference
+            --methods shift-map,push-pull,reference
     """
     with user_errors():
         named = study_name(name or slug(folder.absolute().name), "--name", "give one with --name")
