@@ -25,9 +25,10 @@ def frames_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
     held = min(out.iterdir(), default=None) if out.exists() else None
     if held is not None:
+        left = ", which a command that was stopped left behind" if held.suffix == PART else ""
         raise InputError(
             f"{out}: must be empty or new, as it is to hold the frames of one clip (it holds"
-            f" {held.name}); choose another folder, or empty it"
+            f" {held.name}{left}); choose another folder, or empty it"
         )
     is_new = not out.exists()
     part = out / f".{os.getpid()}{PART}"

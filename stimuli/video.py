@@ -12,13 +12,14 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.image_file import read_pixels, three_channels
 from pipeline.limits import check_values
 from pipeline.video_file import is_video, quiet_stderr
 from protocols.outside import reading
 from stimuli.png import encode_bytes
-from stimuli.read_file import read_picture
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """What is written, by ending: .avi keeps every pixel, the others are smaller."""
@@ -126,14 +127,15 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     path : Path
         Ends in ``.mp4``, ``.webm`` or ``.avi``; see `CODECS`. Its folder is made.
     frames : sequence of Path
-        Pictures of 8 bits, in their order.
+        Pictures of 8 or 16 bits, in their order; videos have 8, so 16 are rounded.
 
     Raises
     ------
     InputError
-        If the ending is another, sizes differ, or an edge is odd where the codec needs even ones.
+        If the ending is another, sizes or numbers differ, or an edge is odd where the codec needs
+        even ones.
     """
-    first = read_picture(frames[0])
+    first = _in_8_bits(frames[0])
     height, width = first.shape[:2]
     codec = check_video(path, width, height)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,7 +148,7 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
         if not writer.isOpened():
             raise InputError(f"{path}: OpenCV here cannot write {codec}; take another ending")
         for file in frames:
-            frame = read_picture(file)
+            frame = _in_8_bits(file)
             if frame.shape != first.shape:
                 raise InputError(
                     f"{file}: must be {width} x {height} px as the frame before (is"
@@ -158,3 +160,10 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     finally:
         writer.release()
         temporary.unlink(missing_ok=True)
+
+
+def _in_8_bits(path: Path) -> NDArray[np.uint8]:
+    pixels = three_channels(path, read_pixels(path))
+    if pixels.dtype.kind != "u":
+        raise InputError(f"{path}: must have 8 or 16 bits per channel (has {pixels.dtype})")
+    return np.asarray(np.rint(pixels / (np.iinfo(pixels.dtype).max / 255)), np.uint8)

@@ -146,8 +146,31 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             except InputError as error:
                 yield Problem(f"stimuli.pictures[{index}].file", str(error))
 
+    def notes(self) -> list[Problem]:
+        """Return the pictures that `fit` enlarges."""
+        found = []
+        width, height = self.recipe.width_px, self.recipe.height_px
+        for where, path, got in self._other_sizes() if self.recipe.fit == "cover" else ():
+            # Either way around, as it may be stored turned.
+            share = min(max(width / one, height / other) for one, other in (got, got[::-1]))
+            if share > 1:
+                found.append(
+                    Problem(
+                        where,
+                        f"{path}: is {got[0]} x {got[1]} px and stills are {width} x {height}, so it"
+                        f" is enlarged {share:.2f} times and lacks fine detail; take a larger one",
+                    )
+                )
+        return found
+
     def _wrong_sizes(self) -> Iterator[Problem]:
         """Yield a problem for every picture whose header says another size."""
+        wanted = self.recipe.width_px, self.recipe.height_px
+        for where, path, got in self._other_sizes():
+            yield Problem(where, f"{path}: {wrong_size(wanted, got)}")
+
+    def _other_sizes(self) -> Iterator[tuple[str, Path, tuple[int, int]]]:
+        """Yield each picture whose header says another size than the study: where, file, size."""
         wanted = self.recipe.width_px, self.recipe.height_px
         for index, picture in enumerate(self.recipe.pictures):
             if picture.view is not None or picture.file.startswith(BUILTIN):
@@ -156,9 +179,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             got = stated_size_px(path)
             # Sides the other way around: it may be stored turned, which reading it settles.
             if got is not None and got not in (wanted, wanted[::-1]):
-                yield Problem(
-                    f"stimuli.pictures[{index}].file", f"{path}: {wrong_size(wanted, got)}"
-                )
+                yield f"stimuli.pictures[{index}].file", path, got
 
     def _rings_off(self, rings: Rings) -> list[Problem]:
         for one in self.wanted:

@@ -306,7 +306,7 @@ def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str
 
 def _row(sitting: Sitting) -> tuple[str, ...]:
     attempts = sitting.journal.attempts
-    voids = sum(attempt.outcome == "void" for attempt in attempts)
+    voids = sum(attempt.outcome == "void" and attempt.role == "main" for attempt in attempts)
     if sitting.state in {"damaged", "withdrawn", "stillborn"}:
         slot, planned, data = "", "", ""
     else:

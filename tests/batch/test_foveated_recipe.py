@@ -349,6 +349,11 @@ def test_pictures_of_another_size_are_refused_or_made_to_cover(folder, rng):
     with pytest.raises(InputError, match='write fit = "cover"'):
         exact.colour(exact.wanted[0])
     assert cover.colour(cover.wanted[0]).shape == (HEIGHT, WIDTH, 3)
+    assert cover.notes() == []
+    Image.fromarray(data[::5, ::2]).save(folder / "one.png")
+    (note,) = cover.notes()
+    assert "is 50 x 40 px and stills are 96 x 72, so it is enlarged 1.92 times" in str(note)
+    assert exact.notes() == []
 
 
 def test_keys_change_with_what_decides_the_pixels_and_nothing_else(folder):

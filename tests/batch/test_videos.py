@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from pipeline.errors import InputError
+from stimuli.exr import save_colour
 from stimuli.pictures import save_picture
 from stimuli.read_file import read_picture
 from stimuli.video import unpacked_video, write_video
@@ -90,6 +92,23 @@ def test_foveating_a_video_is_foveating_its_frames_and_writes_a_video(frames, lo
             np.testing.assert_array_equal(one, other)
             np.testing.assert_array_equal(one, read_picture(shown.folder / name))
     assert not np.array_equal(one, read_picture(frames / name))
+
+
+def test_frames_of_16_bits_become_a_video_of_8(tmp_path, rng):
+    (tmp_path / "deep").mkdir()
+    colours = rng.integers(0, 65536, (2, 48, 64, 3)).astype(np.uint16)
+    for number, colour in enumerate(colours):
+        cv2.imwrite(str(tmp_path / "deep" / f"{number:06d}.png"), colour[..., ::-1])
+    done = run("foveate", tmp_path / "deep", tmp_path / "out", "--method", "reference", "--numpy",
+               "--gaze", "10,10", "--video", tmp_path / "v.avi")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    with unpacked_video(tmp_path / "v.avi") as shown:
+        for number, colour in enumerate(colours):
+            found = read_picture(shown.folder / f"{number:06d}.png")
+            np.testing.assert_allclose(found, colour / 257, atol=0.51)
+    save_colour(tmp_path / "float.exr", np.float32(colours[0] / 65535))
+    with pytest.raises(InputError, match="must have 8 or 16 bits per channel"):
+        write_video(tmp_path / "w.avi", [tmp_path / "float.exr"], 24.0)
 
 
 def test_scoring_a_video_gives_its_frames_scores_at_its_rate(frames, lossless, tmp_path):
