@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from protocols.prose import count_of
+
 Floats = NDArray[np.float64]
 
 EXACT_FLIPS = 16
@@ -84,6 +86,17 @@ class ClusteredShare:
             self._unanimous(), floor, np.maximum(np.maximum(clustered, independent), floor)
         )
         return np.asarray(np.where(np.abs(self.share - null) < SAME, 1.0, p))
+
+    def held(self, null: float = 0.5) -> str:
+        """Say that one share's p is the least that so many participants can show; "" if not."""
+        clustered, independent, floor = (float(part) for part in self.p_parts(null))
+        if float(self.p_value(null)) != floor or max(clustered, independent) >= floor:
+            return ""
+        return (
+            f"p is held at {floor:.2g}, the least that"
+            f" {count_of(int(self.persons), 'participant')} can show without assuming a normal"
+            " distribution"
+        )
 
     def limits(self, level: float = 0.95, null: float = 0.5) -> tuple[Floats, Floats]:
         """Return the limits that leave out `null` exactly where its p is below 1 - level."""

@@ -396,17 +396,13 @@ def _judged(
     if estimate is None:
         test = "none: one participant"
         return _Judged(1.0, 0.0, 1.0, test, None, None, 1.0, 1.0, 1.0, "")
-    clustered, independent, floor = (float(part) for part in estimate.p_parts())
+    clustered, independent, _ = (float(part) for part in estimate.p_parts())
     p = float(estimate.p_value())
     lower, upper = (float(end) for end in estimate.limits(1.0 - alpha))
     agree = float(estimate.standard_error) == 0.0
-    test, note = "participant score t" if one_way else "two-way clustered score t", ""
-    if p > 0.0 and p == floor and max(clustered, independent) < floor:
+    test, note = "participant score t" if one_way else "two-way clustered score t", estimate.held()
+    if note:
         test = "participants as votes"
-        note = (
-            f"p is held at {floor:.2g}, the least that {count_of(people, 'participant')} can show"
-            " without assuming a normal distribution"
-        )
     elif independent > clustered:
         test = "score test of trials"
         note = (

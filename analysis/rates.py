@@ -116,8 +116,11 @@ def rate(
         lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
         notes.append("one participant only: limits speak about this person's trials")
     else:
-        low, high, p_value = share_limits(happened, shown, chance=chance, level=level)
-        lower, upper, p = float(low), float(high), float(p_value)
+        estimate = two_way(happened, shown)
+        lower, upper = (float(limit) for limit in estimate.limits(level, chance))
+        p, held = float(estimate.p_value(chance)), estimate.held(chance)
+        if held:
+            notes.append(held)
         if people < FEW_PARTICIPANTS:
             notes.append(f"only {count_of(people, 'participant')}: limits and p are a rough guide")
     return Rate(

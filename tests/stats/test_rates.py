@@ -98,6 +98,11 @@ def test_perfect_participants_count_as_votes(people):
     assert found.lower >= once.lower
     assert (found.lower > 0.5) == (people > 5)
     assert found.upper == 1.0
+    assert f"p is held at {2 / 2**people:.2g}, the least that {people} participants" in str(
+        found.warnings
+    )
+    (split,) = correct_rates(table(np.full((people, 6), 1)), chance=0.5)
+    assert "held" not in str(split.warnings)
 
 
 def test_more_right_answers_are_never_weaker_evidence():
