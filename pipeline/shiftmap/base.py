@@ -45,18 +45,48 @@ class Base:
 
 
 def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float) -> Ways:
-    """Walk from every hole pixel to the background's side, and the other way to the hole's end."""
+    """Walk from every hole pixel to the background's side, and the other way to the hole's end.
+
+    A hole that only nearer things surround, and that is not thin, is looked out of through them.
+    """
     scene = Scene(~warped.hole, guide, warped.flow_px[..., ::-1].astype(np.float64), threshold)
     pixel = np.argwhere(warped.hole)
     border, step, found = background_border(scene, pixel, WAY_REACH_PX)
     step = np.where(found[:, None], step, 0)
     steps = np.where(found, np.abs(border - pixel).max(axis=1, initial=0), 0)
+    behind = _hole_pixels_behind(warped.hole, pixel, step)
+    across_px = np.where(found, np.minimum(steps + behind, WAY_REACH_PX), 0)
+
+    enclosed = np.flatnonzero(~found)
+    narrowest_px = _narrowest_px(rays(scene.known, pixel[enclosed], WAY_REACH_PX)[0])
+    enclosed = enclosed[narrowest_px >= WIDE_PX]
+    step[enclosed], steps[enclosed] = _through(scene, pixel[enclosed])
+    across_px[enclosed] = np.where(steps[enclosed] > 0, WIDE_PX, 0)
+
+    border = pixel + steps[:, None] * step
     # Past the mixed colours of a silhouette, where what comes next is background too.
     inset = scene.is_background(border + step, pixel)
-    end = np.where(found[:, None], border + inset[:, None] * step, pixel)
-    behind = _hole_pixels_behind(warped.hole, pixel, step)
-    across_px = np.minimum(steps + behind, WAY_REACH_PX)
-    return Ways(pixel, step, steps, end, np.where(found, across_px, 0))
+    return Ways(pixel, step, steps, border + inset[:, None] * step, across_px)
+
+
+def _through(
+    scene: Scene, pixel: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the nearest known pixel of hole pixels' own surface, past all else: step and steps."""
+    found, steps = np.zeros(pixel.shape, np.intp), np.zeros(len(pixel), np.intp)
+    least = np.full(len(pixel), np.iinfo(np.intp).max)
+    for step in np.array(OCTANTS):
+        searching = np.ones(len(pixel), np.bool_)
+        for count in range(1, WAY_REACH_PX + 1):
+            place = pixel + count * step
+            inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
+            apart = np.abs(at(scene.guide, pixel) - at(scene.guide, place))
+            met = searching & inside & at(scene.known, place) & (apart <= scene.threshold)
+            searching &= ~met
+            squared = count**2 * (step**2).sum()
+            nearest = met & (squared < least)
+            found[nearest], steps[nearest], least[nearest] = step, count, squared
+    return found, steps
 
 
 def _hole_pixels_behind(
@@ -141,7 +171,7 @@ def nearer_around(
     colour : (N, 3)
         Mean of where the eight rays end, nearer ends counting more; all of it is in front.
     share : (N,)
-        Of the base. Zero where the hole is wide even where it is narrowest.
+        Of the base. Zero where the hole is wide along its row and its column.
     """
     steps, end = rays(~warped.hole, pixel, WAY_REACH_PX)
     met = steps > 0
@@ -149,9 +179,17 @@ def nearer_around(
     weight = np.where(met, 1 / (step_px * np.maximum(steps, 1)), 0.0)
     total = np.where(met.any(axis=0), weight.sum(axis=0), 1.0)
     colour = (weight[..., None] * at(warped.colour, end)).sum(axis=0) / total[:, None]
-    crossed = met[:4] & met[4:]
-    across_px = np.where(crossed, steps[:4] + steps[4:] - 1, WIDE_PX).min(axis=0)
-    return colour, NEARER_SHARE * (1 - _thickness(across_px))
+    return colour, NEARER_SHARE * (1 - _thickness(_narrowest_px(steps)))
+
+
+def _narrowest_px(steps: NDArray[np.intp]) -> NDArray[np.intp]:
+    """How wide holes are along rows or columns, at most `WIDE_PX`; `steps`, (8, N), of `rays`.
+
+    Diagonals do not count: they are short in every corner.
+    """
+    one, other = steps[[0, 2]], steps[[4, 6]]
+    across_px = np.where((one > 0) & (other > 0), one + other - 1, WIDE_PX)
+    return np.asarray(across_px.min(axis=0).clip(max=WIDE_PX))
 
 
 def _thickness(across_px: NDArray[np.intp]) -> NDArray[np.float64]:

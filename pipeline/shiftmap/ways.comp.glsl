@@ -44,25 +44,58 @@ vec4 nearer_around(ivec2 pixel) {
         ivec2 direction = octant(number);
         int one = steps_to_known(pixel, direction, REACH);
         int other = steps_to_known(pixel, -direction, REACH);
-        if (one > 0 && other > 0) across_px = min(across_px, one + other - 1);
+        // Along rows and columns: diagonals are short in every corner.
+        if (number % 2 == 0 && one > 0 && other > 0) across_px = min(across_px, one + other - 1);
         total += end_of_ray(pixel, direction, one) + end_of_ray(pixel, -direction, other);
     }
     if (total.a == 0.0) return vec4(0.0);
     return vec4(total.rgb / total.a, NEARER_SHARE * (1.0 - thickness(across_px)));
 }
 
+// Steps to the first known pixel of the hole pixel's own surface, past all else; 0: none.
+int steps_through(ivec2 pixel, ivec2 direction, float guide, int reach) {
+    ivec2 place = pixel;
+    for (int count = 1; count <= reach; ++count) {
+        place += direction;
+        if (!is_inside(place)) return 0;
+        if (!is_hole(place) && abs(guide - guide_at(place)) <= depth_threshold) return count;
+    }
+    return 0;
+}
+
+Side through(ivec2 pixel, float guide) {
+    Side nearest = Side(ivec2(0), 0);
+    int least = 0x7fffffff, reach = REACH;
+    for (int number = 0; number < 8; ++number) {
+        ivec2 direction = octant(number);
+        int steps = steps_through(pixel, direction, guide, reach);
+        int squared = steps * steps * (direction.x * direction.x + direction.y * direction.y);
+        if (steps == 0 || squared >= least) continue;
+        nearest = Side(direction, steps);
+        least = squared;
+        reach = min(REACH, int(sqrt(float(least))) + 1);
+    }
+    return nearest;
+}
+
 void find_way(ivec2 pixel) {
     float guide = guide_at(pixel);
     Side side = background_side(pixel, guide);
-    if (side.steps == 0) {
-        imageStore(ways, pixel, ivec4(0));
-        imageStore(ends, pixel, nearer_around(pixel));
-        return;
+    int across_px = WIDE_PX;
+    if (side.steps > 0) {
+        across_px = min(side.steps + hole_pixels_behind(pixel, side.direction), REACH);
+    } else {
+        vec4 nearer = nearer_around(pixel);
+        if (nearer.a == 0.0) side = through(pixel, guide);
+        if (side.steps == 0) {
+            imageStore(ways, pixel, ivec4(0));
+            imageStore(ends, pixel, nearer);
+            return;
+        }
     }
     ivec2 end = pixel + side.steps * side.direction;
     // Past the mixed colours of a silhouette, where what comes next is background too.
     if (is_background(end + side.direction, guide)) end += side.direction;
-    int across_px = min(side.steps + hole_pixels_behind(pixel, side.direction), REACH);
     imageStore(ways, pixel, ivec4(side.direction, side.steps, across_px));
     float end_guide = guide_at(end);
     imageStore(ends, pixel, vec4(low_at(end, end_guide), end_guide));

@@ -30,7 +30,7 @@ WHOLE_ATOL = 2.0**-12
 def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
     """A ground at 5 m and one behind, a post that moved in front of both, a hole at the border.
 
-    From a narrow gap in the post no ray meets the ground.
+    From a narrow gap in the post no ray meets the ground, and from a window only through its frame.
     """
     height, width = size
     y, x = np.mgrid[:height, :width]
@@ -39,7 +39,10 @@ def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
     hole = (x >= left) & (x < left + width_px) & (y > 2)
     hole |= (x >= width - 5) & (y > height // 2)
     gap = post & (np.abs(x - left + 3.5) < 1) & (y >= 43) & (y < 45)
-    post, hole = post & ~gap, hole | gap
+    aside, below = np.abs(x - width + 23), np.abs(y - height // 2)
+    window = (aside < 5) & (below < 6)
+    post |= (aside < 7) & (below < 8) & ~window
+    post, hole = post & ~gap, hole | gap | window
     hole[0, 0] = False
     texture = 0.5 + 0.15 * rng.standard_normal((*size, 3)) + 0.1 * np.sin(0.9 * x)[..., None]
     colour = np.where(post[..., None], (0.9, 0.1, 0.1), texture.clip(0, 1)).astype(np.float32)
