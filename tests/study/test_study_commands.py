@@ -297,6 +297,21 @@ def test_simulated_journals_are_the_same_bytes_again(tmp_path):
     assert len(first) > 28
 
 
+def test_the_list_counts_void_attempts_of_decisions_as_reports_do(tmp_path):
+    words = ("--out", tmp_path, "--participants", 6, "--missed-per-1000", 6)
+    assert metamerlab("session", "simulate", "demo", *words).exit_code == 0
+    rows = [line.split() for line in metamerlab("session", "list", tmp_path).stdout.splitlines()]
+    seen = set()
+    for code in (f"S00{number}" for number in range(1, 7)):
+        journal = tmp_path / "demo" / code / "journal.jsonl"
+        events = [json.loads(line) for line in journal.read_text("utf-8").splitlines()]
+        void = [event["role"] for event in events if event.get("outcome") == "void"]
+        (row,) = (row for row in rows if code in row)
+        assert str(void.count("main")) in row[row.index("of") + 2 :]
+        seen |= set(void)
+    assert seen == {"main", "catch", "practice"}
+
+
 def test_status_and_list_show_damage_instead_of_failing(tmp_path):
     metamerlab("session", "simulate", "demo", "--out", tmp_path, "--participants", 2)
     journal = tmp_path / "demo" / "S001" / "journal.jsonl"
