@@ -157,8 +157,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 found.append(
                     Problem(
                         where,
-                        f"{path}: is {got[0]} x {got[1]} px and stills are {width} x {height}, so it"
-                        f" is enlarged {share:.2f} times and lacks fine detail; take a larger one",
+                        f"{path}: is {got[0]} x {got[1]} px and stills are {width} x {height}, so"
+                        f" it is enlarged {share:.2f} times and lacks fine detail; take a larger one",
                     )
                 )
         return found
