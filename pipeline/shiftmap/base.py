@@ -63,7 +63,7 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     step[enclosed], steps[enclosed] = _through(scene, pixel[enclosed])
     across_px[enclosed] = np.where(steps[enclosed] > 0, WIDE_PX, 0)
 
-    border = pixel + steps[:, None] * step
+    border = np.asarray(pixel + steps[:, None] * step, np.intp)
     # Past the mixed colours of a silhouette, where what comes next is background too.
     inset = scene.is_background(border + step, pixel)
     return Ways(pixel, step, steps, border + inset[:, None] * step, across_px)

@@ -158,7 +158,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                     Problem(
                         where,
                         f"{path}: is {got[0]} x {got[1]} px and stills are {width} x {height}, so"
-                        f" it is enlarged {share:.2f} times and lacks fine detail; take a larger one",
+                        f" it is enlarged {share:.2f} times and lacks fine detail; take a larger"
+                        " picture",
                     )
                 )
         return found
