@@ -69,9 +69,7 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     return Ways(pixel, step, steps, border + inset[:, None] * step, across_px)
 
 
-def _through(
-    scene: Scene, pixel: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _through(scene: Scene, pixel: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the nearest known pixel of hole pixels' own surface, past all else: step and steps."""
     found, steps = np.zeros(pixel.shape, np.intp), np.zeros(len(pixel), np.intp)
     least = np.full(len(pixel), np.iinfo(np.intp).max)
