@@ -19,6 +19,7 @@ _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 _NO_TIME = "1970:01:01 00:00:00"
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
 _UPRIGHT = 1  # of Exif's orientations
+_FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -88,15 +89,20 @@ def _read_pixels(path: Path) -> Pixels:
     return Pixels(data, tuple(spec.channelnames), attributes)
 
 
-def stated_size_px(path: Path) -> tuple[int, int] | None:
-    """Return width and height as an image file's header has them; None where it is no image."""
+def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:
+    """Return width and height as an image file's header has them; None where it is no image.
+
+    With `upright`, as it is seen once turned by its Exif orientation.
+    """
     source = oiio.ImageInput.open(str(path)) if path.is_file() else None
     if source is None:
         oiio.geterror()
         return None
     spec = source.spec()
     source.close()
-    return int(spec.width), int(spec.height)
+    size_px = int(spec.width), int(spec.height)
+    turned = upright and spec.get_int_attribute("Orientation", _UPRIGHT) >= _FIRST_ON_ITS_SIDE
+    return size_px[::-1] if turned else size_px
 
 
 def may_be_lossy(path: Path) -> str | None:

@@ -25,7 +25,7 @@ def frames_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
     held = min(out.iterdir(), default=None) if out.exists() else None
     if held is not None:
-        left = ", which a command that was stopped left behind" if held.suffix == PART else ""
+        left = ", of a command that was stopped or still runs" if held.suffix == PART else ""
         raise InputError(
             f"{out}: must be empty or new, as it is to hold the frames of one clip (it holds"
             f" {held.name}{left}); choose another folder, or empty it"

@@ -28,9 +28,10 @@ class Ways:
 
     pixel: NDArray[np.intp]  # (N, 2), row and column
     step: NDArray[np.intp]  # (N, 2), from pixel to pixel: -1, 0 or 1
-    steps: NDArray[np.intp]  # (N,), to the first known pixel; 0: the background is out of reach
+    steps: NDArray[np.intp]  # (N,), to the first pixel beyond; 0: the background is out of reach
     end: NDArray[np.intp]  # (N, 2), the pixel whose colour goes on
-    across_px: NDArray[np.intp]  # (N,), how wide the hole is along the way, at most the reach
+    # (N,), how wide the hole is along the way, at most the reach; `WIDE_PX` if it is enclosed.
+    across_px: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     across_px = np.where(found, np.minimum(steps + behind, WAY_REACH_PX), 0)
 
     enclosed = np.flatnonzero(~found)
-    narrowest_px = _narrowest_px(rays(scene.known, pixel[enclosed], WAY_REACH_PX)[0])
+    narrowest_px = _narrowest_px(rays(scene.known, pixel[enclosed], WIDE_PX)[0])
     enclosed = enclosed[narrowest_px >= WIDE_PX]
     step[enclosed], steps[enclosed] = _through(scene, pixel[enclosed])
     across_px[enclosed] = np.where(steps[enclosed] > 0, WIDE_PX, 0)
@@ -72,18 +73,19 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
 def _through(scene: Scene, pixel: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the nearest known pixel of hole pixels' own surface, past all else: step and steps."""
     found, steps = np.zeros(pixel.shape, np.intp), np.zeros(len(pixel), np.intp)
-    least = np.full(len(pixel), np.iinfo(np.intp).max)
+    own, least = at(scene.guide, pixel), np.full(len(pixel), np.iinfo(np.intp).max)
     for step in np.array(OCTANTS):
-        searching = np.ones(len(pixel), np.bool_)
+        walking = np.arange(len(pixel))
         for count in range(1, WAY_REACH_PX + 1):
-            place = pixel + count * step
-            inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
-            apart = np.abs(at(scene.guide, pixel) - at(scene.guide, place))
-            met = searching & inside & at(scene.known, place) & (apart <= scene.threshold)
-            searching &= ~met
             squared = count**2 * (step**2).sum()
-            nearest = met & (squared < least)
-            found[nearest], steps[nearest], least[nearest] = step, count, squared
+            place = pixel[walking] + count * step
+            inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
+            inside &= squared < least[walking]
+            walking, place = walking[inside], place[inside]
+            apart = np.abs(own[walking] - at(scene.guide, place))
+            met = at(scene.known, place) & (apart <= scene.threshold)
+            ended, walking = walking[met], walking[~met]
+            found[ended], steps[ended], least[ended] = step, count, squared
     return found, steps
 
 

@@ -58,22 +58,23 @@ int steps_through(ivec2 pixel, ivec2 direction, float guide, int reach) {
     for (int count = 1; count <= reach; ++count) {
         place += direction;
         if (!is_inside(place)) return 0;
-        if (!is_hole(place) && abs(guide - guide_at(place)) <= depth_threshold) return count;
+        if (abs(guide - guide_at(place)) <= depth_threshold && !is_hole(place)) return count;
     }
     return 0;
 }
 
 Side through(ivec2 pixel, float guide) {
     Side nearest = Side(ivec2(0), 0);
-    int least = 0x7fffffff, reach = REACH;
+    int least = 2 * REACH * REACH + 1;
     for (int number = 0; number < 8; ++number) {
         ivec2 direction = octant(number);
+        int length = direction.x * direction.x + direction.y * direction.y;  // squared
+        int reach = min(REACH, int(sqrt(float(least / length))) + 1);
         int steps = steps_through(pixel, direction, guide, reach);
-        int squared = steps * steps * (direction.x * direction.x + direction.y * direction.y);
+        int squared = steps * steps * length;
         if (steps == 0 || squared >= least) continue;
         nearest = Side(direction, steps);
         least = squared;
-        reach = min(REACH, int(sqrt(float(least))) + 1);
     }
     return nearest;
 }

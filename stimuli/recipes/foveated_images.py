@@ -151,8 +151,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         found = []
         width, height = self.recipe.width_px, self.recipe.height_px
         for where, path, got in self._other_sizes() if self.recipe.fit == "cover" else ():
-            # Either way around, as it may be stored turned.
-            share = min(max(width / one, height / other) for one, other in (got, got[::-1]))
+            share = max(width / got[0], height / got[1])
             if share > 1:
                 found.append(
                     Problem(
@@ -177,9 +176,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             if picture.view is not None or picture.file.startswith(BUILTIN):
                 continue  # it is drawn in the study's size
             path = self.folder / picture.file
-            got = stated_size_px(path)
-            # Sides the other way around: it may be stored turned, which reading it settles.
-            if got is not None and got not in (wanted, wanted[::-1]):
+            got = stated_size_px(path, upright=True)
+            if got is not None and got != wanted:
                 yield f"stimuli.pictures[{index}].file", path, got
 
     def _rings_off(self, rings: Rings) -> list[Problem]:

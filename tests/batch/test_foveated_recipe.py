@@ -350,10 +350,16 @@ def test_pictures_of_another_size_are_refused_or_made_to_cover(folder, rng):
         exact.colour(exact.wanted[0])
     assert cover.colour(cover.wanted[0]).shape == (HEIGHT, WIDTH, 3)
     assert cover.notes() == []
-    Image.fromarray(data[::5, ::2]).save(folder / "one.png")
-    (note,) = cover.notes()
-    assert "is 50 x 40 px and stills are 96 x 72, so it is enlarged 1.92 times" in str(note)
-    assert exact.notes() == []
+    upright, on_its_side = Image.Exif(), Image.Exif()
+    on_its_side[0x0112] = 6
+    for exif, said in (
+        (upright, "is 50 x 40 px and stills are 96 x 72, so it is enlarged 1.92 times"),
+        (on_its_side, "is 40 x 50 px and stills are 96 x 72, so it is enlarged 2.40 times"),
+    ):
+        Image.fromarray(data[::5, ::2]).save(folder / "one.png", exif=exif)
+        (note,) = cover.notes()
+        assert said in str(note)
+        assert exact.notes() == []
 
 
 def test_keys_change_with_what_decides_the_pixels_and_nothing_else(folder):

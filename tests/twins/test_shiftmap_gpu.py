@@ -30,7 +30,8 @@ WHOLE_ATOL = 2.0**-12
 def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
     """A ground at 5 m and one behind, a post that moved in front of both, a hole at the border.
 
-    From a narrow gap in the post no ray meets the ground, and from a window only through its frame.
+    From a narrow gap in the post no ray meets the ground, and from a window only through its frame
+    and past what lies far behind.
     """
     height, width = size
     y, x = np.mgrid[:height, :width]
@@ -46,7 +47,8 @@ def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
     hole[0, 0] = False
     texture = 0.5 + 0.15 * rng.standard_normal((*size, 3)) + 0.1 * np.sin(0.9 * x)[..., None]
     colour = np.where(post[..., None], (0.9, 0.1, 0.1), texture.clip(0, 1)).astype(np.float32)
-    depth_m = np.where(post, 2.0, np.where(y < height // 3, far_m, 5.0)).astype(np.float32)
+    far = (y < height // 3) | ((aside < 9) & (below < 10) & ~window)
+    depth_m = np.where(post, 2.0, np.where(far, far_m, 5.0)).astype(np.float32)
     # Motion in 256ths of a pixel, as the warp gives it.
     flow_px = np.where(post[..., None], (-float(width_px), 0.0), (2 + 77 / 256, -31 / 256))
     return WarpedFrame(colour, depth_m, hole, flow_px.astype(np.float32))
