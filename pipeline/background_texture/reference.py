@@ -109,7 +109,8 @@ def background_border(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
     """Find the known pixel on each hole pixel's background side, and the octant it lies in.
 
-    Returns end, direction (both (N, 2)) and whether there is one.
+    Returns end, direction (both (N, 2)) and whether there is one. Where there is none, the
+    direction is that of the parallax, 0 without any.
     """
     octants = np.array(OCTANTS)
     steps, end = rays(scene.known, pixel, reach_px)
@@ -129,7 +130,9 @@ def background_border(
     # nearest background that there is.
     chosen = np.where((behind & met)[chosen, everyone], chosen, (chosen + 4) % 8)
     chosen = np.where((behind & met)[chosen, everyone], chosen, to_background.argmin(axis=0))
-    return end[chosen, everyone], octants[chosen], (behind & met)[chosen, everyone]
+    found = (behind & met)[chosen, everyone]
+    parallax = octants[_octant(relative)] * (reach > 0)[:, None]
+    return end[chosen, everyone], np.where(found[:, None], octants[chosen], parallax), found
 
 
 def rays(

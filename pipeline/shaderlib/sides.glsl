@@ -53,7 +53,7 @@ int steps_to_known(ivec2 pixel, ivec2 direction, int reach) {
 
 struct Side {
     ivec2 direction;
-    int steps;  // to the background's border; 0: there is none
+    int steps;  // to the background's border; 0: there is none, and the direction is the parallax's
 };
 
 Side background_side(ivec2 pixel, float guide) {
@@ -83,8 +83,8 @@ Side background_side(ivec2 pixel, float guide) {
         int farther = max(to_opener.x, to_background.x);
         if (farther != NONE.x) reach = min(reach, int(sqrt(float(farther))) + 1);
     }
-    if (to_background == NONE) return Side(ivec2(0), 0);
     vec2 relative = flow_at(pixel) - flow_at(opener);
+    if (to_background == NONE) return Side(octant_of(relative), 0);
     float moved = length(relative);
     bool opened = to_opener != NONE && moved > 0.0 && sqrt(float(to_opener.x)) <= moved + MARGIN;
     Side side;

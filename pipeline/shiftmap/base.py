@@ -52,8 +52,8 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     """
     scene = Scene(~warped.hole, guide, warped.flow_px[..., ::-1].astype(np.float64), threshold)
     pixel = np.argwhere(warped.hole)
-    border, step, found = background_border(scene, pixel, WAY_REACH_PX)
-    step = np.where(found[:, None], step, 0)
+    border, towards, found = background_border(scene, pixel, WAY_REACH_PX)
+    step = np.where(found[:, None], towards, 0)
     steps = np.where(found, np.abs(border - pixel).max(axis=1, initial=0), 0)
     behind = _hole_pixels_behind(warped.hole, pixel, step)
     across_px = np.where(found, np.minimum(steps + behind, WAY_REACH_PX), 0)
@@ -61,7 +61,7 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     enclosed = np.flatnonzero(~found)
     narrowest_px = _narrowest_px(rays(scene.known, pixel[enclosed], WIDE_PX)[0])
     enclosed = enclosed[narrowest_px >= WIDE_PX]
-    step[enclosed], steps[enclosed] = _through(scene, pixel[enclosed])
+    step[enclosed], steps[enclosed] = _through(scene, pixel[enclosed], towards[enclosed])
     across_px[enclosed] = np.where(steps[enclosed] > 0, WIDE_PX, 0)
 
     border = np.asarray(pixel + steps[:, None] * step, np.intp)
@@ -70,22 +70,26 @@ def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float)
     return Ways(pixel, step, steps, border + inset[:, None] * step, across_px)
 
 
-def _through(scene: Scene, pixel: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the nearest known pixel of hole pixels' own surface, past all else: step and steps."""
+def _through(
+    scene: Scene, pixel: NDArray[np.intp], towards: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the nearest known pixel of hole pixels' own surface along the parallax, past all else.
+
+    Returns step, (N, 2), and steps, (N,).
+    """
     found, steps = np.zeros(pixel.shape, np.intp), np.zeros(len(pixel), np.intp)
-    own, least = at(scene.guide, pixel), np.full(len(pixel), np.iinfo(np.intp).max)
-    for step in np.array(OCTANTS):
-        walking = np.arange(len(pixel))
+    own = at(scene.guide, pixel)
+    for step in (towards, -towards):
+        walking = np.flatnonzero(step.any(axis=1))
         for count in range(1, WAY_REACH_PX + 1):
-            squared = count**2 * (step**2).sum()
-            place = pixel[walking] + count * step
+            place = pixel[walking] + count * step[walking]
             inside = ((place >= 0) & (place < scene.known.shape)).all(axis=1)
-            inside &= squared < least[walking]
+            inside &= (steps[walking] == 0) | (count < steps[walking])
             walking, place = walking[inside], place[inside]
             apart = np.abs(own[walking] - at(scene.guide, place))
             met = at(scene.known, place) & (apart <= scene.threshold)
             ended, walking = walking[met], walking[~met]
-            found[ended], steps[ended], least[ended] = step, count, squared
+            found[ended], steps[ended] = step[ended], count
     return found, steps
 
 

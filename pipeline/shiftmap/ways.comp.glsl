@@ -63,20 +63,11 @@ int steps_through(ivec2 pixel, ivec2 direction, float guide, int reach) {
     return 0;
 }
 
-Side through(ivec2 pixel, float guide) {
-    Side nearest = Side(ivec2(0), 0);
-    int least = 2 * REACH * REACH + 1;
-    for (int number = 0; number < 8; ++number) {
-        ivec2 direction = octant(number);
-        int length = direction.x * direction.x + direction.y * direction.y;  // squared
-        int reach = min(REACH, int(sqrt(float(least / length))) + 1);
-        int steps = steps_through(pixel, direction, guide, reach);
-        int squared = steps * steps * length;
-        if (steps == 0 || squared >= least) continue;
-        nearest = Side(direction, steps);
-        least = squared;
-    }
-    return nearest;
+Side through(ivec2 pixel, ivec2 direction, float guide) {
+    if (direction == ivec2(0)) return Side(direction, 0);
+    int one = steps_through(pixel, direction, guide, REACH);
+    int other = steps_through(pixel, -direction, guide, one > 0 ? one - 1 : REACH);
+    return other > 0 ? Side(-direction, other) : Side(direction, one);
 }
 
 void find_way(ivec2 pixel) {
@@ -87,7 +78,7 @@ void find_way(ivec2 pixel) {
         across_px = min(side.steps + hole_pixels_behind(pixel, side.direction), REACH);
     } else {
         vec4 nearer = nearer_around(pixel);
-        if (nearer.a == 0.0) side = through(pixel, guide);
+        if (nearer.a == 0.0) side = through(pixel, side.direction, guide);
         if (side.steps == 0) {
             imageStore(ways, pixel, ivec4(0));
             imageStore(ends, pixel, nearer);

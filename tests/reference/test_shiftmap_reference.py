@@ -131,20 +131,24 @@ def test_a_hole_that_only_something_nearer_borders_has_no_ways():
     assert not ways.across_px.any()
 
 
-def window_in_a_frame(width_px=10, behind_m=5.0) -> WarpedFrame:
-    """A hole 20 px high in a red frame of 2 px at 2 m, which stands before stripes at 5 m."""
+def window_in_a_frame(width_px=10, behind_m=5.0, motion_px=-4.0) -> WarpedFrame:
+    """A hole 20 px high in a red frame of 2 px at 2 m, which moved along stripes at 5 m."""
     near, hole = np.zeros((2, 48, 64), bool)
     near[12:36, 18 : 22 + width_px] = True
     hole[14:34, 20 : 20 + width_px] = True
+    near &= ~hole
     stripes = 0.5 + 0.3 * np.sin(np.arange(48))[:, None, None]
     colour = np.where(near[..., None], (1.0, 0.0, 0.0), stripes)
     depth_m = np.where(hole, 5.0, np.where(near, 2.0, behind_m))
-    flow_px = np.zeros((48, 64, 2), np.float32)
+    flow_px = np.where(near[..., None], (motion_px, 0.0), 0.0).astype(np.float32)
     return WarpedFrame(colour.astype(np.float32), depth_m.astype(np.float32), hole, flow_px)
 
 
 def test_an_enclosed_hole_is_looked_out_of_through_what_stands_before_it():
-    """Its columns are 20 to 29, and the frame's 18, 19, 30 and 31: background again from 32 on."""
+    """Its columns are 20 to 29, and the frame's 18, 19, 30 and 31: background again from 32 on.
+
+    In the middle it is as far to the left, and to the right, where the parallax points, comes first.
+    """
     ways = ways_of(window_in_a_frame())
 
     row = ways.pixel[:, 0] == 24
@@ -152,9 +156,12 @@ def test_an_enclosed_hole_is_looked_out_of_through_what_stands_before_it():
     assert ways.step[row].tolist() == [[0, -1]] * 5 + [[0, 1]] * 5
     assert ways.end[row].tolist() == [[24, 16]] * 5 + [[24, 33]] * 5
     assert set(ways.across_px) == {WIDE_PX}
+    middle = ways_of(window_in_a_frame(width_px=11))
+    assert middle.step[(middle.pixel == (24, 25)).all(axis=1)].tolist() == [[0, 1]]
 
 
 def test_it_is_not_where_it_is_thin_or_its_surface_is_nowhere_else():
+    assert not ways_of(window_in_a_frame(motion_px=0.0)).steps.any()
     assert not ways_of(window_in_a_frame(width_px=WIDE_PX - 1)).steps.any()
     assert not ways_of(window_in_a_frame(behind_m=3.0)).steps.any()
     assert not ways_of(window_in_a_frame(behind_m=9.0)).steps.any()
