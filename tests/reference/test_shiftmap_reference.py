@@ -147,7 +147,7 @@ def window_in_a_frame(width_px=10, behind_m=5.0, motion_px=-4.0) -> WarpedFrame:
 def test_an_enclosed_hole_is_looked_out_of_through_what_stands_before_it():
     """Its columns are 20 to 29, and the frame's 18, 19, 30 and 31: background again from 32 on.
 
-    In the middle it is as far to the left, and to the right, where the parallax points, comes first.
+    In the middle both are as far: to the right, where the parallax points, comes first.
     """
     ways = ways_of(window_in_a_frame())
 
