@@ -48,7 +48,7 @@ class Base:
 def find_ways(warped: WarpedFrame, guide: NDArray[np.float64], threshold: float) -> Ways:
     """Walk from every hole pixel to the background's side, and the other way to the hole's end.
 
-    A hole that only nearer things surround, and that is not thin, is looked out of through them.
+    From a hole that only nearer things surround, and that is not thin, the way goes through them.
     """
     scene = Scene(~warped.hole, guide, warped.flow_px[..., ::-1].astype(np.float64), threshold)
     pixel = np.argwhere(warped.hole)

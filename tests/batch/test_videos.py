@@ -111,6 +111,14 @@ def test_frames_of_16_bits_become_a_video_of_8(tmp_path, rng):
         write_video(tmp_path / "w.avi", [tmp_path / "float.exr"], 24.0)
 
 
+def test_a_folder_that_a_stopped_command_left_is_named(frames, tmp_path):
+    (tmp_path / "out" / ".123.part").mkdir(parents=True)
+    done = run("foveate", frames, tmp_path / "out", "--method", "reference", "--numpy")
+    assert done.exit_code == 2, done.output
+    said = "it holds .123.part, of a command that was stopped or still runs"
+    assert said in " ".join(done.stderr.split())
+
+
 def test_scoring_a_video_gives_its_frames_scores_at_its_rate(frames, lossless, tmp_path):
     second = tmp_path / "frames"
     second.mkdir()
