@@ -6,6 +6,7 @@ import sys
 # name: what it measures. Each is a module of this folder with `main(argv) -> status`.
 BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
+    "gpu": "what a frame takes of the GPU, pass by pass, and of its host",
     "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",

@@ -171,14 +171,14 @@ class Bench:
                 guided.release,
             )
         if method == "push-pull":
-            return self.run_push_pull, None, _nothing
+            return self.run_push_pull, self.push_pull.held_bytes, _nothing
         if method == "copy":
             return self.run_copy, 0, _nothing
         if method == "weighted-pull-push":
             weighted = WeightedPullPushPass(self.ctx, self.size)
             return (
                 lambda: weighted(self.textures.colour, self.filled),
-                None,
+                weighted.held_bytes,
                 weighted.release,
             )
         if method == "warp":

@@ -23,8 +23,9 @@ from rich.console import Console
 from benchmarks import foveate_report as report
 from benchmarks import machine
 from benchmarks.copying import Copy
-from benchmarks.dispatches import dispatches_of, timed_dispatches
+from benchmarks.dispatches import dispatches_of
 from benchmarks.foveate_report import Line
+from benchmarks.frame_cost import time_passes
 from benchmarks.odak_library import perception
 from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.foveation.conditions import Foveator
@@ -135,17 +136,9 @@ def time_gpu(
 
 def analysis_share(ctx: moderngl.Context, work: Callable[[], None], repeats: int) -> float:
     """Share of a call's time that its pulls take, by the least time of each dispatch."""
-    runs: list[list[tuple[str, float]]] = []
-    for _ in range(repeats):
-        with timed_dispatches(ctx) as found:
-            work()
-        runs.append(found)
-    least = [
-        (first[0], min(ms for _, ms in same))
-        for first, same in zip(runs[0], zip(*runs, strict=True), strict=True)
-    ]
-    pulls = sum(ms for shader, ms in least if shader.endswith(PULL))
-    return pulls / sum(ms for _, ms in least)
+    passes = time_passes(ctx, work, repeats)
+    pulls = sum(item.least_ms for item in passes if item.shader.endswith(PULL))
+    return pulls / sum(item.least_ms for item in passes)
 
 
 def time_numpy(edge_px: int, width_deg: float, names: list[str]) -> list[Line]:

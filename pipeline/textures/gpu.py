@@ -110,6 +110,14 @@ class TexturePass:
         _set(chosen, "strength", strength)
         return chosen
 
+    @property
+    def held_bytes(self) -> int:
+        """Memory of the texture, its moments and their noise, bytes."""
+        return sum(
+            texture.width * texture.height * texture.components * int(texture.dtype[1:])
+            for texture in self._textures.values()
+        )
+
     def release(self) -> None:
         """Free everything that was made here."""
         for program in self._held:

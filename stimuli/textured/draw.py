@@ -70,13 +70,25 @@ class TexturedRenderer:
         *,
         turn_deg: float = 0.0,
     ) -> NDArray[np.float32]:
-        """Draw the scene, its globes turned: (H, W, 3), encoded R'G'B'."""
+        """Picture of the scene, its globes turned: (H, W, 3), encoded R'G'B'."""
+        self.draw(scene, look, gaze_px, turn_deg=turn_deg)
+        return self._read()[..., :3]
+
+    def draw(
+        self,
+        scene: TexturedScene,
+        look: Look,
+        gaze_px: tuple[float, float],
+        *,
+        turn_deg: float = 0.0,
+    ) -> None:
+        """Draw the scene as `picture` does, and leave it on the GPU."""
         program = self._texture.use(
             "colour", foveated=look != "reference",
             strength=self._settings.noise if look == "metamer" else 0.0,
         )  # fmt: skip
         backdrop = (BACKDROP, BACKDROP, BACKDROP, 0.0)
-        return self._draw(scene, program, gaze_px, turn_deg, backdrop)[..., :3]
+        self._draw(scene, program, gaze_px, turn_deg, backdrop)
 
     def fragments(
         self,
@@ -89,10 +101,16 @@ class TexturedRenderer:
         """What each pixel reads, and which pixels show a globe (H, W); elsewhere numbers are 0."""
         program = self._texture.use("fragments", foveated=foveated)
         nowhere = (0.0, 0.0, 0.0, -1.0)
-        found = self._draw(scene, program, gaze_px, turn_deg, nowhere)
+        self._draw(scene, program, gaze_px, turn_deg, nowhere)
+        found = self._read()
         shown = found[..., 3] >= 0
         found = np.where(shown[..., None], found, 0)
         return Fragments(found[..., :2], found[..., 2], found[..., 3]), shown  # type: ignore[arg-type]
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory beyond the picture's own, bytes."""
+        return self._texture.held_bytes
 
     def release(self) -> None:
         """Free everything on the GPU."""
@@ -107,7 +125,7 @@ class TexturedRenderer:
         gaze_px: tuple[float, float],
         turn_deg: float,
         backdrop: tuple[float, float, float, float],
-    ) -> NDArray[np.float32]:
+    ) -> None:
         ctx, geometry = self._ctx, self._geometry
         self._pooled.look(gaze_px)
         set_uniform(program, "clip_from_camera", columns(_projection(geometry)))
@@ -122,7 +140,11 @@ class TexturedRenderer:
         self._framebuffer.clear(*backdrop, depth=1.0)
         for globe in scene.globes:
             self._draw_globe(program, globe, turn_deg)
-        pixels = np.empty((geometry.height_px, geometry.width_px, 4), np.float32)
+
+    def _read(self) -> NDArray[np.float32]:
+        """What was drawn last, (H, W, 4)."""
+        width, height = self._target.size
+        pixels = np.empty((height, width, 4), np.float32)
         self._target.read_into(pixels, alignment=1)
         return pixels
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +100,7 @@ ROWS = 96
 """Of a globe's triangles, from pole to pole."""
 
 
+@lru_cache(maxsize=8)
 def globe_vertices(
     globe: Globe, turn_deg: float = 0.0
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
@@ -114,6 +116,8 @@ def globe_vertices(
     vertices : ndarray of float32, shape (N, 8)
         Position, outward normal, and u and v: longitude and colatitude in 0..1.
     triangles : ndarray of uint32, shape (M, 3)
+
+    Both are kept for the next frame, and read-only.
     """
     rows, columns = ROWS, 2 * ROWS
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
@@ -132,5 +136,10 @@ def globe_vertices(
     corner = np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)
     quads = np.stack([corner, corner + 1, corner + columns + 1, corner + columns + 2], axis=-1)
     triangles = np.concatenate([quads[..., [0, 1, 2]], quads[..., [1, 3, 2]]]).reshape(-1, 3)
-    flat = np.ascontiguousarray(vertices.reshape(-1, 8), np.float32)
-    return flat, np.ascontiguousarray(triangles, np.uint32)
+    found = (
+        np.array(vertices.reshape(-1, 8), np.float32, order="C"),
+        np.array(triangles, np.uint32, order="C"),
+    )
+    for array in found:
+        array.flags.writeable = False
+    return found

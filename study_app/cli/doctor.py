@@ -52,7 +52,7 @@ def doctor(
         metamerlab doctor --json > doctor.json
     """
     wanted = frozenset(jobs) if jobs else EVERY_JOB
-    findings = [finding for finding in examine(folder) if finding.jobs & wanted]
+    findings = examine(folder, jobs=wanted)
     if as_json:
         say(json.dumps(_as_json(findings, wanted), indent=2))
     else:

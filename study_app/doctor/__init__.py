@@ -7,7 +7,7 @@ of its own (`probes`), so that a driver that crashes is a finding too.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from pathlib import Path
 
 import psutil
@@ -32,32 +32,38 @@ __all__ = ["EVERY_JOB", "Finding", "Job", "Needs", "Status", "examine", "worst"]
 
 
 def examine(
-    folder: Path, *, needs: Needs | None = None, probe: Callable[[str], Answer] = ask
+    folder: Path,
+    *,
+    jobs: Set[Job] = EVERY_JOB,
+    needs: Needs | None = None,
+    probe: Callable[[str], Answer] = ask,
 ) -> list[Finding]:
-    """Ask every question of this machine.
+    """Ask every question of this machine that bears on `jobs`.
 
     Parameters
     ----------
     folder : Path
         Where recordings and stimuli will be written; its disk is tested with a
         file of 32 MiB that is removed again.
+    jobs : set of Job
+        What the machine is for; no window is opened unless sessions are among it.
     needs : Needs, optional
         What the study asks for.
     probe : callable
         Answers ``"gl"``, ``"egl"`` and ``"display"``; the default asks the drivers.
     """
     needs = needs or Needs()
-    display = probe("display")
-    return [
+    findings = [
         check_python(),
         check_packages(requirements(), tested_versions()),
         check_extras(requirements()),
         check_names(metamerlab.PACKAGES),
         check_gl(probe("gl"), needs),
         check_egl(probe("egl")),
-        *check_display(display, os.environ),
+        *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
         check_text_shaping(),
         check_fonts(),
         *check_disk(folder, needs),
         check_memory(psutil.virtual_memory().available / 1e9, needs),
     ]
+    return [finding for finding in findings if finding.jobs & jobs]

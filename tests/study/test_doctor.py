@@ -68,6 +68,20 @@ def test_a_good_machine_passes_every_question(tmp_path):
     assert all(finding.jobs for finding in findings)
 
 
+def test_no_window_is_opened_for_a_machine_that_shows_nothing(tmp_path):
+    asked = []
+
+    def probe(name):
+        asked.append(name)
+        return {"gl": GPU, "egl": {"devices": []}}[name]
+
+    findings = examine(tmp_path, jobs={Job.STIMULI, Job.ANALYSIS}, probe=probe)
+
+    assert asked == ["gl", "egl"]
+    assert all(finding.jobs & {Job.STIMULI, Job.ANALYSIS} for finding in findings)
+    assert "OpenGL off-screen" in {finding.check for finding in findings}
+
+
 @pytest.mark.parametrize(
     ("answer", "status", "said"),
     [

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.dispatches import dispatches_of, timed_dispatches
 from benchmarks.fill import Bench
-from benchmarks.passes import time_passes
+from benchmarks.frame_cost import frame_cost
 
 
 @pytest.mark.parametrize("method", ["metameric", "push-pull"])
@@ -16,17 +16,20 @@ def test_every_dispatch_is_timed_once(gl_context, method):
     bench = Bench(gl_context, 64, "thin")
     work, _, release = bench.work(method)
     made = Counter(dispatches_of(work))
+
+    cost = frame_cost(gl_context, work, repeats=2)
+
     release()
-
-    passes, whole_ms = time_passes(bench, method, repeats=2)
-
     bench.release()
+    passes = cost.passes
     assert {item.shader: item.dispatches for item in passes} == made
     assert len(passes) == len(made)
     names = [item.shader for item in passes]
     assert all(name.endswith(".comp.glsl") for name in names)
     assert all(item.least_ms > 0 for item in passes)
-    assert whole_ms > 0
+    assert cost.dispatches == made.total()
+    assert cost.gpu_ms == sum(item.least_ms for item in passes)
+    assert cost.frame_ms > cost.host_ms > 0
     assert moderngl.ComputeShader.run is run
 
 
