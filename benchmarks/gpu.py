@@ -9,9 +9,12 @@ the CPU. The fills' frame is that of `script/bench fill` with thin holes, the wa
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import moderngl
@@ -32,15 +35,22 @@ from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.textures.bake import bake
+from protocols.revision import package_version
 from stimuli.textured.draw import TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import SCENES, WIDTH_DEG
 
-FILLS = ("push-pull", "push-pull-depth", "metameric", "metameric background", "shift-map", "telea")
-CONDITIONS = ("blur", "metamer", "warped-metamer", "eidolon")
-LOOKS = ("reference", "blur", "metamer")
+NAMES = {
+    "warp": ("warp",),
+    "fill": (
+        "push-pull", "push-pull-depth", "metameric", "metameric background", "shift-map", "telea",
+    ),
+    "foveate": ("blur", "metamer", "warped-metamer", "eidolon"),
+    "textures": ("reference", "blur", "metamer"),
+}  # fmt: skip
 FORMATS = {"warp": ("rgba32f", "r32f", "rg32f")}  # of the frame that is copied; else the first
 PLANET_PX = 512  # height of its map
+WIDTH = 120  # of the table
 LEAST_COPY_MS = 1e-4  # a clock that reads nothing makes no ratio
 
 
@@ -69,16 +79,16 @@ class Row:
 
 
 class Workload:
-    """Works of one kind and size, each with the bytes that it holds."""
+    """Works of one kind and size: `make` gives what to time, the bytes held, and how to free it."""
 
     def __init__(self, ctx: moderngl.Context, bench: str, edge_px: int) -> None:
         self._ctx, self._edge_px = ctx, edge_px
         self._own = ExitStack()
-        self.names, self._make = {
-            "fill": (FILLS, self._fill),
-            "warp": (("warp",), self._fill),
-            "foveate": (CONDITIONS, self._foveate),
-            "textures": (LOOKS, self._texture),
+        self.make = {
+            "fill": self._fill,
+            "warp": self._fill,
+            "foveate": self._foveate,
+            "textures": self._texture,
         }[bench]
         self._bench: Bench | None = None
         formats = FORMATS.get(bench, ("rgba32f",))
@@ -94,10 +104,6 @@ class Workload:
     def copy(self) -> None:
         """Copy what a frame has."""
         self._copier(*self._pairs)
-
-    def make(self, name: str) -> tuple[Work, int | None, Callable[[], None]]:
-        """What to time, the bytes that it holds, and how to free it."""
-        return self._make(name)
 
     def _kept(self, item: Any) -> Any:
         self._own.callback(item.release)
@@ -142,9 +148,6 @@ class Workload:
         return lambda: renderer.draw(scene, look, (x, y)), held_bytes, renderer.release
 
 
-BENCHES = ("warp", "fill", "foveate", "textures")
-
-
 def check_compute(ctx: moderngl.Context) -> None:
     """Copy a small picture by a compute shader.
 
@@ -161,7 +164,7 @@ def check_compute(ctx: moderngl.Context) -> None:
         copy((source, target))
         found = read_back(target)
     except Exception as error:  # moderngl and drivers raise what they like
-        found, reason = None, f"{type(error).__name__}: {error}"
+        found, reason = None, str(error).strip().partition("\n")[0]
     else:
         copy.release()
         reason = "a picture copied by one came out changed"
@@ -180,7 +183,7 @@ def costs(ctx: moderngl.Context, bench: str, edge_px: int, repeats: int) -> Iter
         copy = frame_cost(ctx, load.copy, repeats=repeats)
         copy_ms = max(copy.gpu_ms, LEAST_COPY_MS)
         yield _row(bench, "copy", edge_px, copy, copy_ms, 0)
-        for name in load.names:
+        for name in NAMES[bench]:
             work, held_bytes, release = load.make(name)
             cost = frame_cost(ctx, work, repeats=repeats)
             release()
@@ -209,7 +212,7 @@ def table(rows: list[dict[str, Any]]) -> Table:
     """Tabulate rows, as `asdict` gives them."""
     shown = Table()
     for name in ("what", "edge px", "GPU ms", "frame ms", "host ms", "Python calls", "to a copy",
-                 "passes", "B/px held"):  # fmt: skip
+                 "passes", "MiB held"):  # fmt: skip
         shown.add_column(name, justify="left" if name == "what" else "right", no_wrap=True)
     for row in rows:
         held = row["held_bytes"]
@@ -222,7 +225,7 @@ def table(rows: list[dict[str, Any]]) -> Table:
             "" if row["python_calls"] is None else str(row["python_calls"]),
             f"{row['to_copy']:.2f}",
             str(sum(item["dispatches"] for item in row["passes"]) or ""),
-            "" if held is None else f"{held / row['edge_px'] ** 2:.1f}",
+            "" if held is None else f"{held / 2**20:.1f}",
         )
     return shown
 
@@ -231,23 +234,36 @@ def main(argv: list[str]) -> int:
     """Measure, print a table, and write JSON after every row."""
     parser = argparse.ArgumentParser(prog="script/bench gpu", description=__doc__)
     parser.add_argument("--size", type=int, nargs="+", default=[1024], metavar="EDGE")
-    parser.add_argument("--only", nargs="+", choices=BENCHES, default=list(BENCHES))
+    parser.add_argument("--only", nargs="+", choices=list(NAMES), default=list(NAMES))
     parser.add_argument("--repeats", type=int, default=9, help="timed runs of each (default 9)")
     parser.add_argument("--json", type=file_to_write, help="write the numbers and the device there")
+    parser.add_argument("--check", action="store_true", help="print the device as JSON, no more")
+    parser.add_argument("--show", type=Path, metavar="JSON", help="print what was measured before")
     arguments = parser.parse_args(argv)
-    console = Console()
-    ctx = create_context()
-    check_compute(ctx)
-    device = describe(ctx)
+    console = Console(width=WIDTH)
+    if arguments.show is not None:
+        console.print(table(json.loads(arguments.show.read_text(encoding="utf-8"))["rows"]))
+        return 0
+    try:
+        ctx = create_context()
+        check_compute(ctx)
+    except GLUnavailableError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     known = conditions("numpy", "moderngl", "opencv-python-headless")
-    console.print(f"renderer: {device}")
+    known |= {"version": package_version(), "renderer": asdict(describe(ctx))}
+    if arguments.check:
+        print(json.dumps(known))
+        return 0
+    console.print(f"renderer: {describe(ctx)}")
+    names = ["copy", *(name for bench in arguments.only for name in NAMES[bench])]
     rows: list[dict[str, Any]] = []
     for edge_px in arguments.size:
         for bench in arguments.only:
             for row in costs(ctx, bench, edge_px, arguments.repeats):
                 rows.append(asdict(row))
                 if arguments.json is not None:
-                    write_record(arguments.json, known | {"renderer": asdict(device), "rows": rows})
+                    write_record(arguments.json, known | {"names": names, "rows": rows})
     console.print(table(rows))
     release_context(ctx)
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from benchmarks.output import PagePart
 PART = PagePart("measured")
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks/results"
+GPUS = "gpu/*.json"  # of the results: what script/prove-gpu wrote, one a graphics card
 EDGE_PX, MASK = 1024, "thin"
 
 
@@ -30,7 +31,7 @@ def main(argv: list[str]) -> int:
 
 
 def table(results: Path) -> str:
-    """Return the table in Markdown; every number comes from a JSON of `results`.
+    """Return the table in Markdown, and what it was measured on; every number comes from a JSON.
 
     Raises
     ------
@@ -38,10 +39,45 @@ def table(results: Path) -> str:
         If a file or a number is missing: run the benchmark that the table names.
     """
     data = _Results(results)
-    lines = ["| what | measured | `script/bench` | revision |", "| --- | --- | --- | --- |"]
-    for what, name, measured in ROWS:
-        lines.append(f"| {what} | {measured(data)} | `{name}` | {data.revision(name)} |")
-    return "\n".join(lines)
+    cards = graphics_cards(results)
+    head = ["what", "measured", *cards, "`script/bench`", "revision"]
+    lines = [_line(head), _line(["---"] * len(head))]
+    rows = [*ROWS[:OWN_GPU_ROW], *(GPU_ROWS if cards else ()), *ROWS[OWN_GPU_ROW:]]
+    for what, name, measured in rows:
+        on_cards = [_on_card(card, CARD_FRAMES.get(what, ())) for card in cards.values()]
+        lines.append(_line([what, measured(data), *on_cards, f"`{name}`", data.revision(name)]))
+    said = "Measured on two cores with Mesa's software renderer. No real GPU has been measured."
+    if cards:
+        revisions = ", ".join(f"{name} at {card['revision']}" for name, card in cards.items())
+        said = (
+            "Measured on two cores with Mesa's software renderer, and on graphics cards by"
+            f" `script/prove-gpu` ({revisions}): time on the GPU / time of the host, ms."
+        )
+    return "\n".join([*lines, "", said])
+
+
+def graphics_cards(results: Path) -> dict[str, dict[str, Any]]:
+    """Return what `script/prove-gpu` found on each graphics card, by its name."""
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(results.glob(GPUS))]
+    return {
+        one["renderer"]["name"].partition("/")[0]: one
+        for one in found
+        if not one["renderer"]["software"] and not one["quick"]
+    }
+
+
+def _line(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _on_card(card: dict[str, Any], wanted: Sequence[tuple[str, str, int]]) -> str:
+    """Times of a card; a frame that it did not measure has none."""
+    rows = {(row["bench"], row["name"], row["edge_px"]): row for row in card["rows"]}
+    cells = []
+    for frame in wanted:
+        row = rows.get(frame)
+        cells.append("-" if row is None else f"{row['gpu_ms']:.2f} / {row['host_ms']:.2f}")
+    return "; ".join(cells)
 
 
 class _Results:
@@ -61,12 +97,12 @@ class _Results:
         """Of the code that was measured."""
         return str(self[name]["revision"])
 
-    def fill(self, method: str) -> dict[str, Any]:
-        """A method's timing at `EDGE_PX` with the mask `MASK`."""
+    def fill(self, method: str, edge_px: int = EDGE_PX) -> dict[str, Any]:
+        """A method's timing with the mask `MASK`."""
         return next(
             entry
             for entry in self["fill"]["timings"]
-            if (entry["method"], entry["edge_px"], entry["mask"]) == (method, EDGE_PX, MASK)
+            if (entry["method"], entry["edge_px"], entry["mask"]) == (method, edge_px, MASK)
         )
 
 
@@ -114,8 +150,16 @@ def _false_positives(data: _Results) -> str:
     return f"{100 * entry['pooled']:.1f} % / {100 * entry['two_way']:.1f} %"
 
 
-ROWS: tuple[tuple[str, str, Callable[[_Results], str]], ...] = (
-    (f"fill {EDGE_PX}², 5 % thin holes: push-pull / push-pull-depth / metameric", "fill", _ours),
+def _warps(data: _Results) -> str:
+    return " / ".join(f"{data.fill('warp', edge)['median_ms']:.0f} ms" for edge in (1024, 2048))
+
+
+FILL = f"fill {EDGE_PX}², 5 % thin holes: push-pull / push-pull-depth / metameric"
+WARP, FILL_2048 = "warp 1024² / 2048²", "fill 2048², 5 % thin holes: metameric"
+METAMER = "foveated metamer 1024² / 2048² / 4096²"
+Row = tuple[str, str, Callable[[_Results], str]]
+ROWS: tuple[Row, ...] = (
+    (FILL, "fill", _ours),
     ("the same: OpenCV's Telea / OpenImageIO's push-pull, on the CPU", "fill", _others),
     ("clips of `metameric`, built and hashed", "stimuli", _clips),
     ("a simulated session, 72 decisions, gaze at 250 Hz", "session", _session),
@@ -126,6 +170,18 @@ ROWS: tuple[tuple[str, str, Callable[[_Results], str]], ...] = (
         _false_positives,
     ),
 )
+OWN_GPU_ROW = 2  # behind the fills
+GPU_ROWS: tuple[Row, ...] = (
+    (FILL_2048, "fill", lambda data: f"{data.fill('metameric', 2048)['median_ms']:.0f} ms"),
+    (WARP, "fill", _warps),
+    (METAMER, "fill", lambda _: "[foveation](docs/foveation.md#time-and-memory)"),
+)
+CARD_FRAMES: dict[str, tuple[tuple[str, str, int], ...]] = {
+    FILL: tuple(("fill", name, EDGE_PX) for name in ("push-pull", "push-pull-depth", "metameric")),
+    FILL_2048: (("fill", "metameric", 2048),),
+    WARP: tuple(("warp", "warp", edge_px) for edge_px in (1024, 2048)),
+    METAMER: tuple(("foveate", "metamer", edge_px) for edge_px in (1024, 2048, 4096)),
+}
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from benchmarks.readme import PART, main, table
+from benchmarks.readme import PART, graphics_cards, main, table
 
 
 @pytest.fixture
@@ -47,3 +47,51 @@ def test_a_page_without_the_markers_is_refused_and_kept(results, tmp_path):
     with pytest.raises(SystemExit, match="2"):
         main(["--results", str(results), "--readme", str(page)])
     assert page.read_text() == "# A\n"
+
+
+def card(name, *, software=False, quick=False):
+    frames = [("warp", "warp", 1024), ("warp", "warp", 2048), ("foveate", "metamer", 4096)]
+    rows = [
+        {"bench": bench, "name": what, "edge_px": edge_px, "gpu_ms": 0.125, "host_ms": 0.5}
+        for bench, what, edge_px in frames
+    ]
+    renderer = {"name": name, "software": software}
+    return {"renderer": renderer, "quick": quick, "revision": "abc1234", "rows": rows}
+
+
+def test_a_graphics_card_gets_its_column_and_ends_the_sentence_that_none_was_measured(
+    results, tmp_path
+):
+    folder = shutil.copytree(results, tmp_path / "results")
+    shutil.rmtree(folder / "gpu", ignore_errors=True)
+    none = "No real GPU has been measured."
+    (folder / "gpu").mkdir()
+    for number, one in enumerate([card("llvmpipe", software=True), card("A card", quick=True)]):
+        (folder / f"gpu/{number}.json").write_text(json.dumps(one))
+    assert none in table(folder)
+
+    (folder / "gpu/a-card.json").write_text(json.dumps(card("A card/PCIe/SSE2")))
+
+    text = table(folder)
+    assert none not in text
+    assert "(A card at abc1234)" in text
+    head, _, *lines = text.split("\n\n")[0].splitlines()
+    assert head.startswith("| what | measured | A card |")
+    assert {line.count("|") for line in lines} == {head.count("|")}
+    cells = {line.split(" | ")[0]: line.split(" | ")[2] for line in lines}
+    assert cells["| warp 1024² / 2048²"] == "0.12 / 0.50; 0.12 / 0.50"
+    assert cells["| foveated metamer 1024² / 2048² / 4096²"] == "-; -; 0.12 / 0.50"
+    assert cells["| clips of `metameric`, built and hashed"] == ""
+
+
+def test_pages_say_that_no_graphics_card_was_measured_as_long_as_none_was(repository, results):
+    sentences = {
+        "README.md": "no GPU, no monitor",
+        "docs/foveation.md": "No hardware GPU has been measured",
+        "docs/method.md": "No hardware GPU was measured",
+    }
+    said = {
+        page: sentence in (repository / page).read_text(encoding="utf-8")
+        for page, sentence in sentences.items()
+    }
+    assert set(said.values()) == {not graphics_cards(results)}, said
