@@ -190,7 +190,8 @@ def test_a_crash_and_a_hang_are_results():
     crash = run(dict(os.environ), ["-c", f"import os; os.kill(os.getpid(), {signal.SIGSEGV})"])
     assert prove_gpu.how_it_ended(*crash) == "the driver or a library crashed (SIGSEGV)"
 
-    hang = run(dict(os.environ), ["-c", "print('so far', flush=True); input_ = __import__('time').sleep(60)"], 1.0)  # fmt: skip # noqa: E501
+    endless = "print('so far', flush=True); import time; time.sleep(60)"
+    hang = run(dict(os.environ), ["-c", endless], 1.0)
     assert prove_gpu.how_it_ended(*hang) == "time ran out: so far"
 
 
