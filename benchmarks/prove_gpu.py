@@ -121,14 +121,15 @@ def prove(arguments: argparse.Namespace, work: Path) -> int:
     if lacking := missing(requirements()):
         if arguments.wheels is None:
             raise CannotError(missing_words(lacking))
-        take_wheels(arguments.wheels, requirements(), site)
+        take_wheels(arguments.wheels.resolve(), requirements(), site)
     path = os.pathsep.join(filter(None, [str(site), str(ROOT), os.environ.get("PYTHONPATH")]))
     env = os.environ | {
         "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "CI": "true", "REQUIRE_GL": "1"
     }  # fmt: skip
     device = open_device(env)
     software = device["renderer"]["software"]
-    folder = arguments.out or ROOT / ("out/prove-gpu" if software else "benchmarks/results/gpu")
+    usual = ROOT / ("out/prove-gpu" if software else "benchmarks/results/gpu")
+    folder = (arguments.out or usual).resolve()
     proof = Proof(
         path=folder / f"{device_name(device['renderer']['name'])}.json",
         record={"minutes": arguments.minutes, "quick": arguments.quick, **device},
