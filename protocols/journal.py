@@ -291,6 +291,16 @@ class Attempt(Event):
     separated by a space."""
 
     @property
+    def refreshes(self) -> int:
+        """Refreshes of all phases."""
+        return sum(phase.refreshes for phase in self.phases)
+
+    @property
+    def missed(self) -> int:
+        """Missed refreshes of all phases, as in the file of flips; `dropped` counts fewer."""
+        return sum(phase.dropped for phase in self.phases)
+
+    @property
     def stimulus_names(self) -> tuple[str, ...]:
         """Names of what was shown, in order."""
         return tuple(stimulus.name for stimulus in self.stimuli)

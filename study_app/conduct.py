@@ -30,6 +30,7 @@ from study_app.gaze.source import GazeSource
 from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
+from study_app.pacing import cannot_keep_up
 from study_app.recorder import DiskError, Recorder
 from study_app.session import (
     AskConsent,
@@ -48,6 +49,8 @@ from study_app.stage import Stage
 from study_app.trial import Timeline, Trial
 from study_app.wording import consent_text
 
+LATE_MOST = 4
+"""So many attempts in a row that a late display made void end the run."""
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
 Mark = Callable[[str, float], None]
 """Told what happens and when, for recordings elsewhere."""
@@ -73,6 +76,7 @@ def conduct(
     on_attempt: Callable[[Attempt], None] = lambda _: None,
     mark: Mark = lambda _text, _t_s: None,
     validate: Validate | None = None,
+    late_most: int = LATE_MOST,
 ) -> Outcome:
     """Run a session from where its journal stands to its end, or until it is stopped.
 
@@ -88,15 +92,20 @@ def conduct(
         Told the onset of every phase, and when blocks begin and end.
     validate : callable, optional
         Validates the gaze source before each block; left out: nothing is validated.
+    late_most : int
+        How many attempts in a row may be void because the display was late.
 
     Raises
     ------
     DiskError
         If the disk is full: the journal ends with the last whole event.
     StudyError
-        If a clip is missing or changed, or gaze cannot be judged: the journal says so.
+        If a clip is missing or changed, gaze cannot be judged, or the display cannot keep up: the
+        journal says so.
     """
-    conductor = _Conductor(setting, plan, recorder, stage, gaze, on_attempt, mark, validate)
+    conductor = _Conductor(
+        setting, plan, recorder, stage, gaze, on_attempt, mark, validate, late_most
+    )
     try:
         reason = conductor.run()
     except DiskError:
@@ -136,10 +145,12 @@ class _Conductor:
         on_attempt: Callable[[Attempt], None],
         mark: Mark,
         validate: Validate | None,
+        late_most: int,
     ) -> None:
         self._setting, self._plan, self._recorder = setting, plan, recorder
         self._stage, self._on_attempt, self._mark = stage, on_attempt, mark
         self._protocol = setting.protocol
+        self._late_most, self._late = late_most, list[Attempt]()
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
         self._language = start.language
@@ -148,11 +159,13 @@ class _Conductor:
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
             timing = self._protocol.trial
+            info = gaze.info()
             monitor = FixationMonitor(
                 self._protocol.gaze,
                 Viewing.of(setting.display),
                 (timing.fixation_x_deg, timing.fixation_y_deg),
-                gaze.info().rate_hz,
+                info.rate_hz,
+                polled=info.polled,
             )
             self._watcher = Watcher(gaze, monitor)
         self._gaze_check = None
@@ -172,10 +185,27 @@ class _Conductor:
                 return "quit"
             if isinstance(step, RunTrial) and self._tracker_lost():
                 return "tracker-lost"
+            if len(self._late) >= self._late_most:
+                raise self._too_slow()
 
     def _tracker_lost(self) -> bool:
         silence_s = self._protocol.gaze.silence_s
         return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
+
+    def _too_slow(self) -> StudyError:
+        """Return what to say of a display that made the last attempts void."""
+        late = [phase for each in self._late for phase in each.phases if phase.dropped]
+        words = cannot_keep_up(
+            self._stage.refresh_hz,
+            sum(phase.dropped for phase in late),
+            sum(phase.refreshes for phase in late),
+        )
+        return StudyError(
+            f"display {self._setting.display.name!r}: {words}; the last {len(self._late)} attempts"
+            " are void, and everything up to here is saved. Close what else runs, or take a faster"
+            " machine, then run 'metamerlab session resume'. A lower refresh rate, a lower"
+            " resolution or smaller stimuli need a new session"
+        )
 
     def _do(self, step: Step) -> bool:
         """Do one step; False where the session is to stop."""
@@ -270,6 +300,8 @@ class _Conductor:
                 store_gaze=self._protocol.privacy.store_gaze,
             )
             self._recorder.append(event)
+            late = event.void_reason == "dropped-frames"
+            self._late = [*self._late, event] if late else []
             self._on_attempt(event)
 
         left_out = self._left_out()

@@ -17,6 +17,7 @@ from protocols.hashing import canonical_json, sha256_bytes, sha256_json
 from protocols.journal import DisplayReport, UtcTime
 from protocols.revision import code_revision, package_version
 from protocols.units import Count, Hertz, Model, Name, Seconds, SecondsOrNone, Sha256
+from study_app.pacing import cannot_keep_up
 from study_app.vsync import Intervals, judge, summarise
 from study_app.window import Window
 
@@ -111,6 +112,19 @@ def check_display(
         renderer=str(describe(ctx)),
         revision=f"{package_version()} {code_revision()}",
         platform=platform.platform(),
+    )
+
+
+def shortfall(check: DisplayCheck) -> str:
+    """Message about a display that was late at most of its flips; empty for any other."""
+    gaps_s = check.every_interval_s
+    if 2 * check.intervals.missed <= len(gaps_s):
+        return ""
+    refreshes = sum(max(1, round(gap_s * check.nominal_hz)) for gap_s in gaps_s)
+    words = cannot_keep_up(check.nominal_hz, refreshes - len(gaps_s), refreshes)
+    return (
+        f"display {check.display!r}: {words}; close what else runs, set a lower refresh rate or"
+        " resolution and name that display, or take a faster machine"
     )
 
 

@@ -20,13 +20,16 @@ class Standing:
     planned: int
     attempts: int
     voids: tuple[tuple[str, int], ...]
-    dropped: int
+    missed: int
+    """Missed refreshes in all attempts."""
     shown: int
     """Refreshes in all attempts."""
     lost_share: float | None
     """Mean share of the watched time without gaze; None where gaze is not watched."""
     accuracy_deg: float | None
     ended: str
+    message: str
+    """Why it ended, where that is an error."""
 
 
 def standing(events: Sequence[AnyEvent]) -> Standing:
@@ -42,11 +45,12 @@ def standing(events: Sequence[AnyEvent]) -> Standing:
         planned=start.trials if isinstance(start, SessionStart) else 0,
         attempts=len(attempts),
         voids=tuple((str(reason), count) for reason, count in voids.most_common()),
-        dropped=sum(attempt.dropped for attempt in attempts),
-        shown=sum(phase.refreshes for attempt in attempts for phase in attempt.phases),
+        missed=sum(attempt.missed for attempt in attempts),
+        shown=sum(attempt.refreshes for attempt in attempts),
         lost_share=sum(lost) / len(lost) if lost else None,
         accuracy_deg=checks[-1].accuracy_deg if checks else None,
         ended=last.reason if isinstance(last, SessionEnd) else "",
+        message=last.message if isinstance(last, SessionEnd) else "",
     )
 
 
@@ -64,7 +68,7 @@ def attempt_line(attempt: Attempt, events: Sequence[AnyEvent]) -> str:
         f"{kind} {attempt.trial}"
         + (f" (attempt {attempt.attempt})" if attempt.attempt > 1 else ""),
         outcome,
-        f"dropped {attempt.dropped}",
+        f"missed {attempt.missed} of {attempt.refreshes} refreshes",
     ]
     if attempt.gaze is not None:
         parts.append(
@@ -89,12 +93,14 @@ def rows(events: Sequence[AnyEvent]) -> list[tuple[str, str]]:
         table.append(("last", f"{last.trial}: {last.void_reason or last.answer}"))
     voids = ", ".join(f"{count} {reason}" for reason, count in now.voids)
     table.append(("attempts", f"{now.attempts}, void: {voids or 'none'}"))
-    table.append(("dropped frames", f"{now.dropped} of {now.shown} refreshes"))
+    table.append(("missed refreshes", f"{now.missed} of {now.shown}"))
     if now.lost_share is not None:
         table.append(("gaze lost", f"{100 * now.lost_share:.1f} %"))
     if now.accuracy_deg is not None:
         table.append(("gaze accuracy", f"{now.accuracy_deg:.2f} deg at the last validation"))
     table.append(("state", now.ended or "running"))
+    if now.message:
+        table.append(("message", now.message))
     return table
 
 

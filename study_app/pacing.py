@@ -34,6 +34,15 @@ class Flip(NamedTuple):
         return max(0, self.refreshes - 1)
 
 
+def cannot_keep_up(refresh_hz: float, missed: int, refreshes: int) -> str:
+    """Words on a display that missed so many of its refreshes."""
+    reached_hz = refresh_hz * (1 - missed / refreshes)
+    return (
+        f"the display cannot keep up ({reached_hz:.3g} Hz instead of {refresh_hz:.4g}: {missed} of"
+        f" {refreshes} refreshes were missed)"
+    )
+
+
 class Pacer:
     """Judges flips one by one against the refresh grid.
 

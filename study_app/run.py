@@ -28,9 +28,10 @@ from study_app.display_check import (
     SESSION_FLIPS,
     DisplayCheck,
     check_display,
+    shortfall,
     write_report,
 )
-from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.open_source import ADAPTERS, Desk, check_kind, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.layout import Extras, Layout
@@ -105,6 +106,7 @@ def resume_sitting(options: SittingOptions, listener: Listener | None = None) ->
 def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outcome:
     protocol, display = options.protocol, options.display
     # All that can be refused without a window is refused before one covers the screen.
+    _check_gaze(options)
     manifest = read_manifest(options.stimuli)
     check_manifest(protocol, manifest)
     require_feasible(protocol, display, manifest)
@@ -121,6 +123,9 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         window = stack.enter_context(Window(display, pacing=options.pacing))
         flips = SESSION_FLIPS if options.pacing == "vsync" else REHEARSAL_FLIPS
         check = check_display(window, utc_now, flips)
+        late = shortfall(check)
+        if late and check.intervals.missed > protocol.trial.dropped_frames_max:
+            raise StudyError(late)
         listener.on_check(check)
         gaze = _gaze(options, window, check.measured_hz)
         if gaze is not None:
@@ -192,23 +197,31 @@ def _observer(options: SittingOptions) -> ArtificialObserver | None:
     )
 
 
-def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSource | None:
-    protocol, display = options.protocol, options.display
-    if protocol.gaze.mode == "none":
-        if options.gaze is not None:
+def _check_gaze(options: SittingOptions) -> None:
+    """Refuse a gaze source that is not the study's to have, or the lack of one that it needs."""
+    rules, given = options.protocol.gaze, options.gaze
+    if given is not None:
+        check_kind(given)
+        if rules.mode == "none":
             raise StudyError(
                 "--gaze: this protocol watches no gaze (gaze.mode = 'none'); leave it out, or set"
                 " the mode to 'monitor'"
             )
+    elif rules.mode != "none" and not options.simulate:
+        raise StudyError(
+            f"--gaze: this protocol needs a gaze source (gaze.mode = {rules.mode!r}, at least"
+            f" {rules.rate_min_hz:g} Hz): {', '.join(sorted(ADAPTERS))}, such as lsl:NAME; mouse is"
+            " for rehearsals. Without a tracker set gaze.mode = 'none'"
+        )
+
+
+def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSource | None:
+    protocol, display = options.protocol, options.display
+    if protocol.gaze.mode == "none":
         return None
-    if options.simulate and options.gaze is None:
+    if options.gaze is None:
         dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
         return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
-    if options.gaze is None:
-        raise StudyError(
-            f"--gaze: this protocol needs a gaze source (gaze.mode = {protocol.gaze.mode!r}): lsl,"
-            " lsl:NAME or mouse"
-        )
     if options.gaze.startswith("mouse"):
         window.show_cursor()
     return open_gaze(options.gaze, Desk(display, window.now, window.cursor_px, refresh_hz))

@@ -5,6 +5,7 @@ Only the stage and the eye are virtual. Every journal says that it is simulated.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -161,7 +162,15 @@ def simulate_sitting(
         recorder, plan = begin(setting, participant, language, stage, gaze)
     recorder.waits_for_disk = False  # it can be simulated anew
     with recorder:
-        return conduct(setting, plan, recorder, stage, gaze, on_attempt=on_attempt)
+        return conduct(
+            setting,
+            plan,
+            recorder,
+            stage,
+            gaze,
+            on_attempt=on_attempt,
+            late_most=sys.maxsize,  # what is missed was asked for
+        )
 
 
 def _stage(

@@ -185,16 +185,18 @@ def advance(trial: Trial, observed: Observed, timeline: Timeline) -> Trial:
     if observed.interrupt is not None:
         return _void(trial, observed.interrupt, timeline)
     trial = _count_dropped(trial, observed, timeline)
+    if trial.dropped > timeline.dropped_max:
+        return _void(trial, "dropped-frames", timeline)
     if phase.watched and observed.gaze in (Watch.VIOLATION, Watch.LOSS):
         if timeline.gaze is GazeMode.ENFORCE:
             reason: VoidReason = "data-loss"
             if observed.gaze is Watch.VIOLATION:
                 reason = "gaze-break"
+            elif observed.refreshes - 1 > timeline.dropped_max:
+                reason = "dropped-frames"  # gaze was not read either while nothing was shown
             return _void(trial, reason, timeline)
         if timeline.gaze is GazeMode.WARN:
             trial = trial._replace(warned=True)
-    if trial.dropped > timeline.dropped_max:
-        return _void(trial, "dropped-frames", timeline)
     if phase.gate_frames is not None:
         return _gated(trial, observed, step, timeline)
     if observed.answer is not None and observed.answer in phase.ends_on:

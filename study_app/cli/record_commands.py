@@ -53,7 +53,7 @@ def watch(
     session: SessionArgument,
     once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
 ) -> None:
-    """Follow a running session from another terminal: trials, dropped frames, gaze quality.
+    """Follow a running session from another terminal: trials, missed refreshes, gaze quality.
 
     It only reads the journal, so it cannot disturb the session.
 

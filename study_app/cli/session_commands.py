@@ -32,6 +32,7 @@ from study_app.cli.terminal import Description, PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
+from study_app.operator_view import standing
 from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
 from study_app.verification import checksums_of
@@ -223,7 +224,7 @@ def list_(
 def status(
     session: SessionArgument,
 ) -> None:
-    """Show the state of a session: blocks, void attempts, dropped frames, gaze, damage.
+    """Show the state of a session: blocks, void attempts, missed refreshes, gaze, damage.
 
     Example: metamerlab session status sessions/demo/S001
     """
@@ -344,13 +345,13 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
     voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
     reasons = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
     details.append(("attempts", f"{len(attempts)}, void: {reasons or 'none'}"))
-    shown = sum(phase.refreshes for attempt in attempts for phase in attempt.phases)
-    dropped = sum(attempt.dropped for attempt in attempts)
-    details.append(("missed refreshes", f"{dropped} of {shown} shown"))
-    lost = [attempt.gaze.lost_share for attempt in attempts if attempt.gaze]
-    if lost:
-        details.append(("gaze lost", f"{100 * sum(lost) / len(lost):.1f} % of the watched time"))
+    now = standing(journal.events)
+    details.append(("missed refreshes", f"{now.missed} of {now.shown}"))
+    if now.lost_share is not None:
+        details.append(("gaze lost", f"{100 * now.lost_share:.1f} % of the watched time"))
     last = journal.events[-1] if journal.events else None
     if isinstance(last, SessionEnd):
         details.append(("ended", f"{last.reason}, {last.at}"))
+    if now.message:
+        details.append(("message", now.message))
     return details

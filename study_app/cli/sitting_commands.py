@@ -121,6 +121,7 @@ def run(
             simulate=simulate,
             seed=seed,
         )
+        _say_gaze(options)
         _tell(run_sitting(options, _listener()), options)
 
 
@@ -161,6 +162,7 @@ def resume(
             simulate=simulate,
             seed=seed,
         )
+        _say_gaze(options)
         _tell(resume_sitting(options, _listener()), options)
 
 
@@ -180,11 +182,12 @@ def check_display_(
 ) -> None:
     """Measure a display: rate, intervals, missed refreshes, evidence for flip times.
 
-    Writes a report into the folder of sessions. A session measures again before it begins.
+    Writes a report into the folder of sessions. Ends with status 2 if most flips missed a refresh.
+    A session measures again before it begins.
 
     Example: metamerlab session check-display my-display.toml --luminance
     """
-    from study_app.display_check import check_display, verdict, write_report
+    from study_app.display_check import check_display, shortfall, verdict, write_report
     from study_app.luminance import fit_gamma, store_luminance
     from study_app.luminance_page import read_patches
     from study_app.recorder import utc_now
@@ -202,9 +205,11 @@ def check_display_(
             say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
             check = check_display(window, utc_now, flips)
             report = write_report(out, check)
-            readings = read_patches(window) if luminance else {}
+            readings = read_patches(window) if luminance and not shortfall(check) else {}
         print_rows(verdict(check, described))
         say(f"report: {out / report.file}")
+        if late := shortfall(check):
+            raise StudyError(late)
         if readings is None:
             raise StudyError("luminance: stopped before the last reading; nothing was stored")
         if readings:
@@ -230,6 +235,7 @@ def shipped_paths() -> list[Path]:
 
 
 def _listener() -> Listener:
+    from study_app.display_check import shortfall
     from study_app.run import Listener
     from study_app.validation import smallest_window_deg
 
@@ -239,6 +245,8 @@ def _listener() -> Listener:
         console.print(f"display: {check.measured_hz:.3f} Hz, {check.evidence}")
         if check.evidence == "unverified":
             console.print("note: the intervals do not fit the display; see the report")
+        if late := shortfall(check):
+            console.print(f"note: {late}")
 
     def on_validation(points: list[PointQuality], result: CalibrationResult) -> None:
         for point in points:
@@ -255,6 +263,14 @@ def _listener() -> Listener:
         console.print(attempt_line(attempt, events))
 
     return Listener(on_check, on_validation, on_attempt)
+
+
+def _say_gaze(options: SittingOptions) -> None:
+    """Say of a session that no eye is watched in it."""
+    if options.protocol.gaze.mode == "none":
+        say("note: gaze is not controlled (gaze.mode = 'none' in the study)")
+    elif (options.gaze or "").partition(":")[0] == "mouse":
+        say("note: the mouse stands in for an eye; for rehearsals, not for data")
 
 
 def _tell(outcome: Outcome, options: SittingOptions) -> None:

@@ -7,7 +7,8 @@ All rules come from the protocol's gaze section and work on samples stamped by o
 - *Blink*: lost data for up to `blink_s` is pardoned, and so is gaze outside for
   `blink_margin_s` after it (the lid drags the pupil's estimate along).
 - *Loss*: lost data for longer than that, no sample at all for longer than `silence_s`, or more
-  than `loss_max_share` of the watched time lost in all (blinks included).
+  than `loss_max_share` of the watched time lost in all (blinks included). Gaps between samples of a
+  source that is sampled once per poll are none: the display was late, and no eye was lost.
 """
 
 from __future__ import annotations
@@ -38,14 +39,24 @@ class FixationMonitor:
         Azimuth and elevation of the fixation dot.
     rate_hz : float
         Nominal rate of the source; gaps of more than 1.5 intervals count as lost time.
+    polled : bool
+        As `SourceInfo.polled`: no gap does.
     """
 
     def __init__(
-        self, rules: Gaze, viewing: Viewing, dot_deg: tuple[float, float], rate_hz: float
+        self,
+        rules: Gaze,
+        viewing: Viewing,
+        dot_deg: tuple[float, float],
+        rate_hz: float,
+        *,
+        polled: bool = False,
     ) -> None:
         self._rules = rules
         self._angle_to_dot_deg = viewing.angle_to(*viewing.to_px(*dot_deg))
         self._interval_s = 1.0 / rate_hz
+        self._gap_most_s = math.inf if polled else 1.5 * self._interval_s
+        self._silence_most_s = math.inf if polled else rules.silence_s
         self._last_s = -math.inf  # stamp of the newest sample
         self._inside = False
         self._outside_since_s: float | None = None
@@ -77,14 +88,15 @@ class FixationMonitor:
         """Take new samples, oldest first."""
         # One loop without calls where nothing happens: it runs for every sample between flips.
         rules, interval_s, angle_to_dot_deg = self._rules, self._interval_s, self._angle_to_dot_deg
-        silence_s, window_deg = rules.silence_s, rules.window_deg
+        gap_most_s, silence_s = self._gap_most_s, self._silence_most_s
+        window_deg = rules.window_deg
         for t_s, _, x_px, y_px in samples:
             last_s = self._last_s
             if last_s > -math.inf:
                 since_s = t_s - (last_s if last_s > self._began_s else self._began_s)
                 if t_s - last_s > silence_s:
                     self._loss = True
-                if since_s > 1.5 * interval_s:
+                if since_s > gap_most_s:
                     self._lost_s += since_s - interval_s
             self._last_s = t_s
             self._samples += 1
@@ -126,7 +138,7 @@ class FixationMonitor:
         """Summarise the time watched up to `now_s`."""
         lost_s = self._lost_s
         silent_s = now_s - max(self._last_s, self._began_s)
-        if silent_s > 1.5 * self._interval_s:
+        if silent_s > self._gap_most_s:
             lost_s += silent_s - self._interval_s
         watched_s = max(now_s - self._began_s, 1e-9)
         return GazeQuality(

@@ -33,7 +33,7 @@ class MouseGaze:
 
     def info(self) -> SourceInfo:
         """Say that it is no eye."""
-        return SourceInfo("mouse", "cursor in place of an eye", self._rate_hz)
+        return SourceInfo("mouse", "cursor in place of an eye", self._rate_hz, polled=True)
 
     def poll(self) -> Sequence[GazeSample]:
         """Return where the cursor is now."""

@@ -59,6 +59,23 @@ ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
 """By the word before the colon; entry points of ``metamerlab.trackers`` name such functions."""
 
 
+def check_kind(specification: str) -> str:
+    """Return the kind of source that a specification names.
+
+    Raises
+    ------
+    StudyError
+        If there is no such kind.
+    """
+    kind = specification.partition(":")[0]
+    if kind not in ADAPTERS:
+        raise StudyError(
+            f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})"
+            f"{did_you_mean(kind, ADAPTERS)}"
+        )
+    return kind
+
+
 def open_gaze(specification: str, desk: Desk) -> TrustedGaze:
     """Open the source that ``lsl``, ``lsl:NAME``, ``mouse`` or ``replay:FILE`` names.
 
@@ -69,12 +86,7 @@ def open_gaze(specification: str, desk: Desk) -> TrustedGaze:
     StudyError
         If there is no such kind, or nothing to connect to.
     """
-    kind, _, rest = specification.partition(":")
-    if kind not in ADAPTERS:
-        raise StudyError(
-            f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})"
-            f"{did_you_mean(kind, ADAPTERS)}"
-        )
+    kind, rest = check_kind(specification), specification.partition(":")[2]
     source = TrustedGaze(ADAPTERS[kind](rest, desk), desk.clock)
     source.open()
     return source

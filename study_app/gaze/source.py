@@ -35,6 +35,8 @@ class SourceInfo:
     """Nominal sampling rate."""
     clock_offset_s: float | None = None
     """Added to raw stamps to give the session's clock; None where they are one clock."""
+    polled: bool = False
+    """Each poll takes one sample, so that gaps between samples are the display's, not the eye's."""
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def write_strip(
         second=str(row["second"]),
         chosen=str(row["chosen"] or ""),
         rt_s=attempt.rt_s or 0.0,
-        missed=attempt.dropped,
+        missed=attempt.missed,
         shots=tuple(shots),
     )
     write_whole(folder / STRIP_NAME, (json.dumps(asdict(strip), indent=1) + "\n").encode("utf-8"))

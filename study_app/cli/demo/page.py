@@ -253,7 +253,7 @@ def _sitting_row(sitting: Any) -> dict[str, Any]:
         "planned": start.trials,
         "attempts": now.attempts,
         "voids": ", ".join(f"{count} {reason}" for reason, count in now.voids),
-        "missed": now.dropped,
+        "missed": now.missed,
         "shown": now.shown,
         "simulated": start.simulated,
         "state": sitting.state,
