@@ -11,10 +11,12 @@ import importlib
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any, cast
 
 from pipeline.errors import InputError
+from protocols.outside import plug_in
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Entry:
     summary: str
     target: str  # module:class, imported when it is made
     path: str = ""  # what the path leads to, FILE or FOLDER
+    owner: str = ""  # of a plug-in: the package that adds it, as a method
 
     @property
     def takes_path(self) -> bool:
@@ -36,9 +39,23 @@ class Entry:
         return self.name + self.path
 
     def load(self) -> type[Any]:
-        """Import and return the class."""
+        """Import and return the class; `InputError` where a plug-in's is none or does not load."""
+        if not self.owner:
+            return self._imported()
+        with plug_in(self.owner, self.name, "methods", InputError):
+            kind = self._imported()
+        needed = (getattr(kind, name, None) for name in ("fill", "release"))
+        if not (isinstance(kind, type) and all(map(callable, needed))):
+            raise InputError(
+                f"package {self.owner!r}: its plug-in {self.name!r} of metamerlab.methods must name"
+                f" a class with fill and release (got {self.target}); mend or uninstall the package"
+            )
+        return kind
+
+    def _imported(self) -> type[Any]:
         module, _, attribute = self.target.partition(":")
-        return cast(type[Any], getattr(importlib.import_module(module), attribute))
+        names = filter(None, attribute.split("."))
+        return cast(type[Any], reduce(getattr, names, importlib.import_module(module)))
 
     def path_in(self, name: str) -> tuple[Path, ...]:
         """The path that `name` carries, or nothing."""

@@ -82,6 +82,20 @@ def reading(
         raise error(f"{path}: must be {what} (its reader says: {reason}); {cure}") from found
 
 
+@contextmanager
+def plug_in(owner: str, name: str, group: str, error: type[Exception]) -> Iterator[None]:
+    """Turn whatever a plug-in raises while it is loaded into one message; only Ctrl-C goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise
+    except BaseException as found:
+        raise error(
+            f"package {owner!r}: its plug-in {name!r} of metamerlab.{group} must load"
+            f" ({type(found).__name__}: {visible_line(str(found))}); mend or uninstall the package"
+        ) from found
+
+
 def visible(text: str) -> str:
     """Return a text with control characters, turns of direction and half characters spelt out."""
     return text.translate(_VISIBLE)

@@ -6,16 +6,25 @@ A package that declares, say, ``[project.entry-points."metamerlab.tasks"]`` with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+import traceback
+from collections.abc import Callable, Mapping
 from importlib import metadata
-from typing import TypeVar
+from typing import Any, TypeVar, get_args
 
 from protocols.errors import StudyError
+from protocols.outside import plug_in
 
 T = TypeVar("T")
+Fits = Callable[[str, Any], bool]
+"""Whether what a plug-in of that name names is what its group needs."""
+GROUPS = (
+    "tasks", "recipes", "observers", "analyses", "builders", "methods", "metrics", "trackers",
+)  # fmt: skip
+_PREFIX = "metamerlab."
 
 
-def registered(group: str, shipped: Mapping[str, T]) -> dict[str, T]:
+def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> dict[str, T]:
     """Return what ships in a registry and what installed packages add to it, by name.
 
     Parameters
@@ -24,25 +33,87 @@ def registered(group: str, shipped: Mapping[str, T]) -> dict[str, T]:
         The registry: entry points of ``metamerlab.<group>`` belong to it.
     shipped : mapping
         What comes with metamerlab.
+    must : str
+        What an entry point must name, in words.
+    fits : callable
+        Whether it does.
 
     Raises
     ------
     StudyError
-        If a package takes a name that is taken, or cannot be imported.
+        If a package takes a name that is taken, cannot be imported, or names something else.
     """
     found = dict(shipped)
-    for entry in metadata.entry_points(group=f"metamerlab.{group}"):
-        owner = entry.dist.name if entry.dist else entry.value
+    for entry in metadata.entry_points(group=_PREFIX + group):
+        owner = _owner(entry)
         if entry.name in found:
             raise StudyError(
                 f"package {owner!r}: a plug-in must have a name of its own in metamerlab.{group}"
                 f" (got {entry.name!r}, which is taken); rename it, or uninstall the package"
             )
-        try:
-            found[entry.name] = entry.load()
-        except Exception as error:
-            raise StudyError(
-                f"package {owner!r}: its plug-in {entry.name!r} of metamerlab.{group} must load"
-                f" ({type(error).__name__}: {error}); mend or uninstall the package"
-            ) from error
+        with plug_in(owner, entry.name, group, StudyError):
+            value = entry.load()
+            right = fits(entry.name, value)
+        if not right:
+            raise misfit(group, entry.name, must, value)
+        found[entry.name] = value
     return found
+
+
+def misfit(group: str, name: str, must: str, found: object) -> StudyError:
+    """Return what to say of a plug-in that is, or returns, something else than it must."""
+    kind = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
+    owners = [_owner(entry) for entry in metadata.entry_points(group=_PREFIX + group, name=name)]
+    return StudyError(
+        f"package {', '.join(owners)!r}: its plug-in {name!r} of metamerlab.{group} must {must}"
+        f" (got {kind}); mend or uninstall the package"
+    )
+
+
+def culprit(error: BaseException) -> str | None:
+    """Return what to say of an exception that came out of a plug-in; None: it came out of none.
+
+    Also where the plug-in ran in another process, whose traceback came with the exception.
+    """
+    told = "".join(traceback.format_exception(error)).replace("\\", "/")
+    entries = [entry for name in GROUPS for entry in metadata.entry_points(group=_PREFIX + name)]
+    for whole in (True, False):  # the module that it names, or another of its package
+        for entry in entries:
+            place = "/" + entry.value.partition(":")[0].strip().replace(".", "/")
+            place = place if whole else "/" + place.split("/")[1]
+            if any(place + end in told for end in (".py", "/__init__.py", *("/",) * (not whole))):
+                return (
+                    f"package {_owner(entry)!r}: its plug-in {entry.name!r} of {entry.group} must"
+                    f" return or say what is wrong (it raised {type(error).__name__}:"
+                    f" {error}); mend or uninstall the package"
+                )
+    return None
+
+
+def based_on(base: type[Any]) -> Fits:
+    """Return the test for classes with that base, of the entry's own kind where they name one."""
+
+    def fits(name: str, value: Any) -> bool:
+        if not (isinstance(value, type) and issubclass(value, base)):
+            return False
+        kind = getattr(value, "model_fields", {}).get("kind")
+        return kind is None or name in get_args(kind.annotation)
+
+    return fits
+
+
+def taking(count: int) -> Fits:
+    """Return the test for what can be called with so many arguments."""
+
+    def fits(_name: str, value: Any) -> bool:
+        try:
+            inspect.signature(value).bind(*[None] * count)
+        except (TypeError, ValueError):
+            return False
+        return True
+
+    return fits
+
+
+def _owner(entry: metadata.EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value

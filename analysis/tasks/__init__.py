@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import get_args
 
-from analysis.tasks.base import AnyAnalysis
+from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError
-from protocols.plugins import registered
+from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
 from protocols.tasks import TASKS
 
@@ -33,6 +33,8 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
         "which-half": _shipped("abx", "WhichHalf"),
         "ratings": _shipped("ratings", "Ratings"),
     },
+    "name a function or class without arguments that gives a TaskAnalysis",
+    taking(0),
 )
 
 TABLE_TASKS = ("ratings",)
@@ -47,13 +49,15 @@ def analysis_of(kind: str) -> AnyAnalysis:
     StudyError
         If nobody wrote it.
     """
-    try:
-        return ANALYSES[kind]()
-    except KeyError:
+    if kind not in ANALYSES:
         raise StudyError(
             f"analysis {kind!r}: must be one of {', '.join(ANALYSES)}; the package that adds the"
             " task can add its analysis"
-        ) from None
+        )
+    made = ANALYSES[kind]()
+    if not isinstance(made, TaskAnalysis):
+        raise misfit("analyses", kind, "give an analysis.tasks.base.TaskAnalysis", made)
+    return made
 
 
 def analysis_of_task(task: str) -> AnyAnalysis:

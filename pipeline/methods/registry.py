@@ -30,7 +30,7 @@ def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:
                 f"package {owner!r}: a plug-in must have a name of its own in metamerlab.methods"
                 f" (got {point.name!r}, which is taken); rename it, or uninstall the package"
             )
-        found.append(Entry(point.name, f"of the package {owner}", point.value))
+        found.append(Entry(point.name, f"of the package {owner}", point.value, owner=owner))
     return tuple(found)
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from protocols.plugins import registered
+from protocols.plugins import based_on, registered
 from protocols.recipes.base import Recipe
 
 RECIPES: dict[str, type[Recipe]]
 """What ships, and what installed packages add. Read when first asked for, so that the modules of
 a package may import from here while they are loaded."""
+
+
+def _read(shipped: dict[str, type[Recipe]]) -> dict[str, type[Recipe]]:
+    must = "name a class based on protocols.recipes.base.Recipe, whose kind is the entry's name"
+    return registered("recipes", shipped, must, based_on(Recipe))
 
 
 def __getattr__(name: str) -> object:
@@ -22,4 +27,4 @@ def __getattr__(name: str) -> object:
         "files": Files,
         "foveated-images": FoveatedImages,
     }
-    return globals().setdefault(name, registered("recipes", shipped))
+    return globals().setdefault(name, _read(shipped))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from protocols.plugins import registered
+from protocols.plugins import based_on, registered
 from protocols.tasks.base import Task
 
 TASKS: dict[str, type[Task]]
 """What ships, and what installed packages add. Read when first asked for, so that the modules of
 a package may import from here while they are loaded."""
+
+
+def _read(shipped: dict[str, type[Task]]) -> dict[str, type[Task]]:
+    must = "name a class based on protocols.tasks.base.Task, whose kind is the entry's name"
+    return registered("tasks", shipped, must, based_on(Task))
 
 
 def __getattr__(name: str) -> object:
@@ -28,4 +33,4 @@ def __getattr__(name: str) -> object:
         "abx": Abx,
         "which-half": WhichHalf,
     }
-    return globals().setdefault(name, registered("tasks", shipped))
+    return globals().setdefault(name, _read(shipped))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.plugins import registered
+from protocols.plugins import based_on, registered
 from protocols.schema import StudyProtocol
 from stimuli.recipes.base import Builder
 
@@ -18,6 +18,8 @@ BUILDERS: dict[str, str | type[Builder]] = registered(
         "files": "files:FileBuilder",
         "foveated-images": "foveated_images:FoveatedBuilder",
     },
+    "name a class based on stimuli.recipes.base.Builder",
+    based_on(Builder),
 )
 """Ours are imported when they are asked for: each knows libraries that the others do not need."""
 

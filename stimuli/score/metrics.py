@@ -221,7 +221,16 @@ class PluginMetrics:
 
 
 def _add_plugins() -> None:
-    added: dict[str, PluginMetrics] = registered("metrics", {})
+    added: dict[str, PluginMetrics] = registered(
+        "metrics",
+        {},
+        "name a PluginMetrics of stimuli.score.metrics",
+        lambda _name, value: (
+            isinstance(value, PluginMetrics)
+            and isinstance(value.family, Family)
+            and all(isinstance(metric, Metric) for metric in value.metrics)
+        ),
+    )
     for name, plugin in added.items():
         taken = [plugin.family.name] if plugin.family.name in FAMILIES else []
         taken += [metric.name for metric in plugin.metrics if metric.name in METRICS]

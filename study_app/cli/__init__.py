@@ -83,7 +83,11 @@ def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
     try:
         with user_errors():  # what is found while commands are imported: plug-ins that do not load
-            app(prog_name="metamerlab")
+            try:
+                app(prog_name="metamerlab")
+            except SystemExit as end:  # of every command that ran to its end
+                code = end.code
+        sys.exit(code)
     except typer.Exit as end:
         sys.exit(end.exit_code)
     except KeyboardInterrupt:  # while a command was imported

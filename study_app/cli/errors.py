@@ -11,6 +11,7 @@ import typer
 
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.errors import StudyError
+from protocols.plugins import culprit
 from study_app.cli.terminal import say
 
 EXIT_USER_ERROR = 2
@@ -40,8 +41,8 @@ def user_errors() -> Iterator[None]:
     """Turn what the user can mend into one message on stderr and exit status 2.
 
     That is: `StudyError`, `InputError`, `GLUnavailableError`, and an `OSError`
-    about a file or a disk of the user's. Anything else is a bug of ours and
-    keeps its traceback.
+    about a file or a disk of the user's, and plug-ins that end the program. Anything else is a
+    bug of ours and keeps its traceback.
     """
     try:
         yield
@@ -51,6 +52,11 @@ def user_errors() -> Iterator[None]:
         if not _is_the_users(error):
             raise
         message = _describe(error)
+    except BaseException as error:
+        said = None if isinstance(error, Exception | KeyboardInterrupt) else culprit(error)
+        if said is None:
+            raise
+        message = said
     else:
         return
     # Outside the handlers, so that no chain of exceptions hangs on the exit.

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.plugins import registered
+from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
@@ -19,6 +19,9 @@ from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
 from study_app.gaze.trusted import TrustedGaze
+
+_METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
+"""Of every `GazeSource`."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,10 @@ def _replay(rest: str, desk: Desk) -> GazeSource:
 
 
 ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
-    "trackers", {"lsl": _lsl, "mouse": _mouse, "replay": _replay}
+    "trackers",
+    {"lsl": _lsl, "mouse": _mouse, "replay": _replay},
+    "name a function of (text after the colon, Desk)",
+    taking(2),
 )
 """By the word before the colon; entry points of ``metamerlab.trackers`` name such functions."""
 
@@ -87,6 +93,9 @@ def open_gaze(specification: str, desk: Desk) -> TrustedGaze:
         If there is no such kind, or nothing to connect to.
     """
     kind, rest = check_kind(specification), specification.partition(":")[2]
-    source = TrustedGaze(ADAPTERS[kind](rest, desk), desk.clock)
+    opened = ADAPTERS[kind](rest, desk)
+    if not all(callable(getattr(opened, name, None)) for name in _METHODS):
+        raise misfit("trackers", kind, f"return a source with {', '.join(_METHODS)}", opened)
+    source = TrustedGaze(opened, desk.clock)
     source.open()
     return source

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from protocols.errors import StudyError
-from protocols.plugins import registered
+from protocols.plugins import misfit, registered, taking
 from protocols.schema import StudyProtocol
 from study_app.observers.base import ArtificialObserver, ObserverModel, rng_of
 from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
@@ -23,6 +23,8 @@ OBSERVERS: Mapping[str, Maker] = registered(
         "abx": DifferenceModel.of,
         "which-half": DifferenceModel.of,
     },
+    "name a function from a study to an observer model",
+    taking(1),
 )
 
 
@@ -34,13 +36,17 @@ def default_model(study: StudyProtocol) -> ObserverModel:
     StudyError
         If no observer was written for its task.
     """
-    try:
-        return OBSERVERS[study.task.kind](study)
-    except KeyError:
+    kind = study.task.kind
+    if kind not in OBSERVERS:
         raise StudyError(
-            f"task {study.task.kind!r}: simulating needs an artificial observer of that name"
+            f"task {kind!r}: simulating needs an artificial observer of that name"
             f" (there are {', '.join(OBSERVERS)}); the package that adds the task can add one"
-        ) from None
+        )
+    model = OBSERVERS[kind](study)
+    if not isinstance(model, ObserverModel):
+        must = "return a model based on study_app.observers.ObserverModel"
+        raise misfit("observers", kind, must, model)
+    return model
 
 
 __all__ = [
