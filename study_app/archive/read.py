@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import io
 import os
 import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import IO, BinaryIO
+from pathlib import Path, PosixPath, PurePosixPath
+from typing import Any, BinaryIO, ClassVar
 
 from protocols.errors import StudyError
+from protocols.hashing import sha256_file
 from protocols.journal_file import find_journals, read_journal
 from protocols.limits import UNPACKED
-from protocols.load import SECRET_SUFFIX, load_protocol
+from protocols.load import SECRET_SUFFIX, load_protocol, open_new
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import LIMITS_VARIABLE, limit, reading
-from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Index, plain
-from study_app.archive.seal import unseal
+from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
+from study_app.archive.seal import is_sealed, unseal
 from study_app.sittings import Sitting
 from study_app.verification import verify
 
 _PIECE = 1 << 20
 _LARGER = 4
 """An archive may unpack to so many times its own size, however large it is."""
-_UNPACKED = (f"{STUDY}/", f"{SESSIONS}/", f"{CLIPS}/{MANIFEST_NAME}")
-"""What is looked at as a study; of other files the hash says all."""
 _PLAIN_FILES = {0, stat.S_IFREG}
 
 
@@ -47,7 +48,7 @@ class Findings:
 
 @contextmanager
 def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iterator[BinaryIO]:
-    """Yield a plain archive, decrypted into a file without a name if it has to be.
+    """Yield a plain archive: the file itself, or decrypted into a file without a name.
 
     Raises
     ------
@@ -58,34 +59,41 @@ def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iter
         sealed = path.open("rb")
     except OSError as error:
         raise StudyError(f"{path}: an archive must be readable ({error.strerror})") from None
-    with sealed, tempfile.TemporaryFile() as plain_file:
-        unseal(path, sealed, plain_file, identity=identity, ask=ask)
-        yield plain_file
+    with sealed:
+        if not is_sealed(sealed):
+            yield sealed
+            return
+        with tempfile.TemporaryFile() as plain_file:
+            try:
+                unseal(path, sealed, plain_file, identity=identity, ask=ask)
+            except OSError as error:
+                with suppress(OSError):
+                    plain_file.close()
+                raise StudyError(
+                    f"{path}: must be decrypted into {tempfile.gettempdir()} ({error.strerror});"
+                    " make room there, or name another folder with TMPDIR"
+                ) from None
+            yield plain_file
 
 
 def check(path: Path, file: BinaryIO) -> Findings:
     """Prove an archive whole: each file against the list, each session as `session verify` does.
 
-    The study's file and the sessions are unpacked into a temporary folder for that, clips are not.
+    Nothing is unpacked for that: what is sealed lies nowhere in the clear, and a killed program
+    leaves nothing.
 
     Raises
     ------
     StudyError
         If it is no archive, or one that no program of ours wrote.
     """
-    with _members(path, file) as (archive, index), tempfile.TemporaryDirectory() as folder:
-        problems, unpack = [], Path(folder)
-        for entry in index.files:
-            inside = entry.path.startswith(_UNPACKED)
-            target = _target(unpack, entry.path) if inside else None
-            with (
-                reading(path, "a whole archive", StudyError),
-                archive.open(entry.path) as data,
-            ):
-                found = _copied(data, target)
-            if found != (entry.bytes, entry.sha256):
-                problems.append(f"{entry.path} was changed")
-        wrong, notes, sittings = _of_study(unpack, index)
+    with _members(path, file) as (archive, index):
+        problems = [
+            f"{entry.path} was changed"
+            for entry in index.files
+            if _copied(_pieces(path, archive, entry.path)) != (entry.bytes, entry.sha256)
+        ]
+        wrong, notes, sittings = _of_study(_as_folder(path, archive), index)
         return Findings(index, sittings, (*problems, *wrong), notes)
 
 
@@ -103,10 +111,8 @@ def check_folder(folder: Path) -> Findings:
         place = folder / entry.path
         if place.is_symlink() or not place.is_file():
             problems.append(f"{entry.path} is missing")
-            continue
-        with place.open("rb") as data:
-            if _copied(data, None) != (entry.bytes, entry.sha256):
-                problems.append(f"{entry.path} was changed")
+        elif (place.stat().st_size, sha256_file(place)) != (entry.bytes, entry.sha256):
+            problems.append(f"{entry.path} was changed")
     listed = {entry.path for entry in index.files} | {INDEX_NAME}
     found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()}
     problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
@@ -129,14 +135,18 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
         with _members(path, file) as (archive, index):
             part.mkdir(parents=True)
             for entry in index.files:
-                with reading(path, "a whole archive", StudyError), archive.open(entry.path) as data:
-                    found = _copied(data, _target(part, entry.path))
+                target = part / entry.path
+                target.parent.mkdir(parents=True, exist_ok=True)
+                found = _copied(_pieces(path, archive, entry.path), target)
                 if found != (entry.bytes, entry.sha256):
                     raise StudyError(f"{path}: {entry.path} was changed; nothing was restored")
-            (part / INDEX_NAME).write_bytes(index.to_bytes())
+            _copied([index.to_bytes()], part / INDEX_NAME)
         part.rename(out)
     except OSError as error:
-        raise StudyError(f"{out}: the disk refused ({error.strerror})") from None
+        raise StudyError(
+            f"{out}: the disk refused ({error.strerror}); nothing was restored. Make room, or"
+            " choose another folder"
+        ) from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return index
@@ -175,6 +185,9 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
                 f"{path}: must hold the files of its list and no other (differs in"
                 f" {len(lacking)}: {', '.join(lacking[:3])})"
             )
+        folders = {str(above) for name in infos for above in PurePosixPath(name).parents}
+        if both := sorted(folders & infos.keys()):
+            raise StudyError(f"{path}: {both[0]}: a file must not be a folder as well")
         yield archive, index
 
 
@@ -203,31 +216,68 @@ def _index(path: Path, data: bytes) -> Index:
     return index
 
 
-def _target(folder: Path, name: str) -> Path:
-    target = folder / name
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise StudyError(f"{name}: a file must not be a folder as well") from None
-    if target.is_dir():
-        raise StudyError(f"{name}: a file must not be a folder as well")
-    return target
-
-
-def _copied(data: IO[bytes], target: Path | None) -> tuple[int, str]:
-    """Read a file to its end, into another one if wanted; return its length and hash."""
-    digest, length = hashlib.sha256(), 0
-    out = target.open("xb") if target else None
-    try:
+def _pieces(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[bytes]:
+    """Yield a member piece by piece; `StudyError` where the archive is not whole."""
+    with reading(path, "a whole archive", StudyError), archive.open(name) as data:
         while piece := data.read(_PIECE):
+            yield piece
+
+
+def _copied(pieces: Iterable[bytes], target: Path | None = None) -> tuple[int, str]:
+    """Return length and hash of a file, written onto the disk if it is wanted there."""
+    digest, length = hashlib.sha256(), 0
+    with open(target, "xb", opener=open_new) if target else nullcontext() as out:
+        for piece in pieces:
             digest.update(piece)
             length += len(piece)
             if out:
                 out.write(piece)
-    finally:
         if out:
-            out.close()
+            out.flush()
+            os.fsync(out.fileno())  # a disk that is full may say so only now
     return length, digest.hexdigest()
+
+
+class _Member(PosixPath):
+    """A path into an archive: its files are read from there, and nothing else can be done."""
+
+    archive: ClassVar[zipfile.ZipFile]
+    root: ClassVar[str]
+    names: ClassVar[frozenset[str]]
+
+    @property
+    def _place(self) -> str:
+        return os.path.relpath(self, self.root)
+
+    def open(self, mode: str = "r", *_: Any, **text: Any) -> Any:
+        if not self.is_file():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self))
+        data = self.archive.open(self._place)
+        return data if "b" in mode else io.TextIOWrapper(data, **text)
+
+    def read_bytes(self) -> bytes:
+        with self.open("rb") as file:
+            return bytes(file.read())
+
+    def is_file(self, **_: Any) -> bool:
+        return self._place in self.names
+
+    def is_dir(self, **_: Any) -> bool:
+        return any(name.startswith(f"{self._place}/") for name in self.names)
+
+    def exists(self, **_: Any) -> bool:
+        return self.is_file() or self.is_dir()
+
+    def rglob(self, pattern: str, **_: Any) -> Iterator[Any]:
+        for name in self.names:
+            if name.startswith(f"{self._place}/") and PurePosixPath(name).name == pattern:
+                yield type(self)(self.root) / name
+
+
+def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
+    """Return an archive as the folder that it would be unpacked into."""
+    root, names = str(path.absolute()), frozenset(archive.namelist())
+    return type("Member", (_Member,), {"archive": archive, "root": root, "names": names})(root)
 
 
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:

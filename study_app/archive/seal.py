@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -60,11 +59,18 @@ def seal(
     pyrage.encrypt_io(plain, out, keys)
 
 
+def is_sealed(file: BinaryIO) -> bool:
+    """Return whether a file is encrypted; it stands at its beginning before and after."""
+    head = file.read(len(MAGIC))
+    file.seek(0)
+    return head == MAGIC
+
+
 def unseal(
     path: Path, sealed: BinaryIO, plain: BinaryIO, *, identity: Path | None,
     ask: Callable[[], str],
 ) -> None:  # fmt: skip
-    """Decrypt a file, if it is an encrypted one; copy it as it is if not.
+    """Decrypt a file.
 
     Parameters
     ----------
@@ -82,10 +88,6 @@ def unseal(
     """
     head = sealed.read(len(_BY_PASSPHRASE))
     sealed.seek(0)
-    if not head.startswith(MAGIC):
-        shutil.copyfileobj(sealed, plain)
-        plain.seek(0)
-        return
     pyrage = _pyrage()
     try:
         if head == _BY_PASSPHRASE:

@@ -16,7 +16,7 @@ from typer.core import TyperCommand
 
 from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
-from protocols.load import SECRET_SUFFIX, load_display
+from protocols.load import load_display, open_new
 from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.own_stimuli import OwnScene, OwnStimuli
 from protocols.units import NAME_LENGTH, NAME_PATTERN
@@ -150,9 +150,8 @@ def new_study(
             made = {file: text.encode() for file, text in texts.items()} | example_files(task)
             for file, data in made.items():
                 (work / file).parent.mkdir(exist_ok=True)
-                (work / file).write_bytes(data)
-                if file.endswith(SECRET_SUFFIX):
-                    (work / file).chmod(0o600)
+                with open(work / file, "wb", opener=open_new) as written:
+                    written.write(data)
             for below in (*FOLDERS, PARTS[task][1]):
                 (work / below).mkdir(exist_ok=True)
     for note in notes:

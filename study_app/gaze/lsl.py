@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.outside import visible_line
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
 
 _BUFFER_S = 10
@@ -212,25 +213,42 @@ class LslGaze:
         return stamps
 
     def _choose_channels(self, labels: Sequence[str], units: Sequence[str], count: int) -> None:
-        def find(wanted: str, known: Sequence[str], fallback: int) -> int:
-            if wanted.isdigit() and int(wanted) < count:
-                return int(wanted)
-            if wanted and wanted in labels:
-                return labels.index(wanted)
-            if wanted:
-                raise StudyError(
-                    f"gaze: channel {wanted!r} must be one of the stream's ({count} channels:"
-                    f" {', '.join(labels) or 'without labels'})"
-                )
-            lower = [label.lower() for label in labels]
-            return next((lower.index(name) for name in known if name in lower), fallback)
-
         if count < 2:
             raise StudyError(f"gaze: the stream must have two channels or more (got {count})")
-        x = find(self._spec.x, _X_LABELS, 0)
-        y = find(self._spec.y, _Y_LABELS, 1)
-        said = units[x].lower() if x < len(units) else ""
-        label = labels[x].lower() if x < len(labels) else ""
+        listed = ", ".join(map(visible_line, labels)) if any(labels) else "without labels"
+        there = f"{count} channels: {listed}"
+        cure = "name both channels by label or number: --gaze lsl:NAME,x=CHANNEL,y=CHANNEL"
+
+        def find(axis: str, wanted: str, known: Sequence[str], fallback: int) -> int:
+            if wanted.isdecimal() and int(wanted) < count:
+                return int(wanted)
+            if not any(labels) and not wanted:
+                return fallback
+            if any(labels) and len(labels) != count:
+                raise StudyError(
+                    f"gaze: the stream must have one label per channel, or none (got {len(labels)}"
+                    f" for {there}); have the tracker's LSL program mend them, or"
+                    " name both channels by number: --gaze lsl:NAME,x=0,y=1"
+                )
+            names = [label if wanted else label.lower() for label in labels]
+            name = wanted or next((name for name in known if name in names), "")
+            if names.count(name) != 1:
+                raise StudyError(
+                    f"gaze: channel {wanted or axis!r} must be one of the stream's ({there});"
+                    f" {cure}"
+                )
+            return names.index(name)
+
+        x = find("x", self._spec.x, _X_LABELS, 0)
+        y = find("y", self._spec.y, _Y_LABELS, 1)
+        if x == y:
+            raise StudyError(
+                f"gaze: x and y must be two channels of the stream (got channel {x} for both, of"
+                f" {there}); {cure}"
+            )
+        whole = len(labels) == count
+        said = units[x].lower() if whole else ""
+        label = labels[x].lower() if whole else ""
         norm = said.startswith("norm") or label.startswith("norm")
         unit = self._spec.unit or ("norm" if norm else "px")
         self._channels = x, y
@@ -241,7 +259,7 @@ def _labels(stream: Any) -> tuple[list[str], list[str]]:
     """Return the channels' labels and units, as far as the stream says them."""
     labels, units = [], []
     channel = stream.desc().child("channels").child("channel")
-    while not channel.empty():
+    while not channel.empty() and len(labels) <= _CHANNELS_MOST:
         labels.append(channel.child_value("label"))
         units.append(channel.child_value("unit"))
         channel = channel.next_sibling("channel")

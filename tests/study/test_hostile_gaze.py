@@ -255,3 +255,55 @@ def test_a_stream_that_cannot_be_gaze_is_refused_with_a_reason(channels, rate_hz
         source.close()
         stop.set()
         sender.join()
+
+
+def channels(labels: list[str], count: int, spec: str = "") -> tuple[int, int]:
+    """Return which channels of a stream with these labels are taken for gaze."""
+    from study_app.gaze.lsl import LslGaze, LslSpec
+
+    source = LslGaze(LslSpec.parse(spec), FHD)
+    source._choose_channels(labels, [""] * len(labels), count)
+    return source._channels
+
+
+@pytest.mark.parametrize(
+    ("labels", "count", "spec", "said"),
+    [
+        (["t", "a", "b", "x", "y"], 3, "", "one label per channel, or none (got 5 for 3 channels"),
+        (["x", "y"], 3, "", "one label per channel, or none (got 2 for 3 channels: x, y)"),
+        (["x", "y", "z"], 2, "eye,x=z,y=y", "one label per channel, or none (got 3"),
+        (["a", "x", "y"], 3, "eye,x=z", "channel 'z' must be one of the stream's (3 channels: a"),
+        (["pupil", "left_a", "left_b"], 3, "", "channel 'x' must be one of the stream's"),
+        (["x", "pupil"], 2, "", "channel 'y' must be one of the stream's"),
+        (["x", "X", "y"], 3, "", "channel 'x' must be one of the stream's (3 channels: x, X, y)"),
+        (["y", "x"], 2, "eye,x=0", "x and y must be two channels of the stream (got channel 0"),
+        ([], 2, "eye,x=7,y=0", "channel '7' must be one of the stream's (2 channels: without"),
+        ([], 4, "eye,x=2,y=2", "x and y must be two channels"),
+        (["x\x1b[2J", "y"], 2, "", "channel 'x' must be one of the stream's (2 channels: x\\x1b"),
+    ],
+)
+def test_labels_that_do_not_name_two_channels_are_told_with_a_cure(labels, count, spec, said):
+    """Before, a label beyond the channels broke the session, and lacking ones were guessed."""
+    from protocols.errors import StudyError
+
+    with pytest.raises(StudyError) as caught:
+        channels(labels, count, spec)
+
+    assert said in str(caught.value)
+    assert "--gaze lsl:NAME,x=" in str(caught.value)
+    numbers = channels(labels, count, "eye,x=1,y=0")  # the cure that the message names
+    assert numbers == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("labels", "count", "spec", "taken"),
+    [
+        ([], 3, "", (0, 1)),
+        (["", "", ""], 3, "", (0, 1)),
+        (["t", "Gaze_X", "Gaze_Y"], 3, "", (1, 2)),
+        (["a", "b", "x"], 3, "eye,x=b,y=x", (1, 2)),
+        (["x", "y", "z"], 2, "eye,x=0,y=1", (0, 1)),
+    ],
+)
+def test_labels_that_name_two_channels_are_taken(labels, count, spec, taken):
+    assert channels(labels, count, spec) == taken

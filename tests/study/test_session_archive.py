@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import shutil
 import stat
 import zipfile
@@ -14,8 +17,9 @@ from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from study_app.archive.index import INDEX_NAME, Index
-from study_app.cli import app
+from study_app.archive import read
+from study_app.archive.index import INDEX_NAME, Entry, Index
+from study_app.cli import app, archive_commands, new_study
 from study_app.simulate import Simulation, simulate_sitting
 
 SECRET = "a secret of the lab"
@@ -323,3 +327,155 @@ def test_without_the_package_encryption_says_what_to_install(monkeypatch):
     done = session("archive", "my-study/study.toml", "--passphrase", "--out", "b", passphrase="x")
     assert (done.exit_code, "metamerlab[age]" in done.output) == (2, True)
     assert not Path("b").exists()
+
+
+# --- secrets, kills and full disks ---------------------------------------------------------------
+
+
+def keys(folder: Path) -> tuple[str, Path]:
+    """A public key of age, and the file of its secret key."""
+    pyrage = pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
+    identity = pyrage.x25519.Identity.generate()
+    (folder / "key.txt").write_text(f"{identity}\n")
+    return str(identity.to_public()), folder / "key.txt"
+
+
+@pytest.mark.usefixtures("backup")
+@pytest.mark.parametrize("mask", [0o000, 0o022])
+def test_a_secret_is_nobody_else_s_to_read_once_it_is_restored(mask):
+    before = os.umask(mask)
+    try:
+        done = session("restore", "backup.zip", "--out", "back")
+    finally:
+        os.umask(before)
+
+    assert done.exit_code == 0, done.output
+    assert stat.S_IMODE(Path("back/study/study.secret").stat().st_mode) == 0o600
+    assert stat.S_IMODE(Path("back/study/study.toml").stat().st_mode) == 0o666 & ~mask
+    assert Path("back/study/study.secret").read_text() == SECRET + "\n"
+
+
+def test_a_secret_is_nobody_else_s_to_read_from_its_first_byte(tmp_path, monkeypatch):
+    """Before, it was written for everybody to read, and closed a moment later."""
+    modes = []
+    open_new = new_study.open_new
+
+    def seen(path: str, flags: int) -> int:
+        descriptor = open_new(path, flags)
+        if path.endswith(".secret"):
+            modes.append(stat.S_IMODE(os.fstat(descriptor).st_mode))
+        return descriptor
+
+    monkeypatch.setattr(new_study, "open_new", seen)
+    done = CliRunner().invoke(app, ["new-study", str(tmp_path / "mine")])
+
+    assert done.exit_code == 0, done.output
+    assert modes == [0o600]
+    assert stat.S_IMODE((tmp_path / "mine/study.secret").stat().st_mode) == 0o600
+
+
+def test_a_sealed_archive_is_verified_without_a_readable_file_at_any_time(here, monkeypatch):
+    """So a program that is killed meanwhile leaves nothing."""
+    public, secret = keys(here)
+    place = here / "temporary"
+    place.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(place))
+    lain: list[Path] = []
+
+    def looked(inner):
+        def look(*words, **more):
+            lain.extend(place.rglob("*"))
+            found = inner(*words, **more)
+            lain.extend(place.rglob("*"))
+            return found
+
+        return look
+
+    for name in ("unseal", "load_protocol", "read_journal", "verify", "check"):
+        monkeypatch.setattr(read, name, looked(getattr(read, name)))
+    monkeypatch.setattr(archive_commands, "check", read.check)
+    written = {path for path in here.rglob("*") if path.is_file()}
+    archived("--recipient", public, out="b.age")
+    said = session("verify", "b.age", "--identity", secret).output
+
+    assert "whole (demo: 2 sessions" in said
+    assert "not compared" not in said
+    assert lain == []
+    assert {path for path in here.rglob("*") if path.is_file()} == {*written, here / "b.age"}
+
+
+@pytest.mark.usefixtures("backup")
+def test_what_is_wrong_inside_is_found_without_unpacking(monkeypatch):
+    def changed(members):
+        place = next(name for name in members if "/flips/" in name)
+        members[place] += b"\n"
+        index = Index.model_validate_json(members[INDEX_NAME])
+        entries = tuple(
+            entry.model_copy(
+                update={"bytes": len(members[place]), "sha256": sha256_bytes(members[place])}
+            )
+            if entry.path == place
+            else entry
+            for entry in index.files
+        )
+        members[INDEX_NAME] = index.model_copy(update={"files": entries}).to_bytes()
+
+    rewritten(changed)
+    monkeypatch.setattr("tempfile.mkdtemp", lambda *_, **__: pytest.fail("a folder was made"))
+    done = session("verify", "backup.zip")
+
+    assert done.exit_code == 2
+    assert re.search(r"S00\d: flips/\d+\.csv was changed", done.output)
+
+
+@pytest.mark.usefixtures("backup")
+def test_a_file_that_is_a_folder_as_well_is_refused_by_verify_too():
+    def both(members):
+        index = Index.model_validate_json(members[INDEX_NAME])
+        more = Entry(path="study/study.toml/x", bytes=1, sha256=sha256_bytes(b"x"))
+        members[more.path] = b"x"
+        entries = (*index.files, more)
+        members[INDEX_NAME] = index.model_copy(update={"files": entries}).to_bytes()
+
+    rewritten(both)
+    for words in (("verify", "backup.zip"), ("restore", "backup.zip", "--out", "r")):
+        done = session(*words)
+        assert (done.exit_code, "must not be a folder as well" in done.output) == (2, True)
+    assert not Path("r").exists()
+
+
+@pytest.mark.parametrize("at", ["write", "sync", "folder"])
+def test_restoring_onto_a_full_disk_says_so_and_leaves_nothing(backup, monkeypatch, at):
+    """Before, a full disk was said to be an archive that is not whole."""
+    before = set(backup.rglob("*"))
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    if at == "write":
+        onto = os.open("/dev/full", os.O_WRONLY)
+        monkeypatch.setattr(read, "open_new", lambda *_: os.dup(onto))
+    elif at == "sync":
+        monkeypatch.setattr("study_app.archive.read.os.fsync", full)
+    else:
+        monkeypatch.setattr(Path, "rename", full)
+    done = session("restore", "backup.zip", "--out", "back")
+
+    assert done.exit_code == 2
+    assert done.output.startswith("error: back: the disk refused (No space left on device)")
+    assert "nothing was restored" in done.output
+    assert len(done.output.splitlines()) == 1
+    assert set(backup.rglob("*")) == before
+
+
+def test_no_room_to_decrypt_is_told_with_the_folder(here, monkeypatch):
+    public, secret = keys(here)
+    archived("--recipient", public, out="b.age")
+    with Path("/dev/full").open("w+b", 0) as full:
+        monkeypatch.setattr("tempfile.TemporaryFile", lambda: full)
+        done = session("restore", "b.age", "--identity", secret, "--out", "back")
+
+    assert done.exit_code == 2
+    assert "b.age: must be decrypted into " in done.output
+    assert "(No space left on device)" in done.output
+    assert not Path("back").exists()
