@@ -49,7 +49,7 @@ from study_app.stage import Stage
 from study_app.trial import Timeline, Trial
 from study_app.wording import consent_text
 
-LATE_MOST = 4
+LATE_MOST = 3
 """So many attempts in a row that a late display made void end the run."""
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
 Mark = Callable[[str, float], None]

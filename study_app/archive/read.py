@@ -10,7 +10,7 @@ import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path, PosixPath, PurePosixPath
@@ -268,7 +268,7 @@ class _Member(PosixPath):
     def exists(self, **_: Any) -> bool:
         return self.is_file() or self.is_dir()
 
-    def rglob(self, pattern: str, **_: Any) -> Iterator[Any]:
+    def rglob(self, pattern: str, **_: Any) -> Generator[Any, None, None]:
         for name in self.names:
             if name.startswith(f"{self._place}/") and PurePosixPath(name).name == pattern:
                 yield type(self)(self.root) / name
@@ -276,8 +276,13 @@ class _Member(PosixPath):
 
 def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
     """Return an archive as the folder that it would be unpacked into."""
-    root, names = str(path.absolute()), frozenset(archive.namelist())
-    return type("Member", (_Member,), {"archive": archive, "root": root, "names": names})(root)
+
+    class Member(_Member):
+        pass
+
+    Member.archive, Member.names = archive, frozenset(archive.namelist())
+    Member.root = str(path.absolute())
+    return Member(Member.root)
 
 
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:

@@ -257,7 +257,7 @@ class LslGaze:
 
 def _labels(stream: Any) -> tuple[list[str], list[str]]:
     """Return the channels' labels and units, as far as the stream says them."""
-    labels, units = [], []
+    labels, units = list[str](), list[str]()
     channel = stream.desc().child("channels").child("channel")
     while not channel.empty() and len(labels) <= _CHANNELS_MOST:
         labels.append(channel.child_value("label"))
