@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
 from protocols.journal import SessionEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
+from protocols.manifest import write_manifest
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.cli import app
@@ -196,7 +198,7 @@ class SlowWindow:
     """Swaps at its own rate, whatever its display should do."""
 
     pacing, evidence, monitor_name, monitor_mm = "software", "software timer", "", (0, 0)
-    mode_hz, size = 144.0, (1920, 1080)
+    mode_hz, size, now = 144.0, (1920, 1080), None
 
     def __init__(self, display: Display, gaps_s: list[float]) -> None:
         self.display, self._gaps_s, self._now_s = display, itertools.cycle(gaps_s), 0.0
@@ -240,6 +242,33 @@ def test_check_display_fails_where_most_refreshes_were_missed(monkeypatch, tmp_p
         assert done.exit_code == status, done.output
         assert ("cannot keep up (36 Hz instead of 144: " in done.stderr) == bool(status)
     assert len(list((tmp_path / "display-reports").iterdir())) == 2
+
+
+@pytest.mark.parametrize(("tolerated", "said"), [(2, "cannot keep up (15 Hz"), (500, "presented")])
+def test_a_late_display_is_refused_before_a_session_unless_the_study_tolerates_it(
+    monkeypatch, tmp_path, tolerated, said
+):
+    display = load_display("fhd27-60hz")
+    text = shipped("studies")["demo"].read_text(encoding="utf-8")
+    text = text.replace("dropped_frames_max = 2", f"dropped_frames_max = {tolerated}")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    study = load_protocol(tmp_path / "study.toml")
+    write_manifest(tmp_path, virtual_manifest(study, display))
+
+    def presented(*_: object, **__: object) -> None:
+        raise StudyError("presented")
+
+    monkeypatch.setattr("study_app.run.check_files", lambda *_: None)
+    monkeypatch.setattr("study_app.display_check.describe", lambda _ctx: "a renderer")
+    monkeypatch.setattr("study_app.run.Window", lambda *_, **__: SlowWindow(display, [4 / 60]))
+    monkeypatch.setattr("study_app.run.Presenter", presented)
+    words = ["session", "run", str(tmp_path / "study.toml"), "--participant", "P1", "--simulate"]
+    words += ["--stimuli", str(tmp_path), "--out", str(tmp_path / "sessions")]
+    done = CliRunner().invoke(app, [*words, "--software-pacing"])
+
+    assert (done.exit_code, said in done.stderr) == (2, True), done.output
+    assert ("note: display" in done.stdout) == (tolerated == 500)
+    assert not (tmp_path / "sessions").exists()
 
 
 # --- what is said before a window covers the screen --------------------------------------------
