@@ -13,7 +13,7 @@ from importlib import metadata
 from typing import Any, TypeVar, get_args
 
 from protocols.errors import StudyError
-from protocols.outside import plug_in
+from protocols.outside import plug_in, visible_line
 
 T = TypeVar("T")
 Fits = Callable[[str, Any], bool]
@@ -85,7 +85,7 @@ def culprit(error: BaseException) -> str | None:
                 return (
                     f"package {_owner(entry)!r}: its plug-in {entry.name!r} of {entry.group} must"
                     f" return or say what is wrong (it raised {type(error).__name__}:"
-                    f" {error}); mend or uninstall the package"
+                    f" {visible_line(str(error))}); mend or uninstall the package"
                 )
     return None
 

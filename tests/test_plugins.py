@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import importlib
+import multiprocessing
 import runpy
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -187,6 +189,20 @@ def test_a_plug_in_that_ends_the_program_when_it_is_called_is_named(
     assert caught.value.exit_code == 2
     assert f"error: package 'odd-one': its plug-in 'mine' of metamerlab.{group} must return" in said
     assert f"it raised {kind}" in said
+
+
+def test_a_plug_in_that_ends_a_worker_process_is_named(install_package, monkeypatch, capsys):
+    """The exception arrives without its frames; the traceback came as text."""
+    site = install_package("odd-one", {"odd.py": ODD}, "[metamerlab.methods]\nmine = odd:Plain\n")
+    monkeypatch.syspath_prepend(str(site))
+    with (
+        ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool,
+        pytest.raises(typer.Exit),
+        user_errors(),
+    ):
+        pool.submit(importlib.import_module("odd").ends).result()
+
+    assert "its plug-in 'mine' of metamerlab.methods" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_no_plug_in_raised_goes_its_way():
