@@ -98,7 +98,8 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         mouse = ASIDE
         screen.point(*ASIDE)
         see(fixed["gaze-lost"], "gaze was lost")
-        (void,) = study.journal().attempts
+        # The line is written right after the flip that was seen.
+        (void,) = wait(lambda: study.journal().attempts, "the void attempt's line")
         assert (void.outcome, void.void_reason) == ("void", "gaze-break")
         # The operator follows from another process.
         follower = screen.run("session", "watch", study.sessions / "demo" / "P01", "--once")
