@@ -11,6 +11,7 @@ from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
 from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
+from protocols.places import place_of
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Cell
 from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
@@ -75,9 +76,10 @@ class Plan(Model):
 def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slot: int) -> Plan:
     """Return the trials of a participant.
 
-    Counterbalancing by slot: bit 0 turns the arrangement of every trial, bit 1 the keys, and the
-    scene order is a row of a Latin square. Within a participant the arrangements of a condition
-    take turns over the repeats, and no two trials in a row show the same.
+    Counterbalancing by the slot's place (`protocols.places`): bit 0 turns the arrangement of every
+    trial, bit 1 the keys, and the scene order is a row of a Latin square. Within a participant the
+    arrangements of a condition take turns over the repeats, and no two trials in a row show the
+    same.
 
     Raises
     ------
@@ -109,23 +111,24 @@ def planned_trials(
     """
     design = protocol.design
     chance = Chance(protocol.order_seed, participant, slot, "plan")
-    main = _main_trials(protocol, slot, chance)
+    place = place_of(protocol, slot)
+    main = _main_trials(protocol, place, chance)
     if design.blocks > len(main):
         raise StudyError(
             f"design.blocks: must not be more than the main trials, {len(main)}"
             f" (got {design.blocks})"
         )
-    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(protocol, slot, chance)}
+    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(protocol, place, chance)}
     for index, trial in enumerate(main):
         number = 1 + index * design.blocks // len(main)
         blocks.setdefault(number, []).append(_changed(trial, block=number))
-    for number, catch in _catch_trials(protocol, slot, chance):
-        place = chance.below(len(blocks[number])) + 1  # never the first of its block
-        blocks[number].insert(place, _changed(catch, block=number))
+    for number, catch in _catch_trials(protocol, place, chance):
+        after = chance.below(len(blocks[number])) + 1  # never the first of its block
+        blocks[number].insert(after, _changed(catch, block=number))
     trials: list[PlannedTrial] = []
     for number in sorted(blocks):
         before = trials[-1].shown if trials else None
-        trials += _keyed(protocol, slot, chance, apart(blocks[number], before))
+        trials += _keyed(protocol, place, chance, apart(blocks[number], before))
     return tuple(trials)
 
 
@@ -240,7 +243,7 @@ def _changed(trial: PlannedTrial, **update: object) -> PlannedTrial:
     return trial.model_copy(update=update)
 
 
-def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[PlannedTrial]:
+def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
     rule = protocol.task.adaptation
     if rule is not None:
@@ -277,17 +280,17 @@ def _main_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[Pla
             continue
         queues = {scene: chance.shuffled(of_scene[scene]) for scene in scenes}
         while any(queues.values()):
-            for index in latin_row(len(scenes), slot + rounds):
+            for index in latin_row(len(scenes), place + rounds):
                 if queues[scenes[index]]:
                     ordered.append((repeat, queues[scenes[index]].pop()))
             rounds += 1
     return [
-        _trial(protocol, "main", number, cell, repeat, repeat + slot)
+        _trial(protocol, "main", number, cell, repeat, repeat + place)
         for number, (repeat, cell) in enumerate(ordered)
     ]
 
 
-def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list[PlannedTrial]:
+def _practice_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
     practice = protocol.design.practice
     if practice is None:
         return []
@@ -297,13 +300,13 @@ def _practice_trials(protocol: StudyProtocol, slot: int, chance: Chance) -> list
     check_trials(practice.trials * practice.rounds)
     trials = []
     for number in range(practice.trials * practice.rounds):
-        repeat, place = divmod(number, len(cells))
-        trials.append(_trial(protocol, "practice", number, cells[place], repeat, repeat + slot))
+        repeat, index = divmod(number, len(cells))
+        trials.append(_trial(protocol, "practice", number, cells[index], repeat, repeat + place))
     return trials
 
 
 def _catch_trials(
-    protocol: StudyProtocol, slot: int, chance: Chance
+    protocol: StudyProtocol, place: int, chance: Chance
 ) -> list[tuple[int, PlannedTrial]]:
     """Return (block, trial) of every catch trial, spread evenly."""
     wanted = protocol.task.catch_trials
@@ -317,14 +320,14 @@ def _catch_trials(
     return [
         (
             1 + number * protocol.design.blocks // wanted,
-            _trial(protocol, "catch", number, order[number % len(order)], 0, number + slot),
+            _trial(protocol, "catch", number, order[number % len(order)], 0, number + place),
         )
         for number in range(wanted)
     ]
 
 
 def _keyed(
-    protocol: StudyProtocol, slot: int, chance: Chance, trials: list[PlannedTrial]
+    protocol: StudyProtocol, place: int, chance: Chance, trials: list[PlannedTrial]
 ) -> list[PlannedTrial]:
     """Return the trials of a block with the answers of their keys.
 
@@ -336,6 +339,6 @@ def _keyed(
     if mode == "by-trial":
         drawn = chance.shuffled([orders[index % 2] for index in range(len(trials))])
     else:
-        turned = mode == "by-participant" and (slot // 2) % 2 == 1
+        turned = mode == "by-participant" and (place // 2) % 2 == 1
         drawn = [orders[turned]] * len(trials)
     return [_changed(trial, answers=order) for trial, order in zip(trials, drawn, strict=True)]

@@ -77,8 +77,10 @@ class Practice(Model):
         return 1 if self.criterion_share is None else self.rounds_max
 
 
-class Design(Model):
+class Design(Grown):
     """How often each condition is shown, and in which order."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("places",)
 
     scenes: tuple[Name, ...] = ()
     """Scenes of the main trials. Default: all."""
@@ -97,6 +99,9 @@ class Design(Model):
     """Shortest break between two blocks."""
     practice: Practice | None = None
     """Practice trials. Default: none."""
+    places: Literal["by-arrival", "drawn"] = "by-arrival"
+    """Each participant's place in the counterbalancing. `drawn`: by the study's secret, so that
+    nobody without it tells who came when. `by-arrival`: first come, first place."""
     seed: Seed
     """Determines the order of trials."""
     max_attempts: Positive = 3

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from protocols.chance import Chance
 from protocols.errors import Problem, StudyError
+from protocols.places import place_of
 from protocols.units import Condition, Model, Name, Positive, Share
 
 if TYPE_CHECKING:
@@ -334,7 +335,7 @@ class ActivePairs(Adaptive):
                 f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
                 f" {dict(trial.condition)}"
             )
-        return cell.arranged(len(past) + plan.slot)
+        return cell.arranged(len(past) + place_of(study, plan.slot))
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield a problem where a scene lacks a stimulus that others have."""

@@ -38,15 +38,15 @@ class Arrangement:
 
 @dataclass(frozen=True)
 class Cell:
-    """One condition of the design; its arrangements take turns over repeats and slots."""
+    """One condition of the design; its arrangements take turns over repeats and places."""
 
     scene: str
     arrangements: tuple[Arrangement, ...]
     parity: int = 0
-    """Which arrangement comes first for slot 0."""
+    """Which arrangement comes first at place 0."""
 
     def arranged(self, turn: int) -> Arrangement:
-        """Return the arrangement of a repeat in a slot: `turn` is the sum of both."""
+        """Return the arrangement of a repeat at a place: `turn` is the sum of both."""
         return self.arrangements[(self.parity + turn) % len(self.arrangements)]
 
 
