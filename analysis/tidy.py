@@ -124,8 +124,12 @@ def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
     """Return decisions in the columns that the program pwcmp reads.
 
     Each scene x size is a scene there: only clips of one size were compared. The last two columns
-    are ours, and keep them apart: inference over scenes must not count one scene twice.
+    are ours, and keep them apart: inference over scenes must not count one scene twice. Where it is
+    left out which method was first, A is the one that is first in the alphabet.
     """
+    if "first" not in decisions:
+        picked = decisions[["chosen", "rejected"]]
+        decisions = decisions.assign(first=picked.min(axis=1), second=picked.max(axis=1))
     return pd.DataFrame(
         {
             "observer": decisions["participant"],

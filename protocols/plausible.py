@@ -80,6 +80,7 @@ def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Pro
         *_scenes(study),
         *_true_view(study),
         *_length(study, trials),
+        *_arrival(study),
     ]
 
 
@@ -151,4 +152,14 @@ def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
             "design",
             f"a session takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"
             " 1.5 s; people tire. Use fewer repeats, scenes or sizes, or several sessions",
+        )
+
+
+def _arrival(study: StudyProtocol) -> Iterator[Problem]:
+    if study.privacy.secret_sha256 is not None and study.design.places != "drawn":
+        yield Problem(
+            "design.places",
+            "the order in which participants arrive shows in the order of their trials, in what"
+            " comes first and in the keys, although the study has a secret; so public exports"
+            ' leave these out. If nobody took part yet, add places = "drawn" to [design]',
         )

@@ -260,7 +260,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         + f", blank {timing.iti_s:g} s."
         + (" Feedback in practice alone." if feedback else " No feedback."),
         _question(protocol),
-        f"Scene order: {design.scene_order}. Sides: {design.side}. {design.blocks}"
+        f"Scene order: {design.scene_order}. Sides: {design.side}. Places in the counterbalancing:"
+        f" {design.places}. {design.blocks}"
         f" block{'s' * (design.blocks != 1)}, breaks"
         f" of at least {design.break_s:g} s. Seed {design.seed}"
         + (f", and a secret with SHA-256 {secret}." if secret else "."),

@@ -70,7 +70,8 @@ def _write_run(
     beh = folder / subject(person) / "beh"
     beh.mkdir(parents=True, exist_ok=True)
     about = _about(content, person, run, display)
-    rows, described = event_rows(run, public=content.public), event_columns(run)
+    rows = event_rows(run, public=content.public, left_out=content.left_out)
+    described = event_columns(run)
     write_tsv(beh / f"{stem}_events.tsv", pd.DataFrame(rows, dtype=object), described)
     write_json(
         beh / f"{stem}_events.json",

@@ -66,7 +66,9 @@ def event_columns(run: Run) -> tuple[FileColumn, ...]:
     )
 
 
-def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
+def event_rows(
+    run: Run, *, public: bool, left_out: frozenset[str] = frozenset()
+) -> list[dict[str, object]]:
     """Return the rows of a run, by onset; in public without notes. All rows have all columns."""
     rows: list[dict[str, object]] = []
     for event in run.events:
@@ -75,7 +77,8 @@ def event_rows(run: Run, *, public: bool) -> list[dict[str, object]]:
         elif row := _moment(event, public=public):
             rows.append(row)
     rows.sort(key=lambda row: float(str(row["onset"])))
-    names = [column.name for column in _COLUMNS if not (public and column.name == "note")]
+    left_out |= {"note"} if public else set()
+    names = [column.name for column in _COLUMNS if column.name not in left_out]
     return [{name: row.get(name) for name in names} for row in rows]
 
 

@@ -29,6 +29,8 @@ class Content:
     shifts: dict[str, dict[int, float]] | None = None
     """By session and line of an attempt: seconds added to its times, so that the order of trials
     does not show; None: times are as recorded."""
+    left_out: frozenset[str] = frozenset()
+    """Columns that would tell a participant's place in the counterbalancing."""
 
     @property
     def public(self) -> bool:
@@ -80,10 +82,15 @@ class Content:
             )
         if self.shifts is not None:
             lines.append(
-                "The order of trials follows from the participants' codes in this study, so it was"
-                " left out: main trials stand in an order that all participants share, times"
-                " begin anew at each, and practice, catch trials, blocks, sides of keys and"
-                " sessions that are not whole are not here."
+                "The order of trials follows from the participants' codes, or from when they came,"
+                " in this study, so it was left out: main trials stand in an order that all"
+                " participants share, times begin anew at each, and practice, catch trials, blocks,"
+                " repeats and sessions that are not whole are not here."
+            )
+        if self.left_out:
+            lines.append(
+                "What came first in a trial, and which key stood for which answer, follow from"
+                " when participants came, so they were left out."
             )
         lines += [
             f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"

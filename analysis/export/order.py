@@ -1,20 +1,24 @@
-"""Takes the order of trials out of a public export, where it would tell participants' codes.
+"""Takes the order of trials out of a public export, where it would tell who came when, or codes.
 
-The order follows from the study's seed, the code and the slot. Codes are short, so whoever has the
-study file tries them all until the order fits. A study with a secret cannot be tried so: there
-the order stays. Of every other study a public export holds a session's main trials as a set:
-sorted by what they showed, with times that begin anew at each.
+The order follows from the study's seed, the code, the slot and its place in the counterbalancing.
+Codes are short and slots are few, so whoever has the study file tries them all until the order
+fits. Where a secret seeds the order and draws the places, nothing can be tried so, and the order
+stays. Of every other study a public export holds a session's main trials as a set: sorted by what
+they showed, with times that begin anew at each, without what came first and which key was which.
+Nor is it told which trial was the first of its condition: answers become faster in a session, so
+what came first early and late would show.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import pandas as pd
 
+from analysis.export.people import drawn
 from analysis.journals import Reading, StudyReadings
 from analysis.tidy import Tidy
 from protocols.errors import StudyError
-from protocols.hashing import canonical_json
+from protocols.hashing import sha256_bytes
 from protocols.journal import (
     AnyEvent,
     Attempt,
@@ -24,11 +28,14 @@ from protocols.journal import (
     SessionStart,
 )
 from protocols.schema import StudyProtocol
+from protocols.units import Condition
 
 BETWEEN_S = 1.0
 """Between two attempts in an export without order."""
-_ORDER_COLUMNS = ("position", "order", "block", "resumed")
-_SIDE_COLUMNS = ("first_side", "chosen_side", "key_place")
+_ORDER_COLUMNS = ("position", "order", "block", "repeat", "resumed")
+_SIDE_COLUMNS = frozenset({"first_side", "chosen_side", "key_place"})
+_SHOWN_COLUMNS = frozenset({"stimulus", "stimulus_sha256"})
+_Arranged = tuple[frozenset[tuple[str, object]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,27 @@ class Unordered:
 def tells_codes(protocol: StudyProtocol) -> bool:
     """Return whether the order of trials follows from what is public and the code alone."""
     return protocol.privacy.secret_sha256 is None
+
+
+def telling_columns(protocol: StudyProtocol) -> frozenset[str]:
+    """Return the columns that tell a participant's place where it follows from the slot.
+
+    None where the place is drawn by a secret. Names of stimuli, phase by phase, are among them if
+    a condition can be shown in several ways.
+    """
+    if protocol.design.places == "drawn" and not tells_codes(protocol):
+        return frozenset()
+    arranged = protocol.task.arranged_columns(protocol)
+    return _SIDE_COLUMNS | arranged | (_SHOWN_COLUMNS if arranged else frozenset())
+
+
+def tells_order(protocol: StudyProtocol) -> bool:
+    """Return whether the order of trials tells codes or slots.
+
+    Where a rule chooses what is shown, the secret alone seeds the order.
+    """
+    adapts = protocol.task.adaptation is not None
+    return tells_codes(protocol) or (bool(telling_columns(protocol)) and not adapts)
 
 
 def refuse_adaptive(protocol: StudyProtocol) -> None:
@@ -64,7 +92,7 @@ def refuse_adaptive(protocol: StudyProtocol) -> None:
         )
 
 
-def without_order(study: StudyReadings) -> Unordered:
+def without_order(study: StudyReadings, protocol: StudyProtocol) -> Unordered:
     """Return the sessions with main trials alone, in an order that all share.
 
     What is not whole is left out: which trials are missing tells what came first.
@@ -72,23 +100,23 @@ def without_order(study: StudyReadings) -> Unordered:
     kept: list[Reading] = []
     notes = list(study.notes)
     shifts: dict[str, dict[int, float]] = {}
-    numbers = _numbers([reading for reading in study.readings if _whole(reading)])
+    trials: dict[tuple[str, str], str] = {}
+    conditions = {
+        _arranged(arrangement.condition, arrangement.stimuli): number
+        for number, cell in enumerate(protocol.task.cells(protocol, protocol.main_scenes()))
+        for arrangement in cell.arrangements
+    }
     for reading in study.readings:
-        if not _whole(reading):
+        names = _names(reading, conditions)
+        if len(names) != reading.start.trials:
             notes.append(
                 f"{reading.name}: left out of the public version, since which of its trials are"
                 " missing tells their order"
             )
             continue
-        events, shifts[reading.name] = _rearranged(reading, numbers)
+        events, shifts[reading.name] = _rearranged(reading, names)
         kept.append(replace(reading, journal=replace(reading.journal, events=events)))
-    trials = {
-        (reading.start.participant, attempt.trial): _name(numbers[_key(attempt)])
-        for reading in study.readings
-        if reading.name in shifts
-        for attempt in reading.journal.attempts
-        if attempt.role == "main"
-    }
+        trials |= {(reading.start.participant, trial): name for trial, name in names.items()}
     return Unordered(StudyReadings(tuple(kept), tuple(notes)), shifts, trials)
 
 
@@ -102,6 +130,15 @@ def unordered_tables(tidy: Tidy, unordered: Unordered) -> Tidy:
     )
 
 
+def without_columns(tidy: Tidy, names: frozenset[str]) -> Tidy:
+    """Return tables of attempts and decisions without these columns."""
+    return replace(
+        tidy,
+        attempts=tidy.attempts.drop(columns=[*names], errors="ignore"),
+        decisions=tidy.decisions.drop(columns=[*names], errors="ignore"),
+    )
+
+
 def _unordered(table: pd.DataFrame, unordered: Unordered, more: list[str]) -> pd.DataFrame:
     main = table[table["kind"] == "main"]
     names = [
@@ -110,39 +147,36 @@ def _unordered(table: pd.DataFrame, unordered: Unordered, more: list[str]) -> pd
     ]
     return (
         main.assign(trial=names)
-        .drop(columns=[*_ORDER_COLUMNS, *_SIDE_COLUMNS], errors="ignore")
+        .drop(columns=[*_ORDER_COLUMNS], errors="ignore")
         .sort_values(["participant", "trial", *more], kind="stable")
         .reset_index(drop=True)
     )
 
 
-def _whole(reading: Reading) -> bool:
-    """Whether every main trial was met: a session's set of them is then that of all others."""
-    met = {attempt.trial for attempt in reading.journal.attempts if attempt.role == "main"}
-    return len(met) == reading.start.trials
+def _arranged(condition: Condition, stimuli: tuple[str, ...]) -> _Arranged:
+    return frozenset(condition.items()), stimuli
 
 
-def _key(attempt: Attempt) -> tuple[bytes, int]:
-    """What a main trial showed: the same for all participants."""
-    return canonical_json(dict(attempt.condition)), attempt.repeat
+def _main(reading: Reading) -> list[Attempt]:
+    return [attempt for attempt in reading.journal.attempts if attempt.role == "main"]
 
 
-def _numbers(readings: Sequence[Reading]) -> dict[tuple[bytes, int], int]:
-    keys = {
-        _key(attempt)
-        for reading in readings
-        for attempt in reading.journal.attempts
-        if attempt.role == "main"
-    }
-    return {key: number for number, key in enumerate(sorted(keys))}
+def _names(reading: Reading, conditions: Mapping[_Arranged, int]) -> dict[str, str]:
+    """Return the names of a session's main trials: numbers that all share, by their condition.
 
-
-def _name(number: int) -> str:
-    return f"main-{number:04d}"
+    Trials of one condition, and those of none that the study has, are numbered by chance.
+    """
+    chance = drawn(reading)
+    met = {a.trial: _arranged(a.condition, a.stimulus_names) for a in _main(reading)}
+    placed = sorted(
+        (conditions.get(shown, len(conditions)), sha256_bytes(f"{chance} {trial}".encode()), trial)
+        for trial, shown in met.items()
+    )
+    return {trial: f"main-{number:04d}" for number, (_, _, trial) in enumerate(placed)}
 
 
 def _rearranged(
-    reading: Reading, numbers: dict[tuple[bytes, int], int]
+    reading: Reading, names: dict[str, str]
 ) -> tuple[tuple[AnyEvent, ...], dict[int, float]]:
     shifts: dict[int, float] = {}
     events: list[AnyEvent] = [
@@ -151,8 +185,7 @@ def _rearranged(
         if isinstance(event, SessionStart | Consent | Calibration)
     ]
     ends = [event for event in reading.journal.events if isinstance(event, SessionEnd)]
-    main = [attempt for attempt in reading.journal.attempts if attempt.role == "main"]
-    main.sort(key=lambda attempt: (numbers[_key(attempt)], attempt.attempt))
+    main = sorted(_main(reading), key=lambda attempt: (names[attempt.trial], attempt.attempt))
     clock_s = BETWEEN_S
     for place, attempt in enumerate(main):
         began_s = attempt.phases[0].onset_s if attempt.phases else attempt.t_s
@@ -172,7 +205,7 @@ def _rearranged(
         events.append(
             attempt.model_copy(
                 update={
-                    "trial": _name(numbers[_key(attempt)]),
+                    "trial": names[attempt.trial],
                     "t_s": clock_s - BETWEEN_S,
                     "position": place,
                     "block": 1,

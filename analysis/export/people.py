@@ -55,7 +55,7 @@ def people_of(
             continue
         kept.append(reading)
     if public:
-        kept.sort(key=_drawn)
+        kept.sort(key=drawn)
     width = max(3, len(str(len(kept))))
     people = tuple(
         Person(
@@ -68,7 +68,7 @@ def people_of(
     return people, tuple(notes)
 
 
-def _drawn(reading: Reading) -> str:
+def drawn(reading: Reading) -> str:
     """Return what participants are sorted by: nobody can compute it without the journal."""
     return sha256_bytes(b"order of participants\0" + reading.journal.path.read_bytes())
 

@@ -14,12 +14,13 @@ def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
     """Write the decisions that the protocol's rules keep, and a README."""
     table = pwcmp_table(content.tables.analysed)
     write_table(table, folder / NAME)
+    first = "comes first in the alphabet" if content.left_out else "was shown first"
     text = content.readme(
         f"`{NAME}`: one decision per row, main trials that the protocol's exclusion rules keep."
         " `observer` and `session` name the participant; `scene` is scene and amount of"
-        " disocclusion, since only clips of one amount were compared; `condition_A` was shown"
-        " first; `is_A_selected` is 1 where it was preferred. `scene_name` and `size` are scene and"
-        " amount apart; pwcmp passes over them, and `analysis import --map scene=scene_name`"
+        " disocclusion, since only clips of one amount were compared; `condition_A`"
+        f" {first}; `is_A_selected` is 1 where it was preferred. `scene_name` and `size` are scene"
+        " and amount apart; pwcmp passes over them, and `analysis import --map scene=scene_name`"
         " takes them.",
         lists_sittings=False,
     )

@@ -9,8 +9,11 @@ from analysis.export.choices import ExportOptions, Format
 from analysis.export.content import Content
 from analysis.export.order import (
     refuse_adaptive,
+    telling_columns,
     tells_codes,
+    tells_order,
     unordered_tables,
+    without_columns,
     without_order,
 )
 from analysis.export.people import people_of
@@ -73,16 +76,17 @@ def export_study(
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     study = read_study(sessions, protocol, progress=progress)
-    unordered = None
+    unordered, left_out = None, frozenset[str]()
     if options.public:
-        study = public_readings(study, protocol)
+        study, left_out = public_readings(study, protocol), telling_columns(protocol)
         if tells_codes(protocol):
             refuse_adaptive(protocol)
-            unordered = without_order(study)
+        if tells_order(protocol):
+            unordered = without_order(study, protocol)
     recorded = {reading.name: reading for reading in study.readings}
     study = unordered.study if unordered else study
-    people, left_out = people_of(study, protocol, public=options.public)
-    notes = (*study.notes, *left_out)
+    people, absent = people_of(study, protocol, public=options.public)
+    notes = (*study.notes, *absent)
     if not people:
         raise StudyError(
             f"{sessions}: must hold a session that may be exported: " + "; ".join(notes)
@@ -93,9 +97,9 @@ def export_study(
         tables = unordered_tables(tables, unordered)
     if options.public:
         codes = {person.reading.start.participant: person.code for person in people}
-        tables = public_tables(tables, protocol, codes)
+        tables = public_tables(without_columns(tables, left_out), protocol, codes)
     shifts = unordered.shifts if unordered else None
-    content = Content(protocol, people, tables, options, progress, shifts)
+    content = Content(protocol, people, tables, options, progress, shifts, left_out)
     with whole_folder(out, _NEVER_REPLACED) as work:
         found = _WRITERS[form](content, work)
         if options.public:

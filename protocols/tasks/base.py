@@ -153,6 +153,17 @@ class Task(Model):
         """Return what an attempt says in the columns of condition and answer."""
         raise NotImplementedError
 
+    def arranged_columns(self, study: StudyProtocol) -> frozenset[str]:
+        """Return the columns of a table that tell how a condition was arranged."""
+        found: set[str] = set()
+        for cell in self.cells(study, study.main_scenes()):
+            first, *others = cell.arrangements
+            for other in others:
+                found |= {k for k, v in other.condition.items() if first.condition.get(k) != v}
+                if other.correct != first.correct:
+                    found |= {column.name for column in self.answer_columns()}
+        return frozenset(found - {"correct", "track"})
+
     # Mistakes.
 
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:

@@ -278,6 +278,10 @@ class PairTask(Task):
             "correct": None if attempt.correct is None else int(attempt.correct),
         }
 
+    def arranged_columns(self, _study: StudyProtocol) -> frozenset[str]:
+        """Return what was first and second: what was picked and what was not tell no order."""
+        return frozenset({"first", "second", "choice", "chose_first"})
+
     def problems(self, study: StudyProtocol) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
         yield from super().problems(study)

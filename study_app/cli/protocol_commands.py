@@ -153,7 +153,7 @@ def copy(
 ) -> None:
     """Copy a study that comes with metamerlab, to change it into one of your own.
 
-    The copy is named like its file. All comments stay.
+    The copy is named like its file, and draws places in the counterbalancing. All comments stay.
 
     Example: metamerlab protocol copy beyond-blur-preference my-study.toml
     """
@@ -164,7 +164,8 @@ def copy(
         own = study_name(slug(out.stem), "FILE", "choose another name for the file")
         text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
         text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
-        _write_new(out, text.replace(f'name = "{name}"', f'name = "{own}"', 1))
+        text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
+        _write_new(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
         say(f"{out}: {name}, as the study {own!r}. Change it, then:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")
 
