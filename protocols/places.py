@@ -19,11 +19,10 @@ _MOST = 2**32
 
 
 def place_of(protocol: StudyProtocol, slot: int) -> int:
-    """Return the place of a slot.
+    """Return the place of a slot; drawn ones are below the length of a round.
 
-    Drawn places are a permutation within each round, which the study's secret decides. Each short
-    round, of arrangements and keys alone, is balanced too, so that a study of a few participants
-    is.
+    They are a permutation of each round, which the study's secret decides. Each short round, of
+    arrangements and keys alone, is balanced too, so that a study of a few participants is.
     """
     if protocol.design.places != "drawn":
         return slot
@@ -33,17 +32,15 @@ def place_of(protocol: StudyProtocol, slot: int) -> int:
     rest = _drawn(within, short, Chance(seed, "places", "short", number))
     turn, nth = divmod(number, whole // short)
     block = _drawn(nth, whole // short, Chance(seed, "places", "whole", turn, rest))
-    return turn * whole + block * short + rest
+    return block * short + rest
 
 
 def rounds(protocol: StudyProtocol) -> tuple[int, int]:
     """Return after how many places arrangements and keys are balanced, and the scenes as well."""
     design, task, scenes = protocol.design, protocol.task, protocol.main_scenes()
-    cells = task.cells(protocol, scenes) + task.catch_cells(protocol)
-    if design.practice:
-        cells += task.practice_cells(protocol, protocol.practice_scenes())
+    arrangements = {len(cell.arrangements) for cell in task.cells(protocol, scenes)}
     keys = 4 if design.side == "by-participant" else 1  # they turn after every second place
-    short = min(lcm(keys, *{len(cell.arrangements) for cell in cells}), _MOST)
+    short = min(lcm(keys, *arrangements), _MOST)
     rows = len(scenes) if design.scene_order == "balanced" and task.adaptation is None else 1
     if rows % 2 and rows > 1:
         rows *= 2  # an odd square needs its mirror image

@@ -178,15 +178,14 @@ def test_the_command_writes_figures_and_a_table_and_reads_kept_files_again(
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- attack: begin -->\nold\n<!-- attack: end -->\nafter\n")
     status = main(
-        ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "1", "--seed", "3",
-         "--reader", "pose", "--json", "figures.json", "--page", str(page)]
+        ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "1", "--guesses", "2",
+         "--seed", "3", "--reader", "pose", "--json", "figures.json", "--page", str(page)]
     )  # fmt: skip
     figures = json.loads(Path("figures.json").read_text())
 
     assert status == 0
-    assert [figures[kind]["done"] for kind in ("inputs", "faults", "captures", "kills")] == [
-        12, 40, 20, 1,
-    ]  # fmt: skip
+    kinds = ("inputs", "faults", "captures", "kills", "guesses")
+    assert [figures[kind]["done"] for kind in kinds] == [12, 40, 20, 1, 2]
     assert {found["seed"] for found in figures.values()} == {3}
     assert "| harmed files" in page.read_text()
     assert "old" not in page.read_text()

@@ -110,7 +110,7 @@ def found_by_guessing(folder: Path, study: StudyProtocol, manifest_sha256: str) 
 
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
-    """Five sessions of a study without a secret, and of the same study with one."""
+    """Five sessions of a study without a secret, and of the same study with one, places drawn."""
     made = {}
     for kind in ("older", "with a secret"):
         folder = tmp_path_factory.mktemp("study")
@@ -119,6 +119,7 @@ def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
         if kind != "older":
             digest = sha256_bytes(SECRET.encode())
             text = text.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
+            text = text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n')
             (folder / "study.secret").write_text(SECRET + "\n")
         path.write_text(text)
         study = load_protocol(path)

@@ -15,6 +15,7 @@ from typing import Any
 
 from attack.builds import build_by_command, kill_builds
 from attack.campaign import Result, meet, run_inputs
+from attack.guesses import guess_studies
 from attack.kills import CASES, kill_sittings
 from attack.planted import RATES_HZ, check_capture, check_timing
 from attack.readers import READERS, Reader, write_samples
@@ -75,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 _KINDS = {"inputs": 20_000, "kills": 180, "full_disks": 90, "builds": 10, "faults": 3000,
-          "captures": 3000}  # fmt: skip
+          "captures": 3000, "guesses": 400}  # fmt: skip
 """What is done where nothing is asked for."""
 
 
@@ -119,6 +120,7 @@ _SAYS = {
         "builds": "kills of builds",
         "faults": "faults of timing that are planted",
         "captures": "captures of a screen with one thing amiss",
+        "guesses": "guesses from public exports, who came when",
     }.items()
 }
 
@@ -167,6 +169,12 @@ def _builds(count: int, seed: int, _until_s: float, on_kill: Count) -> dict[str,
     return {"done": count, "failures": failures}
 
 
+def _guesses(count: int, seed: int, until_s: float, on_guess: Count) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        done, failures = guess_studies(count, seed, Path(folder), until_s, on_guess)
+    return {"done": done, "failures": failures}
+
+
 def _faults(count: int, seed: int, until_s: float, on_fault: Count) -> dict[str, Any]:
     def one(number: int) -> None:
         rate_hz = RATES_HZ[number % len(RATES_HZ)]
@@ -201,6 +209,7 @@ _OTHERS = {
     "builds": _builds,
     "faults": _faults,
     "captures": _captures,
+    "guesses": _guesses,
 }
 
 
@@ -217,6 +226,7 @@ def table(figures: dict[str, Any]) -> str:
         "builds": "`kill -9` of a build of clips",
         "faults": "late, missed and doubled flips that were planted",
         "captures": "captures of a screen with one thing amiss",
+        "guesses": "guesses from public exports, who came when",
         "inputs": f"harmed files, for {len(readers)} readers",
     }
     for kind, what in says.items():

@@ -7,7 +7,9 @@ Rows of a file stand in some order; every number in them may hold the true one.
 
 from __future__ import annotations
 
+import itertools
 import re
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -64,7 +66,7 @@ class Found:
 def secretly(path: Path, places: str, secret: str) -> StudyProtocol:
     """Give a study file a secret and a rule for places; return the study with its secret."""
     digest = sha256_bytes(secret.encode())
-    text = re.sub(r"^places = .*\n", "", path.read_text(encoding="utf-8"), flags=re.M)
+    text = path.read_text(encoding="utf-8").replace('\nplaces = "drawn"\n', "\n")
     text = text.replace("\n[design]\n", f'\n[design]\nplaces = "{places}"\n')
     text = text.replace("\n[privacy]\n", f'\n[privacy]\nsecret_sha256 = "{digest}"\n')
     path.write_text(text, encoding="utf-8")
@@ -76,7 +78,7 @@ def write_shipped(folder: Path, name: str) -> Simulation:
     """Write a study that comes with the program, with short trials and without gaze."""
     text = shipped("studies")[name].read_text(encoding="utf-8")
     for key in ("duration_s", "stimulus_s", "gap_s", "fixation_s", "iti_s"):
-        text = re.sub(rf"^{key} = .*$", f"{key} = 0.2", text, flags=re.M)
+        text = re.sub(rf"^{key} = .*$", f"{key} = 0.1", text, flags=re.M)
     path = folder / "study.toml"
     path.write_text(re.sub(r"^mode = .*$", 'mode = "none"', text, flags=re.M), encoding="utf-8")
     study = load_protocol(path)
@@ -117,22 +119,19 @@ def guess(folder: Path, study: StudyProtocol, slots: Mapping[str, int]) -> Found
         for places in ("by-arrival", "drawn")
     ]
     _, whole = rounds(study)
-    tables = _tables(folder, study)
+    tables = [each for people in _tables(folder, study).values() for each in _ordered(people)]
     found = [Found(0.0, len(slots), whole, 1.0)]
     for rule in rules:
         plans = [_expected(rule.with_secret(""), slot) for slot in range(whole)]
-        for people in tables.values():
-            for order in _ORDERS:
-                if order and not all(order in row for rows in people.values() for row in rows):
-                    continue
-                likely = {}
-                for person, rows in people.items():
-                    fits = [_fit(_sorted(rows, order), plan) for plan in plans]
-                    likely[person] = [slot for slot, fit in enumerate(fits) if fit == max(fits)]
-                inside = [len(few) for who, few in likely.items() if slots[who] % whole in few]
-                few = sum(map(len, likely.values())) / len(likely) / whole
-                luck = float(binom.sf(len(inside) - 1, len(likely), few))
-                found.append(Found(sum(1 / n for n in inside), len(slots), whole, luck))
+        for people in tables:
+            likely = {}
+            for person, rows in people.items():
+                fits = [_fit(rows, plan) for plan in plans]
+                likely[person] = [slot for slot, fit in enumerate(fits) if fit == max(fits)]
+            inside = [len(few) for who, few in likely.items() if slots[who] % whole in few]
+            few = sum(map(len, likely.values())) / len(likely) / whole
+            luck = float(binom.sf(len(inside) - 1, len(likely), few))
+            found.append(Found(sum(1 / n for n in inside), len(slots), whole, luck))
     return min(found, key=lambda each: (each.luck, -each.right))
 
 
@@ -173,6 +172,17 @@ def _trials(rows: list[dict[str, Any]], study: StudyProtocol) -> Iterator[Row]:
         else:
             del row["stimulus"]
         yield {key: value for key, value in row.items() if value not in ("", "n/a")}
+
+
+def _ordered(people: dict[str, list[Row]]) -> Iterator[dict[str, list[Row]]]:
+    """Yield the rows of all participants in every order that a column can say, each once."""
+    met = []
+    for order in _ORDERS:
+        if not order or all(order in row for rows in people.values() for row in rows):
+            placed = {person: _sorted(rows, order) for person, rows in people.items()}
+            if placed not in met:
+                met.append(placed)
+                yield placed
 
 
 def _sorted(rows: list[Row], order: str) -> list[Row]:
@@ -258,26 +268,25 @@ def _key_fits(row: Row, answers: tuple[str, ...]) -> bool | None:
 
 
 def guess_studies(
-    count: int, seed: int, folder: Path, on_study: Callable[[], None] = lambda: None
+    count: int, seed: int, folder: Path, until_s: float, on_guess: Callable[[], None]
 ) -> tuple[int, list[str]]:
-    """Guess the slots of participants of one study after another, until `count` were tried.
+    """Guess the slots of study after study, until `count` were tried in one export each.
 
-    Returns how many, and the studies that were told.
+    Returns how many, and the exports that told more than luck explains.
     """
-    chance, done, failures = Random(seed), 0, []
-    number = 0
-    while done < count:
-        name = STUDIES[number % len(STUDIES)]
-        places = ("drawn", "by-arrival")[number // len(STUDIES) % 2]
-        at, people = folder / str(number), chance.randint(14, 20)
+    chance, done, failures = Random(seed), 0, list[str]()
+    studies = itertools.cycle(itertools.product(("drawn", "by-arrival"), STUDIES))
+    while done < count and time.monotonic() < until_s:
+        places, name = next(studies)
+        people = min(chance.randint(8, 16), count - done)
+        at = folder / str(done)
         made = recorded(at, name, places, people, f"{chance.getrandbits(256):064x}")
-        forms = [f for f in FORMATS if f != "pwcmp" or made.protocol.analysis.kind == "preference"]
-        for form in forms:
-            found = export_and_guess(made, at, form, at / form)
-            done += people
-            if found.told:
-                failures.append(f"{name}, {places}, {form}: {found}")
-        for _ in range(people * len(forms)):
-            on_study()
-        number += 1
+        preference = made.protocol.analysis.kind == "preference"
+        form = chance.choice([each for each in FORMATS if preference or each != "pwcmp"])
+        found = export_and_guess(made, at, form, at / form)
+        if found.told:
+            failures.append(f"{name}, places {places}, {form}: {found}")
+        done += people
+        for _ in range(people):
+            on_guess()
     return done, failures
