@@ -154,7 +154,10 @@ class Task(Model):
         raise NotImplementedError
 
     def arranged_columns(self, study: StudyProtocol) -> frozenset[str]:
-        """Return the columns of a table that tell how a condition was arranged."""
+        """Return the columns of a table that tell how a condition was arranged.
+
+        A task whose `row` gives columns of the condition other names says them itself.
+        """
         found: set[str] = set()
         for cell in self.cells(study, study.main_scenes()):
             first, *others = cell.arrangements

@@ -35,7 +35,7 @@ def export(
         typer.Option(
             "--public",
             help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
-            " and the names of machines, devices and folders.",
+            " the names of machines, devices and folders, and what tells codes or who came when.",
         ),
     ] = False,
     display: Annotated[
