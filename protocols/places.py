@@ -35,6 +35,11 @@ def place_of(protocol: StudyProtocol, slot: int) -> int:
     return block * short + rest
 
 
+def arrival_shows(protocol: StudyProtocol) -> bool:
+    """Return whether plans tell, by their places, in which order participants came."""
+    return protocol.design.places != "drawn" and rounds(protocol)[1] > 1
+
+
 def rounds(protocol: StudyProtocol) -> tuple[int, int]:
     """Return after how many places arrangements and keys are balanced, and the scenes as well."""
     design, task, scenes = protocol.design, protocol.task, protocol.main_scenes()

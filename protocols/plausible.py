@@ -12,6 +12,7 @@ from typing import Final
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.feasibility import clip_size_px, session_duration_s
+from protocols.places import arrival_shows
 from protocols.recipes.warped_clips import StereoScene, WarpedClips
 from protocols.schema import StudyProtocol
 
@@ -156,7 +157,7 @@ def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
 
 
 def _arrival(study: StudyProtocol) -> Iterator[Problem]:
-    if study.privacy.secret_sha256 is not None and study.design.places != "drawn":
+    if study.privacy.secret_sha256 is not None and arrival_shows(study):
         yield Problem(
             "design.places",
             "the order in which participants arrive shows in the order of their trials, in what"

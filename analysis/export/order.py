@@ -27,6 +27,7 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
+from protocols.places import arrival_shows
 from protocols.schema import StudyProtocol
 from protocols.units import Condition
 
@@ -57,10 +58,10 @@ def tells_codes(protocol: StudyProtocol) -> bool:
 def telling_columns(protocol: StudyProtocol) -> frozenset[str]:
     """Return the columns that tell a participant's place where it follows from the slot.
 
-    None where the place is drawn by a secret. Names of stimuli, phase by phase, are among them if
-    a condition can be shown in several ways.
+    None where the place is drawn by a secret, or decides nothing. Names of stimuli, phase by phase,
+    are among them if a condition can be shown in several ways.
     """
-    if protocol.design.places == "drawn" and not tells_codes(protocol):
+    if not tells_codes(protocol) and not arrival_shows(protocol):
         return frozenset()
     arranged = protocol.task.arranged_columns(protocol)
     return _SIDE_COLUMNS | arranged | (_SHOWN_COLUMNS if arranged else frozenset())

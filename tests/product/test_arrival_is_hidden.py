@@ -312,6 +312,20 @@ def test_what_answers_choose_keeps_its_order_and_loses_its_keys(tmp_path):
     assert list(table["order"].dropna())[:3] == [1, 2, 3]
 
 
+def test_where_the_slot_decides_nothing_a_secret_alone_keeps_all(tmp_path):
+    simulation = recorded(tmp_path, "identification", "by-arrival", 2, SECRET)
+    study = simulation.protocol
+    out = tmp_path / "out"
+    export_study(tmp_path / "sessions", study, out, "psych-ds", ExportOptions(public=True))
+
+    assert rounds(study) == (1, 1)
+    assert {"key_place", "order", "repeat"} <= set(pd.read_csv(next(out.rglob("*decisions*.csv"))))
+    assert not [note for note in study_notes(study, FHD, 9) if note.place == "design.places"]
+    balanced = study.design.model_copy(update={"scene_order": "balanced"})
+    scenes = study.main_scenes()
+    assert tells_order(study.model_copy(update={"design": balanced})) == (len(scenes) > 1)
+
+
 def test_the_readmes_say_what_is_left_out_and_why(tmp_path):
     for places, words in (("by-arrival", "when participants came"), ("drawn", None)):
         folder = tmp_path / places
