@@ -177,14 +177,34 @@ def latin_row(count: int, row: int) -> list[int]:
 def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list[PlannedTrial]:
     """Return the trials so that no two in a row show the same, moved as little as possible.
 
+    Trials of which an adaptive rule chooses what they show may stand anywhere. They count among
+    what could meet itself, as they did in every plan so far, unless that finds no order.
+
     Raises
     ------
     StudyError
         If more than half of the trials show the same, so that there is no such order.
     """
     left = list(trials)
+    ordered = _ordered_apart(left, before, open_counts=True)
+    if ordered is None:
+        ordered = _ordered_apart(left, before, open_counts=False)
+    if ordered is None:
+        most, _ = Counter(trial.shown for trial in left if trial.shown).most_common(1)[0]
+        raise StudyError(
+            f"design: no two trials in a row may show the same (block {left[0].block} has too many"
+            f" trials of {' and '.join(sorted(most))}); add scenes or conditions, or take fewer"
+            " repeats"
+        )
+    return ordered
+
+
+def _ordered_apart(
+    trials: Iterable[PlannedTrial], before: frozenset[str] | None, *, open_counts: bool
+) -> list[PlannedTrial] | None:
+    left = list(trials)
     ordered: list[PlannedTrial] = []
-    counts = Counter(trial.shown for trial in left)
+    counts = Counter(trial.shown for trial in left if trial.shown or open_counts)
     kinds = Counter(counts.values())  # how many of them have so many trials left
     most = max(kinds, default=0)
     shown: frozenset[str] = frozenset()
@@ -196,25 +216,22 @@ def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list
             (
                 index
                 for index, trial in enumerate(left)
-                if not trial.shown
+                if (open_counts and not trial.shown)
                 or (
-                    trial.shown != before
+                    (trial.shown != before or not trial.shown)
                     and (not crowded or trial.shown == shown or before == shown)
                 )
             ),
             None,
         )
         if place is None:
-            raise StudyError(
-                f"design: no two trials in a row may show the same (block {left[0].block} has too"
-                f" many trials of {' and '.join(sorted(shown))}); add scenes or conditions, or"
-                " take fewer repeats"
-            )
+            return None
         trial = left.pop(place)
-        kinds[counts[trial.shown]] -= 1
-        counts[trial.shown] -= 1
-        kinds[counts[trial.shown]] += 1
-        most -= not kinds[most]
+        if trial.shown in counts:
+            kinds[counts[trial.shown]] -= 1
+            counts[trial.shown] -= 1
+            kinds[counts[trial.shown]] += 1
+            most -= not kinds[most]
         ordered.append(trial)
         before = trial.shown
     return ordered

@@ -22,7 +22,7 @@ from protocols.feasibility import (
 )
 from protocols.load import load_display, load_protocol
 from protocols.manifest import check_manifest
-from protocols.plan import latin_row, make_plan
+from protocols.plan import PlannedTrial, apart, latin_row, make_plan
 from protocols.schema import StudyProtocol
 
 PAPER = load_protocol(Path("inpainting-2afc"))
@@ -188,6 +188,31 @@ def test_no_clip_pair_comes_twice_in_a_row(repeats, blocks, order, scenes, catch
         for trial in plan.trials
         if trial.role == "catch"
     )
+
+
+@given(
+    adaptive=st.integers(1, 12),
+    catches=st.lists(st.tuples(st.integers(1, 12), st.sampled_from("abc")), max_size=6),
+    before=st.sampled_from([None, frozenset("a")]),
+)
+def test_catch_trials_among_adaptive_ones_are_apart_wherever_that_can_be(adaptive, catches, before):
+    def planned(number, shown):
+        return PlannedTrial(
+            id=f"main-{number:04d}", block=1, role="main", repeat=0, condition={},
+            stimuli=tuple(shown), answers=("yes", "no"), track=None if shown else "t",
+        )  # fmt: skip
+
+    trials = [planned(number, "") for number in range(adaptive)]
+    for number, (place, shown) in enumerate(catches, start=adaptive):
+        trials.insert(min(place, len(trials)), planned(number, shown))
+    most = max(Counter(shown for _, shown in catches).values(), default=0)
+    assume(most <= (len(trials) + 1) // 2 - (before is not None))
+
+    ordered = apart(trials, before)
+
+    assert sorted(trial.id for trial in ordered) == sorted(trial.id for trial in trials)
+    shown = [before or frozenset(), *(trial.shown for trial in ordered)]
+    assert not any(one and one == other for one, other in pairwise(shown))
 
 
 def test_catch_trials_are_spread_over_the_blocks_and_never_open_one():
