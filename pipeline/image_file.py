@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
@@ -18,9 +18,12 @@ _INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
 _NO_TIME = "1970:01:01 00:00:00"
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
+_NEEDS_ROOM = ("jpeg", "webp")
+"""Formats whose libraries end the process, or never return, when the disk is full."""
+_HEAD = 2**16  # bytes that hold all of such a file but its pixels
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
-_PNG_END = b"IEND\xaeB`\x82"
+_ENDS = {".png": b"IEND\xaeB`\x82", ".tga": b"TRUEVISION-XFILE.\0"}
 
 
 @dataclass(frozen=True)
@@ -175,6 +178,9 @@ def from_integers(data: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float32]
     return (data.astype(np.float64) / np.iinfo(data.dtype).max).astype(np.float32)
 
 
+FREE_SPACE: Final = "free some space on this disk, or choose another one"
+
+
 def write_pixels(
     path: Path,
     data: NDArray[Any],
@@ -206,15 +212,17 @@ def write_pixels(
     """
     height, width, count = data.shape
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    target = oiio.ImageOutput.create(str(temporary))
+    if target is None:
+        oiio.geterror()  # it names the temporary file
+        raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
     try:
-        temporary.touch()  # what the system has against it, it says better than OpenImageIO
-    except OSError as error:
-        raise type(error)(error.errno, error.strerror, str(path)) from None
-    try:
-        target = oiio.ImageOutput.create(str(temporary))
-        if target is None:
-            oiio.geterror()  # it names the temporary file
-            raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
+        try:  # what the system has against it, it says better than OpenImageIO
+            with temporary.open("wb") as room:
+                if target.format_name() in _NEEDS_ROOM:
+                    room.write(bytes(2 * data.nbytes + _HEAD))
+        except OSError as error:
+            raise type(error)(error.errno, error.strerror, str(path)) from None
         spec = oiio.ImageSpec(width, height, count, _oiio_type(data.dtype))
         spec.channelnames = tuple(channels)
         spec.attribute("oiio:UnassociatedAlpha", 1)
@@ -226,7 +234,7 @@ def write_pixels(
             spec.attribute(name, value)
         done = target.open(str(temporary), spec) and target.write_image(np.ascontiguousarray(data))
         if not (target.close() and done):
-            raise _write_error(path, visible_line(target.geterror()))
+            raise write_error(path, visible_line(target.geterror()))
         _check_whole(path, temporary, data.shape)
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
@@ -241,13 +249,14 @@ def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:
         whole = read_pixels(temporary).data.shape == shape
     except InputError:
         whole = False
-    if whole and path.suffix.lower() == ".png":
-        whole = temporary.read_bytes()[-len(_PNG_END) :] == _PNG_END
+    if whole:
+        whole = temporary.read_bytes().endswith(_ENDS.get(path.suffix.lower(), b""))
     if not whole:
-        raise _write_error(path, "the file came out incomplete")
+        raise write_error(path, f"the file came out incomplete; {FREE_SPACE}")
 
 
-def _write_error(path: Path, reason: str) -> Exception:
+def write_error(path: Path, reason: str) -> Exception:
+    """Return what to raise of a file that a library did not write whole; its reason is named."""
     free = os.statvfs(path.parent)
     if free.f_bavail == 0:
         return OSError(28, "No space left on device", str(path))

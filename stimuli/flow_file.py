@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from stimuli.whole_file import write_whole
 
 MAGIC = np.float32(202021.25)
 UNKNOWN_PX = 1e9
@@ -58,4 +59,4 @@ def write_flo(path: Path, flow_px: NDArray[np.float32]) -> None:
     """Write `flow_px`, float32 of shape (H, W, 2), as `read_flo` reads it."""
     height, width, _ = flow_px.shape
     header = MAGIC.astype("<f4").tobytes() + np.array([width, height], "<i4").tobytes()
-    path.write_bytes(header + np.ascontiguousarray(flow_px, "<f4").tobytes())
+    write_whole(path, header + np.ascontiguousarray(flow_px, "<f4").tobytes())

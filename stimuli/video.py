@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import read_pixels, three_channels
+from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
 from pipeline.limits import check_values
-from pipeline.video_file import is_video, quiet_stderr
+from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from protocols.outside import reading
 from stimuli.png import encode_bytes
+from stimuli.whole_file import whole_path
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """What is written, by ending: .avi keeps every pixel, the others are smaller."""
+_SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: the element of all that follows the head
+_TRACK_UID = b"s\xc5\x88"  # of Matroska: the element's name, and that eight bytes follow
+_HEAD = 4096  # bytes that hold everything before the frames
 
 
 @dataclass(frozen=True)
@@ -137,16 +140,9 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
     """
     first = _in_8_bits(frames[0])
     height, width = first.shape[:2]
-    codec = check_video(path, width, height)
+    check_video(path, width, height)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
-    with quiet_stderr():
-        writer = cv2.VideoWriter(
-            str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, (width, height)
-        )
-    try:
-        if not writer.isOpened():
-            raise InputError(f"{path}: OpenCV here cannot write {codec}; take another ending")
+    with whole_video(path, (width, height), fps) as write:
         for file in frames:
             frame = _in_8_bits(file)
             if frame.shape != first.shape:
@@ -154,12 +150,93 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
                     f"{file}: must be {width} x {height} px as the frame before (is"
                     f" {frame.shape[1]} x {frame.shape[0]})"
                 )
+            write(frame)
+
+
+@contextmanager
+def whole_video(
+    path: Path, size_px: tuple[int, int], fps: float
+) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+    """Give what writes a frame, (height, width, 3); the video appears when all went well.
+
+    On a full disk OpenCV drops frames and reports success, so the file is read back. Of the same
+    frames it has the same bytes.
+
+    Raises
+    ------
+    InputError
+        If OpenCV cannot write this kind, or the file came out incomplete.
+    OSError
+        If the disk is full or fails.
+    """
+    codec, count = check_video(path, *size_px), 0
+    with whole_path(path, path.suffix) as temporary:
+        with quiet_stderr():
+            writer = cv2.VideoWriter(
+                str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, size_px
+            )
+
+        def write(frame: NDArray[np.uint8]) -> None:
+            nonlocal count
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
-        writer.release()
-        temporary.replace(path)
-    finally:
-        writer.release()
-        temporary.unlink(missing_ok=True)
+            count += 1
+
+        try:
+            if not writer.isOpened():
+                raise write_error(
+                    path, f"OpenCV made no {codec} here; take another ending, or {FREE_SPACE}"
+                )
+            yield write
+        finally:
+            with quiet_stderr():
+                writer.release()
+        if path.suffix.lower() == ".webm":
+            _without_chance(temporary)
+        _check_whole(path, temporary, count)
+
+
+def _check_whole(path: Path, written: Path, count: int) -> None:
+    """Read the file back: all frames are there, and the index that follows them is."""
+    try:
+        video = VideoFrames(written)
+        found = len(video)
+        video.release()
+    except InputError:
+        found = 0
+    if found != count:
+        raise write_error(path, f"of {count} frames only {found} arrived; {FREE_SPACE}")
+    if not _ends_where_it_says(written):
+        raise write_error(path, f"the end of the file did not arrive; {FREE_SPACE}")
+
+
+def _ends_where_it_says(path: Path) -> bool:
+    """Whether a video's outermost parts, as their sizes say, fill the file to its last byte."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+        if path.suffix.lower() == ".webm":
+            at = head.find(_SEGMENT) + len(_SEGMENT)
+            return at + 8 + int.from_bytes(head[at + 1 : at + 8], "big") == size
+        while at < size:
+            file.seek(at)
+            part = file.read(16)
+            if path.suffix.lower() == ".avi":
+                at += 8 + int.from_bytes(part[4:8], "little")
+            else:
+                length = int.from_bytes(part[:4], "big")
+                at += int.from_bytes(part[8:], "big") if length == 1 else length or size + 1
+    return at == size
+
+
+def _without_chance(path: Path) -> None:
+    """Put 1 for the number that FFmpeg draws for a track of WebM: same frames, same bytes."""
+    with path.open("r+b") as file:
+        head = file.read(_HEAD)
+        at = head.find(_TRACK_UID)
+        if at >= 0:
+            drawn = head[at + len(_TRACK_UID) :][:8]
+            file.seek(0)
+            file.write(head.replace(b"\xc5\x88" + drawn, b"\xc5\x88" + (1).to_bytes(8, "big")))
 
 
 def _in_8_bits(path: Path) -> NDArray[np.uint8]:

@@ -24,6 +24,26 @@ def write_whole(path: Path, data: bytes) -> None:
         file.write(data)
 
 
+def write_new(path: Path, data: bytes) -> None:
+    """Write a file that is not there yet, and flush it to the disk.
+
+    Raises
+    ------
+    FileExistsError
+        If there is one of this name: it stays as it is.
+    OSError
+        If the disk is full or fails; nothing is left behind then.
+    """
+    with path.open("xb") as file:
+        try:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file to be written piece by piece; it appears under its name when all went well.
@@ -33,15 +53,37 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     OSError
         If the disk is full or fails; whatever is raised within, nothing is left behind.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+    with whole_path(path) as temporary, temporary.open("w+b") as file:
+        yield file
+
+
+@contextmanager
+def whole_path(path: Path, ending: str = "") -> Iterator[Path]:
+    """Give a name to write to; the file is synced and renamed when all went well.
+
+    For libraries that open files themselves. Many report no failed write, so the caller reads back.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file goes.
+    ending : str
+        What the name to write to has to end in, if the library goes by it.
+
+    Raises
+    ------
+    OSError
+        If the disk is full or fails; whatever is raised within, nothing is left behind.
+    """
+    temporary = path.with_name(f".{path.name.removesuffix(ending)}.{os.getpid()}{PART}{ending}")
     try:
-        with temporary.open("w+b") as file:
-            yield file
-            file.flush()
+        temporary.touch()  # what the system has against it, it says better than a library
+        yield temporary
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
+        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise type(error)(error.errno, error.strerror, str(path)) from None
         raise

@@ -144,13 +144,18 @@ def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
         for extra in ("", *(f"-{number}" for number in range(2, 1000))):
             path = folder / f"{stem}{extra}.json"
             try:
-                with path.open("xb") as file:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
+                file = path.open("xb")
                 break
             except FileExistsError:
                 continue
+        try:
+            with file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
     except OSError as error:
         raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
     return DisplayReport(file=f"{REPORTS}/{path.name}", sha256=sha256_bytes(data))

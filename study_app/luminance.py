@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -94,7 +95,10 @@ def store_luminance(path: Path, fit: LuminanceFit) -> Display:
             text = text.rstrip("\n") + f"\n{line}\n"
     temporary = path.with_name(path.stem + ".part.toml")
     try:
-        temporary.write_text(text, encoding="utf-8")
+        with temporary.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
         display = load_toml(temporary, Display)
         temporary.replace(path)
     except OSError as error:

@@ -360,14 +360,17 @@ def _write_state(
     mean: NDArray[np.float32],
     square: NDArray[np.float32],
 ) -> None:
-    """Write the state whole: under another name, then renamed."""
+    """Write the state whole: under another name, flushed to the disk, then renamed."""
     buffer = io.BytesIO()
     np.savez(
         buffer, key=np.array(key), done=np.array(done), pixels=pixels, mean=mean, square=square
     )
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        temporary.write_bytes(buffer.getvalue())
+        with temporary.open("wb") as file:
+            file.write(buffer.getvalue())
+            file.flush()
+            os.fsync(file.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

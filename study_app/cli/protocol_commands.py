@@ -40,6 +40,7 @@ from protocols.publish import publish, schema_names, schema_text
 from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
+from stimuli.whole_file import write_new
 from study_app.cli.errors import user_errors
 from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
@@ -174,8 +175,7 @@ def _write_new(out: Path, text: str) -> None:
     if out.suffix != ".toml":
         raise StudyError(f"{out}: the new file must end in .toml")
     try:
-        with out.open("x", encoding="utf-8") as file:
-            file.write(text)
+        write_new(out, text.encode())
     except FileExistsError:
         raise StudyError(f"{out}: is never written over; choose a new name") from None
     except OSError as error:
@@ -255,8 +255,7 @@ def preregister(
             raise StudyError(f"--out: must end in .md or .html (got {out})")
         text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
         try:
-            with out.open("x", encoding="utf-8") as file:
-                file.write(text)
+            write_new(out, text.encode())
         except FileExistsError:
             raise StudyError(
                 f"{out}: is never written over; a preregistration is made once. Choose a new name"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import shutil
 import subprocess
 
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.errors import InputError
 from protocols.manifest import read_manifest
 from stimuli.build import build
 from stimuli.contact import SHOWN_FRAMES, TILE_PX
@@ -192,3 +194,17 @@ def test_the_same_frames_give_the_same_bytes_of_a_preview(batch, tmp_path):
         written.append((tmp_path / name).read_bytes())
     assert written[0] == written[1]
     assert len(frames_of(tmp_path / "a.webm")[0]) == len(clip.frames_sha256)
+
+
+def test_a_preview_on_a_full_disk_is_not_kept(batch, tmp_path):
+    clip = read_manifest(batch).clips[0]
+    write_preview(batch, clip, tmp_path / "a.webm")
+    limit, size = resource.getrlimit(resource.RLIMIT_FSIZE), (tmp_path / "a.webm").stat().st_size
+    for short in (size // 2, size - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (short, limit[1]))
+        try:
+            with pytest.raises(InputError, match=r"b\.webm: cannot be written"):
+                write_preview(batch, clip, tmp_path / "b.webm")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.webm"]

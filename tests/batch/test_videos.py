@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import cv2
@@ -153,6 +154,56 @@ def test_mistakes_with_videos_are_told(frames, lossless, tmp_path, words, said):
     done = run("foveate", *(word.format(**places) for word in words), "--numpy")
     assert done.exit_code == 2, done.output
     assert said in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mp4", ".webm"])
+def test_a_video_on_a_full_disk_is_not_kept(tmp_path, rng, ending):
+    """The system takes no more bytes, and OpenCV reports success: frames or the index are short."""
+    files = [tmp_path / f"{number:06d}.png" for number in range(8)]
+    for file in files:
+        save_picture(file, rng.integers(0, 256, (48, 64, 3)).astype(np.uint8))
+    path = tmp_path / f"v{ending}"
+    write_video(path, files, 24.0)
+    whole = path.read_bytes()
+    path.unlink()
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (0, len(whole) // 3, len(whole) * 9 // 10, len(whole) - 20, len(whole) - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+        try:
+            with pytest.raises(InputError, match=f"v{ending}: cannot be written.*free some space"):
+                write_video(path, files, 24.0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        assert sorted(tmp_path.iterdir()) == files
+    write_video(path, files, 24.0)
+    assert path.read_bytes() == whole
+
+
+def test_a_frame_that_the_video_lost_is_told(frames, tmp_path, monkeypatch):
+    class Lossy:
+        fourcc, real, count = cv2.VideoWriter.fourcc, cv2.VideoWriter, 0
+
+        def __init__(self, *words):
+            self.writer = self.real(*words)
+            self.isOpened, self.release = self.writer.isOpened, self.writer.release
+
+        def write(self, image):
+            self.count += 1
+            if self.count != 2:
+                self.writer.write(image)
+
+    monkeypatch.setattr(cv2, "VideoWriter", Lossy)
+    with pytest.raises(InputError, match="of 4 frames only 3 arrived"):
+        write_video(tmp_path / "v.avi", sorted(frames.iterdir()), 24.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_takes_no_video_is_told_by_its_reason(frames, tmp_path):
+    (tmp_path / "v.avi").mkdir()
+    with pytest.raises(IsADirectoryError) as told:
+        write_video(tmp_path / "v.avi", sorted(frames.iterdir()), 24.0)
+    assert told.value.filename == str(tmp_path / "v.avi")
+    assert [path.name for path in tmp_path.iterdir()] == ["v.avi"]
 
 
 def test_a_video_that_cannot_be_written_leaves_nothing(frames, tmp_path):

@@ -2,6 +2,7 @@
 
 import resource
 
+import forked
 import numpy as np
 import pytest
 
@@ -145,6 +146,25 @@ def test_a_file_that_came_out_short_is_not_kept(tmp_path, rng, name):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
 
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
+def test_a_full_disk_neither_ends_the_program_nor_holds_it(tmp_path, name):
+    """Where the libraries of a format do that: in a process of its own, which may take 20 s."""
+    script = f"""
+import resource, numpy as np
+from pathlib import Path
+from pipeline.image_file import write_pixels
+noise = np.random.default_rng(0).integers(0, 256, (100, 200, 3), dtype=np.uint8)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    write_pixels(Path({str(tmp_path / name)!r}), noise, "RGB")
+except OSError as error:
+    print(error.filename, error.strerror)
+"""
+    done = forked.run(code=script, timeout=20)
+    assert done.stdout == f"{tmp_path / name} File too large\n", done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import shutil
 from pathlib import Path
 
@@ -167,6 +168,25 @@ def test_preregister_writes_design_rules_and_hashes_once(study, tmp_path, suffix
         metamerlab("protocol", "preregister", path, "--out", out)
     )
     assert out.read_text(encoding="utf-8") == text
+
+
+def test_a_full_disk_leaves_no_half_of_a_new_file(study, tmp_path):
+    """The kernel takes part of the text and refuses the rest; then there is room again."""
+    path, written = study(), [tmp_path / name for name in ("copy.toml", "prereg.md")]
+    commands = (
+        ("protocol", "copy", "demo", written[0]),
+        ("protocol", "preregister", path, "--out", written[1]),
+    )
+    for words, out in zip(commands, written, strict=True):
+        limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (700, limit[1]))
+        try:
+            said = refused(metamerlab(*words)).lower()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        assert "file too large" in said
+        assert not out.exists()
+        assert metamerlab(*words).exit_code == 0
 
 
 def test_preregister_says_what_is_read_why_so_many_when_it_stops_and_its_power(study, tmp_path):
