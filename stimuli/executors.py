@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib
+import logging
 import multiprocessing
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, cast
 
 from protocols.errors import StudyError
+from protocols.outside import visible_line
 from stimuli.worker import start_worker
 
 CONNECT_S = 10.0
@@ -45,34 +48,71 @@ def local_processes(workers: int) -> Iterator[LocalProcesses]:
         pool.shutdown(cancel_futures=True)
 
 
-def _client(make: Any, address: str) -> Any:
-    """Distributed is not typed."""
-    return make(address, timeout=CONNECT_S, set_as_default=False)
+async def _identity(address: str, security: Any) -> Any:
+    """Ask whoever listens who it is; distributed is not typed."""
+    from distributed import rpc
+
+    async with rpc(address, connection_args=security.get_connection_args("client")) as other:
+        return await other.identity()
+
+
+def _client(address: str, tls: Mapping[str, str]) -> Any:
+    """Return a client of a scheduler that answers; what else listens is not waited for.
+
+    The client of distributed hangs where something else listens, and 20 s when it is given up.
+    """
+    from distributed import Client, Security
+
+    security: Any = Security(**tls)
+    found = asyncio.run(asyncio.wait_for(_identity(address, security), CONNECT_S))
+    if found["type"] != "Scheduler":
+        raise ValueError(f"it is the address of a {found['type'].lower()}")
+    make: Any = Client
+    return make(address, timeout=CONNECT_S, set_as_default=False, security=security)
 
 
 @contextmanager
-def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
+def dask_cluster(
+    address: str, tls: Mapping[str, str] | None = None
+) -> Iterator[tuple[Executor, int]]:
     """The workers of a running Dask cluster, and how many there are.
 
     Every worker must see the protocol's files and the output folder under the same paths.
 
+    Parameters
+    ----------
+    address : str
+        ``tcp://host:port``, or ``tls://host:port``.
+    tls : mapping, optional
+        Files of ``distributed.Security``: ``tls_ca_file``, ``tls_client_cert``,
+        ``tls_client_key``. What is left out is taken from Dask's configuration.
+
     Raises
     ------
     StudyError
-        If Dask is not installed, nothing answers, or the cluster has no worker.
+        If Dask is not installed, no scheduler answers there, or the cluster has no worker.
     """
     try:
-        from distributed import Client
+        import distributed
     except ImportError:
         raise StudyError(
             "--scheduler needs Dask; install it with: pip install 'metamerlab[dask]'"
         ) from None
+    # What it says there is said by exceptions too.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        client: Any = _client(Client, address)
-    except (OSError, ValueError, TimeoutError) as error:
+        client = _client(address, tls or {})
+    except Exception as error:  # whatever answers may say anything
+        cause: BaseException = error
+        while cause.__cause__ is not None and not isinstance(cause, TimeoutError):
+            cause = cause.__cause__  # "certificate verify failed", not "closed"
+        late = f"none answered within {CONNECT_S:g} s"
+        reason = late if isinstance(cause, TimeoutError) else str(cause) or type(cause).__name__
         raise StudyError(
-            f"--scheduler {address}: must be the address of a running Dask scheduler"
-            f" ({type(error).__name__}); start one with 'dask scheduler', or leave the option out"
+            f"--scheduler {address}: must be the address of a running Dask scheduler,"
+            " tcp://HOST:PORT or, where it has certificates, tls://HOST:PORT with --tls-ca-file,"
+            f" --tls-cert and --tls-key ({visible_line(reason)}); start one with 'dask scheduler',"
+            " or leave the option out"
         ) from None
     try:
         workers = len(client.scheduler_info(n_workers=-1)["workers"])
@@ -89,5 +129,10 @@ def dask_cluster(address: str) -> Iterator[tuple[Executor, int]]:
                 " install the version that runs here where they run"
             ) from None
         yield cast(Executor, client.get_executor(pure=False, retries=1)), workers
+    except (CancelledError, distributed.KilledWorker, distributed.comm.CommClosedError):
+        raise StudyError(
+            f"--scheduler {address}: the cluster was lost; nothing that it finished is: run the"
+            " same command again"
+        ) from None
     finally:
         client.close()

@@ -243,7 +243,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
     def executor(self, where: Where) -> Iterator[tuple[Executor, int]]:
         """This process, several, or a cluster; and how many jobs it takes at once."""
         if where.scheduler is not None:
-            with dask_cluster(where.scheduler) as (cluster, workers):
+            with dask_cluster(where.scheduler, where.tls) as (cluster, workers):
                 yield cluster, workers + 1
         elif where.workers is not None and where.workers > 1 and len(self.wanted) > 1:
             workers = min(where.workers, len(self.wanted))

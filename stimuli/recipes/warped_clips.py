@@ -69,7 +69,7 @@ class WarpedClipBuilder(Builder):
         self._need_all()
         with ExitStack() as stack:
             if where.scheduler is not None:
-                executor, parallel = stack.enter_context(dask_cluster(where.scheduler))
+                executor, parallel = stack.enter_context(dask_cluster(where.scheduler, where.tls))
             else:
                 parallel = where.workers or min(cores(), len(self.orders.clip_names))
                 executor = stack.enter_context(local_processes(parallel))

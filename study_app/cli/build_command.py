@@ -15,7 +15,7 @@ from study_app.cli.progress import progress_bar
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
-    from stimuli.recipes.base import Builder
+    from stimuli.recipes.base import Builder, Where
 
 GIB = 2**30
 
@@ -30,8 +30,19 @@ def build(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Use the workers of this Dask cluster instead."),
+        typer.Option(
+            metavar="ADDRESS",
+            help="Use the workers of this Dask cluster instead: tcp://HOST:PORT, or"
+            " tls://HOST:PORT with certificates.",
+        ),
     ] = None,
+    tls_ca_file: Annotated[
+        Path | None, typer.Option(help="Certificates that --scheduler must be signed by, PEM.")
+    ] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Certificate that we show to --scheduler, PEM.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print clips, frames, disk and time; build nothing.")
     ] = False,
@@ -49,17 +60,38 @@ def build(
         metamerlab stimuli build my-study.toml --out clips --workers 4
 
         metamerlab stimuli build my-study.toml --out /shared/clips --scheduler tcp://host:8786
+
+    A Dask scheduler listens on every network interface unless 'dask scheduler --host ADDRESS'
+    says otherwise, and runs what anyone sends who reaches it, or has a certificate of its TLS.
+    Start one only in a network that you trust.
     """
+    from stimuli.recipes.base import Where
+
     with user_errors():
         builder = _builder(protocol, display)
         if scheduler is not None and workers is not None:
             raise StudyError(
                 "--workers and --scheduler exclude each other: the cluster has its own"
             )
+        tls = _certificates(
+            scheduler, tls_ca_file=tls_ca_file, tls_client_cert=tls_cert, tls_client_key=tls_key
+        )
         if dry_run:
             _print_estimate(builder, out, workers)
             return
-        _build(builder, out, workers, scheduler)
+        _build(builder, out, Where(workers, scheduler, tls))
+
+
+def _certificates(scheduler: str | None, **files: Path | None) -> dict[str, str]:
+    """Return the files that are given, under the names that `dask_cluster` takes."""
+    given = {name: path for name, path in files.items() if path is not None}
+    for name, path in given.items():
+        option = f"--{name.replace('client_', '').replace('_', '-')}"
+        if scheduler is None:
+            raise StudyError(f"{option}: must come with --scheduler tls://HOST:PORT")
+        if not path.is_file():
+            raise StudyError(f"{option}: must be a file, PEM (got {path})")
+    return {name: str(path) for name, path in given.items()}
 
 
 def _builder(protocol: Path, display: str | None) -> Builder:
@@ -97,9 +129,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
         )
 
 
-def _build(builder: Builder, out: Path, workers: int | None, scheduler: str | None) -> None:
-    from stimuli.recipes.base import Where
-
+def _build(builder: Builder, out: Path, where: Where) -> None:
     console = PlainConsole(soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
@@ -108,7 +138,7 @@ def _build(builder: Builder, out: Path, workers: int | None, scheduler: str | No
             progress.update(task, completed=done, total=total, description=what)
 
         try:
-            outcome = builder.build(out.absolute(), Where(workers, scheduler), report)
+            outcome = builder.build(out.absolute(), where, report)
         except BaseException:
             progress.remove_task(task)  # a bar over what went wrong says nothing
             raise
