@@ -39,6 +39,7 @@ from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
+from protocols.outside import reading
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]
@@ -133,7 +134,7 @@ class EnergyMetamer(Pooled):
         with torch.no_grad():
             base = blurred(picture, pools).astype(np.float32)
             scale = max(1e-12, float(loss_of(_tensor(base))))
-        kept = None if state is None else _read_state(state, key)
+        kept = None if state is None else _read_state(state, key, picture.shape, self.steps)
         done = 0 if kept is None else int(kept["done"])
         first = self._first(picture, look, base) if kept is None else kept["pixels"]
         pixels = _tensor(first).clone().requires_grad_(True)
@@ -331,24 +332,25 @@ def _array(values: Tensor) -> NDArray[np.float32]:
     return np.asarray(values.detach().cpu().numpy(), np.float32)
 
 
-def _read_state(path: Path, key: str) -> dict[str, Any] | None:
+def _read_state(path: Path, key: str, shape: tuple[int, ...], steps: int) -> dict[str, Any] | None:
     if not path.exists():
         return None
-    try:
+    cure = "delete it to begin anew"
+    with reading(path, "a state of energy-metamer", InputError, cure):
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
             found = {name: kept[name] for name in ("key", "done", "pixels", "mean", "square")}
-    except (ValueError, KeyError, OSError, EOFError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        raise InputError(
-            f"{path}: must be a state of energy-metamer (it is damaged, or something else);"
-            " delete it to begin anew"
-        ) from None
-    if str(found["key"]) != key:
-        raise InputError(
-            f"{path}: must be the state of this picture, gaze, seed and settings (it is another's);"
-            " delete it to begin anew"
-        )
+        if str(found["key"]) != key:
+            raise InputError(
+                f"{path}: must be the state of this picture, gaze, seed and settings (it is"
+                f" another's); {cure}"
+            )
+        for name in ("pixels", "mean", "square"):
+            lowest = -np.inf if name == "mean" else 0
+            held = found[name]
+            if held.shape != shape or not (np.isfinite(held) & (held >= lowest)).all():
+                raise ValueError(f"{name} must be finite numbers of shape {shape}")
+        if not 0 <= int(found["done"]) <= steps:
+            raise ValueError(f"its step must lie in 0..{steps}")
     return found
 
 

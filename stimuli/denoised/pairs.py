@@ -8,7 +8,6 @@ picture has samples of its own.
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from pipeline.camera import Camera
 from pipeline.denoising.samples import Sampling, composed
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, FlatGeometry
+from protocols.outside import reading
 from stimuli.denoised.path_traced import PathTracer
 from stimuli.scenes.registry import build_scene, scene_entry
 from stimuli.whole_file import write_whole
@@ -216,19 +216,20 @@ def _write(path: Path, pair: Pair) -> None:
 
 def _read(path: Path, view: View, rendering: Rendering) -> Pair:
     edge = rendering.edge_px
-    try:
-        # numpy would leave a damaged file open if it opened it itself.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as held:
-            renders, clean = (held[name].astype(np.float32) for name in ("renders", "clean"))
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: must be a pair that this command rendered ({error}); delete it, and it is"
-            " made again"
-        ) from error
+    again = "delete it, and it is made again"
+    # numpy would leave a damaged file open if it opened it itself.
+    with (
+        reading(path, "a pair that this command rendered", InputError, again),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as held,
+    ):
+        renders, clean = (held[name].astype(np.float32) for name in ("renders", "clean"))
     wanted = (rendering.halvings + 1, edge, edge, 3)
     if renders.shape != wanted or clean.shape != wanted[1:]:
         raise InputError(
             f"{path}: must hold pictures of shape {wanted} and {wanted[1:]} (has"
-            f" {renders.shape} and {clean.shape}); delete it, and it is made again"
+            f" {renders.shape} and {clean.shape}); {again}"
         )
+    if not (np.isfinite(renders).all() and np.isfinite(clean).all()):
+        raise InputError(f"{path}: must hold finite numbers; {again}")
     return Pair(view, renders, clean)

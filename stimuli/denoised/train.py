@@ -13,7 +13,7 @@ import io
 import math
 import pickle
 import time
-import zipfile
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -29,6 +29,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
+from protocols.outside import reading
 from stimuli.denoised.pairs import (
     MOST_VIEWS,
     WIDTH_DEG,
@@ -320,27 +321,41 @@ class Trainer:
 
     def _go_on(self) -> None:
         torch, path = self._torch, self._checkpoint
-        try:
-            state = torch.load(path, weights_only=True)
-            key, step, losses = state["key"], int(state["step"]), list(state["losses"])
-        except (
-            RuntimeError, ValueError, KeyError, TypeError, EOFError,
-            pickle.UnpicklingError, zipfile.BadZipFile,
-        ) as error:  # fmt: skip
-            first = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(
-                f"{path}: must be a checkpoint of this command ({first}); delete it to start over"
-            ) from error
-        if key != self._key():
-            raise InputError(
-                f"{path}: was made by another training (other scenes, steps, seed or pictures);"
-                " delete it to start over, or choose another --work"
-            )
-        with torch.no_grad():
-            for tensor, held in zip(self._tensors, state["weights"], strict=True):
-                tensor.copy_(held)
-        self._adam.load_state_dict(state["adam"])
-        self.step, self._losses = step, losses
+        with reading(path, "a checkpoint of this command", InputError, "delete it to start over"):
+            try:
+                with warnings.catch_warnings(action="ignore"):  # of files that are none
+                    state = torch.load(path, map_location="cpu", weights_only=True)
+            except pickle.UnpicklingError:  # whose message says how to load it all the same
+                raise ValueError("it holds more than numbers, or is damaged") from None
+            if state["key"] != self._key():
+                raise InputError(
+                    f"{path}: was made by another training (other scenes, steps, seed or pictures);"
+                    " delete it to start over, or choose another --work"
+                )
+            step, losses, memory = state["step"], state["losses"], state["adam"]["state"]
+            if type(step) is not int or not 1 <= step <= self.training.steps:
+                raise ValueError(f"its step must lie in 1..{self.training.steps}")
+            if len(losses) != step or not np.isfinite(losses).all():
+                raise ValueError("it must hold a finite loss of each step")
+            kept = [memory[index] for index in range(len(memory))]
+            self._check("weights", state["weights"])
+            self._check("exp_avg", [one["exp_avg"] for one in kept])
+            self._check("exp_avg_sq", [one["exp_avg_sq"] for one in kept], lowest=0.0)
+            if any(float(one["step"]) != step for one in kept):
+                raise ValueError("Adam must have come as far as the losses")
+            with torch.no_grad():
+                for tensor, held in zip(self._tensors, state["weights"], strict=True):
+                    tensor.copy_(held)
+            ours = self._adam.state_dict()["param_groups"]  # rates are of this program
+            self._adam.load_state_dict({"state": memory, "param_groups": ours})
+            self.step, self._losses = step, list(losses)
+
+    def _check(self, name: str, held: Sequence[Any], lowest: float = -math.inf) -> None:
+        """Raise ValueError where what a checkpoint holds are no numbers for these weights."""
+        for ours, theirs in zip(self._tensors, held, strict=True):
+            fits = theirs.shape == ours.shape and theirs.dtype == ours.dtype
+            if not (fits and bool(self._torch.isfinite(theirs).all() and (theirs >= lowest).all())):
+                raise ValueError(f"its {name} must be finite, of shape {tuple(ours.shape)}")
 
 
 def rgb_path(out: Path) -> Path:

@@ -1,5 +1,8 @@
 """Training: what a step sees, resumption, checkpoints; path-traced light by hand."""
 
+import os
+import pickle
+
 import numpy as np
 import pytest
 
@@ -180,6 +183,97 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(examples, 
             Trainer("rgb", TRAINING, examples["rgb"], path)
 
 
+def _put(*keys, value):
+    """Return what changes one entry of a checkpoint's state."""
+
+    def change(state):
+        for key in keys[:-1]:
+            state = state[key]
+        state[keys[-1]] = value(state[keys[-1]])
+
+    return change
+
+
+def _without(*keys):
+    def change(state):
+        for key in keys[:-1]:
+            state = state[key]
+        del state[keys[-1]]
+
+    return change
+
+
+HARMS = {
+    "a kernel of another shape": _put("weights", 0, value=lambda t: t[:, :-1]),
+    "a bias of another shape": _put("weights", 1, value=lambda t: t[:1]),
+    "a kernel that would be spread": _put("weights", 2, value=lambda t: t[:1, :1]),
+    "too few weights": _without("weights", 3),
+    "no weights": _without("weights"),
+    "an empty list of weights": _put("weights", value=lambda _: []),
+    "weights that are none": _put("weights", value=lambda w: [0.0] * len(w)),
+    "weights in double": _put("weights", 0, value=lambda t: t.double()),
+    "a weight that is NaN": _put("weights", 0, value=lambda t: t * float("nan")),
+    "a weight without end": _put("weights", 1, value=lambda t: t + float("inf")),
+    "no memory": _without("adam"),
+    "memory of too few weights": _without("adam", "state", 0),
+    "memory of another shape": _put("adam", "state", 0, "exp_avg", value=lambda t: t[:1]),
+    "memory that is NaN": _put("adam", "state", 1, "exp_avg", value=lambda t: t * float("nan")),
+    "squares below 0": _put("adam", "state", 1, "exp_avg_sq", value=lambda t: t - 1),
+    "memory of another step": _put("adam", "state", 1, "step", value=lambda t: t + 1),
+    "a step below 0": _put("step", value=lambda _: -1),
+    "a step past the end": _put("step", value=lambda _: 7),
+    "a step that is text": _put("step", value=str),
+    "losses that are NaN": _put("losses", value=lambda _: [float("nan")]),
+    "too few losses": _put("losses", value=lambda _: []),
+    "no key": _without("key"),
+}
+
+
+@pytest.fixture(scope="module")
+def checkpoint(examples, tmp_path_factory):
+    """Bytes of a checkpoint after one step."""
+    pytest.importorskip("torch", reason=CURE)
+    path = tmp_path_factory.mktemp("trained") / "rgb.checkpoint"
+    Trainer("rgb", TRAINING, examples["rgb"], path).run(until=1)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("harm", HARMS.values(), ids=HARMS)
+def test_a_checkpoint_that_holds_no_numbers_for_these_weights_is_refused(
+    torch, examples, checkpoint, tmp_path, harm
+):
+    path = tmp_path / "rgb.checkpoint"
+    path.write_bytes(checkpoint)
+    state = torch.load(path, weights_only=True)
+    harm(state)
+    torch.save(state, path)
+    with pytest.raises(InputError, match=r"must be a checkpoint.*delete it to start over"):
+        Trainer("rgb", TRAINING, examples["rgb"], path)
+
+
+class _Runs:
+    """What makes a folder where it is unpickled."""
+
+    def __init__(self, folder):
+        self.folder = str(folder)
+
+    def __reduce__(self):
+        return os.mkdir, (self.folder,)
+
+
+def test_a_checkpoint_with_code_is_refused_and_not_run(torch, examples, tmp_path):
+    path, made = tmp_path / "rgb.checkpoint", tmp_path / "made"
+    for write in (lambda: torch.save({"key": _Runs(made)}, path),
+                  lambda: path.write_bytes(pickle.dumps(_Runs(made))),
+                  lambda: torch.save([1, 2], path),
+                  lambda: torch.save(torch.nn.Linear(2, 2), path)):  # fmt: skip
+        write()
+        with pytest.raises(InputError, match="must be a checkpoint") as told:
+            Trainer("rgb", TRAINING, examples["rgb"], path)
+        assert "weights_only" not in str(told.value)  # nobody is to try it all the same
+        assert not made.exists()
+
+
 def test_the_network_for_colour_lies_beside_the_one_for_moments(tmp_path):
     assert rgb_path(tmp_path / "mine.onnx") == tmp_path / "mine-rgb.onnx"
 
@@ -208,6 +302,9 @@ def test_pairs_on_disk_are_used_and_damaged_ones_refused(pair, tmp_path):
     wrong = Pair(view, pair.renders[:3], pair.clean)
     kept._write(view.path(tmp_path, rendering), wrong)
     with pytest.raises(InputError, match="must hold pictures of shape"):
+        kept.pairs_of([view], rendering, tmp_path)
+    kept._write(view.path(tmp_path, rendering), Pair(view, pair.renders * np.nan, pair.clean))
+    with pytest.raises(InputError, match="must hold finite numbers"):
         kept.pairs_of([view], rendering, tmp_path)
 
 

@@ -155,9 +155,23 @@ def test_a_state_of_something_else_is_refused(picture, look, tmp_path):
 
     with pytest.raises(InputError, match="it is another's"):
         EnergyMetamer(steps=1).descend(picture, other, state=state)
-    state.write_bytes(b"nothing of ours")
-    with pytest.raises(InputError, match="it is damaged"):
-        EnergyMetamer(steps=1).descend(picture, look, state=state)
+    whole = state.read_bytes()
+    held = dict(np.load(state))
+    harmed = {
+        "pixels of another shape": held | {"pixels": held["pixels"][:1, :1]},
+        "pixels that are NaN": held | {"pixels": held["pixels"] * np.nan},
+        "squares below 0": held | {"square": held["square"] - 1},
+        "a step past the end": held | {"done": 9},
+        "no means": {name: held[name] for name in held if name != "mean"},
+    }
+    files = [b"nothing of ours", b"", whole[: len(whole) // 2], whole[:-1]]
+    for arrays in harmed.values():
+        np.savez(state, **arrays)
+        files.append(state.read_bytes())
+    for data in files:
+        state.write_bytes(data)
+        with pytest.raises(InputError, match=r"must be a state of energy-metamer.*delete it"):
+            EnergyMetamer(steps=1).descend(picture, look, state=state)
 
 
 @pytest.mark.usefixtures("torch")
