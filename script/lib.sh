@@ -11,7 +11,7 @@ set -euo pipefail
 ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
-EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt each
+EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt each, with torch also .lock
 ASKED_EXTRA=""                          # script/setup --NAME, script/docs
 MINIMUM_PYTHON=3.11
 
@@ -194,7 +194,7 @@ wants_extra() {
 }
 
 wanted_extra_stamp() {
-    cat -- "$ROOT/requirements-$1.txt" "$LOCK" | sha256sum
+    cat -- "$ROOT/requirements-$1".* "$LOCK" | sha256sum
 }
 
 has_extra() {
@@ -202,12 +202,18 @@ has_extra() {
     [[ -f $stamp && $(<"$stamp") == "$(wanted_extra_stamp "$1")" ]]
 }
 
-# The locked versions stay as they are: pip is told of them as constraints. Which build of
-# torch comes, for CPU or GPU, is decided by where pip looks (PIP_EXTRA_INDEX_URL).
+# Prints the versions of a file with hashes, without the hashes.
+pins_of() { awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$1"; }
+
+# All but torch has one build and is held to its hashes. The locked versions stay as they are: pip is
+# told of them as constraints. Which build of torch comes, for CPU or GPU, is decided by where pip
+# looks (PIP_EXTRA_INDEX_URL).
 install_extra() {
     local name=$1 locked="$VENV/metamerlab-locked.txt"
-    awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$LOCK" >"$locked"
+    pins_of "$LOCK" >"$locked"
     say "Installing the extra $name (torch: some 200 MB, several GB with CUDA)"
+    quietly pip_here install --no-user --prefer-binary --require-hashes --no-deps \
+        -r "$ROOT/requirements-$name.lock"
     quietly pip_here install --no-user --prefer-binary --constraint "$locked" \
         -r "$ROOT/requirements-$name.txt"
     wanted_extra_stamp "$name" >"$VENV/metamerlab-$name.new"
