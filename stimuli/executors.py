@@ -48,27 +48,23 @@ def local_processes(workers: int) -> Iterator[LocalProcesses]:
         pool.shutdown(cancel_futures=True)
 
 
-async def _identity(address: str, security: Any) -> Any:
-    """Ask whoever listens who it is; distributed is not typed."""
-    from distributed import rpc
+def _client(distributed: Any, address: str, tls: Mapping[str, str]) -> Any:
+    """Return a client of a scheduler that answers; distributed is not typed.
 
-    async with rpc(address, connection_args=security.get_connection_args("client")) as other:
-        return await other.identity()
-
-
-def _client(address: str, tls: Mapping[str, str]) -> Any:
-    """Return a client of a scheduler that answers; what else listens is not waited for.
-
-    The client of distributed hangs where something else listens, and 20 s when it is given up.
+    Its client would hang where something else listens, and for 20 s when it is given up: so who
+    listens is asked first.
     """
-    from distributed import Client, Security
+    security = distributed.Security(**tls)
+    arguments = security.get_connection_args("client")
 
-    security: Any = Security(**tls)
-    found = asyncio.run(asyncio.wait_for(_identity(address, security), CONNECT_S))
+    async def identity() -> Any:
+        async with distributed.rpc(address, connection_args=arguments) as other:
+            return await other.identity()
+
+    found = asyncio.run(asyncio.wait_for(identity(), CONNECT_S))
     if found["type"] != "Scheduler":
         raise ValueError(f"it is the address of a {found['type'].lower()}")
-    make: Any = Client
-    return make(address, timeout=CONNECT_S, set_as_default=False, security=security)
+    return distributed.Client(address, timeout=CONNECT_S, set_as_default=False, security=security)
 
 
 @contextmanager
@@ -93,7 +89,7 @@ def dask_cluster(
         If Dask is not installed, no scheduler answers there, or the cluster has no worker.
     """
     try:
-        import distributed
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise StudyError(
             "--scheduler needs Dask; install it with: pip install 'metamerlab[dask]'"
@@ -101,7 +97,7 @@ def dask_cluster(
     # What it says there is said by exceptions too.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        client = _client(address, tls or {})
+        client = _client(distributed, address, tls or {})
     except Exception as error:  # whatever answers may say anything
         cause: BaseException = error
         while cause.__cause__ is not None and not isinstance(cause, TimeoutError):
