@@ -7,7 +7,6 @@ whatever was left out.
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,9 @@ import numpy as np
 import pandas as pd
 
 from protocols.errors import StudyError
-from protocols.limits import check_rows
+from protocols.limits import check_cells
 from protocols.load import decode_utf8, read_bytes
-from protocols.outside import CONTROL, original_cell, safe_cell
+from protocols.outside import CONTROL, lines_of, original_cell, safe_cell
 from protocols.suggest import did_you_mean
 
 FIRST_LINE = 2
@@ -41,7 +40,7 @@ def read_table(path: Path) -> pd.DataFrame:
     StudyError
         If it has no header, a name twice, or a row that is longer or shorter than the header.
     """
-    data = read_bytes(path, "the table")
+    data = read_bytes(path, "the table", "table")
     if path.suffix.lower() == ".xlsx" or data.startswith(ZIPPED):
         named = "" if path.suffix.lower() == ".xlsx" else "name it .xlsx, and "
         raise StudyError(
@@ -52,13 +51,14 @@ def read_table(path: Path) -> pd.DataFrame:
     except StudyError as error:
         raise StudyError(f"{error}, or {PLAIN_HINT}") from None
     text = with_lines(text)
-    check_rows(path, text)
+    separator = separator_of(path, text)
+    check_cells(path, text, separator)
     if found := CONTROL.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise StudyError(
             f"{path}: line {line}: must hold no control characters (got {found.group()!a})"
         )
-    reader = csv.reader(StringIO(text), delimiter=separator_of(path, text))
+    reader = csv.reader(lines_of(text), delimiter=separator)
     try:
         header = [original_cell(name).strip() for name in next(reader, [])]
         rows: list[list[str]] = []

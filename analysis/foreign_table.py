@@ -11,14 +11,14 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 from analysis.csv_table import ZIPPED, separator_of, with_lines
 from analysis.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
-from protocols.limits import check_rows
+from protocols.limits import check_cells
 from protocols.load import read_bytes
+from protocols.outside import check_within, lines_of
 
 TABLES = (".csv", ".tsv", ENDING)
 """Tables that a folder may hold."""
@@ -87,6 +87,7 @@ def in_plain_form(path: Path, mapping: Mapping[str, str]) -> Iterator[PlainForm]
             writer = csv.writer(file, lineterminator="\n")
             for row in rows:
                 writer.writerow([" ".join(cell.splitlines()) for cell in row])
+        rows.clear()  # they are read anew
         try:
             yield PlainForm(plain, tuple(notes))
         except StudyError as error:
@@ -122,6 +123,9 @@ def _rows_of_folder(
         if len(set(names)) < len(names):
             raise StudyError(f"{file}: columns must have names of their own")
         header |= dict.fromkeys(names)
+        # Each row gets the columns of all tables.
+        count = (len(cells) + len(rows)) * len(header)
+        check_within("cells", count, StudyError, path, "cells")
         for line, row in enumerate(rows[1:], start=2):
             if row and len(row) != len(names):
                 raise StudyError(
@@ -158,12 +162,15 @@ def _plain_rows(path: Path, mapping: Mapping[str, str]) -> tuple[Rows, list[str]
 
 
 def _is_spreadsheet(path: Path) -> bool:
-    return path.suffix.lower() == ENDING or read_bytes(path, "the table").startswith(ZIPPED)
+    if path.suffix.lower() == ENDING or not path.is_file():
+        return path.suffix.lower() == ENDING
+    with path.open("rb") as file:
+        return file.read(len(ZIPPED)) == ZIPPED
 
 
 def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:
     """Return the rows of a text file by line, and what separates its cells."""
-    data = read_bytes(path, "the table")
+    data = read_bytes(path, "the table", "table")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", "replace")
         notes.append("read as UTF-16")
@@ -174,9 +181,9 @@ def _read_text(path: Path, notes: list[str]) -> tuple[list[list[str]], str]:
             text = data.decode("cp1252", "replace")
             notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
     text = with_lines(text)
-    check_rows(path, text)
     separator = separator_of(path, text)
-    reader = csv.reader(StringIO(text), delimiter=separator)
+    check_cells(path, text, separator)
+    reader = csv.reader(lines_of(text), delimiter=separator)
     rows: list[list[str]] = []
     try:
         for row in reader:

@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeVar
 from xml.etree import ElementTree
 
 from protocols.errors import StudyError
-from protocols.limits import UNPACKED
-from protocols.outside import LIMITS_VARIABLE, limit, reading
+from protocols.outside import check_within, check_zip, limit, reading
 
 ENDING = ".xlsx"
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _LINK = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
+_TEXTS, _SPOKEN = {f"{_MAIN}t", f"{_MAIN}v"}, f"{_MAIN}rPh"
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_MOST_COLUMNS = 16_384
+_MOST_COLUMNS, _MOST_ROWS, _MOST_LETTERS = 16_384, 1_048_576, 32_767
+"""Of a sheet and of a cell, as Excel has them."""
+_DEEPEST = 100
+_PIECE = 1 << 20
+_ELEMENTS = 3
+"""For each cell that a table may have: its own, its value's, and one for its row and its style."""
 
 
 def read_xlsx(path: Path, notes: list[str]) -> list[list[str]]:
@@ -33,60 +38,169 @@ def read_xlsx(path: Path, notes: list[str]) -> list[list[str]]:
     StudyError
         If it is no such file, or unpacks to more than the limit.
     """
-    with reading(path, "an .xlsx file", StudyError), zipfile.ZipFile(path) as packed:
-        size = sum(entry.file_size for entry in packed.infolist())
-        most = limit("unpacked", UNPACKED, StudyError)
-        if size > most:
-            raise StudyError(
-                f"{path}: must unpack to at most {most:,} bytes (it holds"
-                f" more); if it is right, raise the limit with {LIMITS_VARIABLE}=unpacked=NUMBER"
-            )
-        names = set(packed.namelist())
-        sheets = list(_part(packed, "xl/workbook.xml").iter(f"{_MAIN}sheet"))
-        links = {
-            entry.get("Id"): entry.get("Target", "")
-            for entry in _part(packed, "xl/_rels/workbook.xml.rels")
-        }
-        if not sheets:
-            raise StudyError(f"{path}: must have a sheet (has none)")
-        target = links[sheets[0].get(_LINK)]
-        shared: list[str] = []
-        if "xl/sharedStrings.xml" in names:
-            strings = _part(packed, "xl/sharedStrings.xml")
-            shared = [_text(entry) for entry in strings.iter(f"{_MAIN}si")]
-        place = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
-        rows = list(_rows(path, _part(packed, place), shared))
-    if len(sheets) > 1:
-        notes.append(f"the first of {len(sheets)} sheets was read: {sheets[0].get('name', '')}")
+    with (
+        reading(path, "an .xlsx file", StudyError),
+        path.open("rb") as file,
+    ):
+        check_zip(path, file, StudyError)
+        with zipfile.ZipFile(file) as packed:
+            names = set(packed.namelist())
+            book = _parsed(path, packed, "xl/workbook.xml", _Kept({f"{_MAIN}sheet"}))
+            links = _parsed(path, packed, "xl/_rels/workbook.xml.rels", _Kept(None))
+            if not book.found:
+                raise StudyError(f"{path}: must have a sheet (has none)")
+            targets = {entry.get("Id"): entry.get("Target", "") for entry in links.found}
+            target = targets[book.found[0].get(_LINK)]
+            shared: list[str] = []
+            if "xl/sharedStrings.xml" in names:
+                shared = _parsed(path, packed, "xl/sharedStrings.xml", _Strings()).found
+            place = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
+            rows = _parsed(path, packed, place, _Rows(path, shared)).found
+    if len(book.found) > 1:
+        notes.append(
+            f"the first of {len(book.found)} sheets was read: {book.found[0].get('name', '')}"
+        )
     return rows
 
 
-def _part(packed: zipfile.ZipFile, name: str) -> ElementTree.Element:
-    data = packed.read(name)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise ValueError(f"{name} declares entities")
-    return ElementTree.fromstring(data)
+T = TypeVar("T", bound="_Target")
 
 
-def _rows(path: Path, sheet: ElementTree.Element, shared: list[str]) -> Iterator[list[str]]:
-    number, width = 0, 0
-    for row in sheet.iter(f"{_MAIN}row"):
-        wanted = int(row.get("r", number + 1))
-        if not number < wanted <= 1_048_576:
-            raise StudyError(f"{path}: rows must be numbered upwards (got {wanted})")
-        yield from ([] for _ in range(wanted - number - 1))
-        number = wanted
-        cells: list[str] = []
-        for cell in row.iter(f"{_MAIN}c"):
-            found = _PLACE.fullmatch(cell.get("r", ""))
-            column = len(cells) if found is None else _column(found[1])
-            if column >= _MOST_COLUMNS:
-                raise StudyError(f"{path}: row {number}: has too many columns")
-            cells += [""] * (column + 1 - len(cells))
-            cells[column] = _value(cell, shared)
-        filled = next((k for k in range(len(cells), 0, -1) if cells[k - 1].strip()), 0)
-        width = width or filled  # the header says how wide the table is
-        yield cells[: max(filled, width)] + [""] * (width - len(cells)) if filled else []
+def _parsed(path: Path, packed: zipfile.ZipFile, name: str, target: T) -> T:
+    """Give a part of the file to a target piece by piece, so that no tree is made of it."""
+    check_within("text", packed.getinfo(name).file_size, StudyError, path, f"bytes in {name}")
+    parser = ElementTree.XMLParser(target=target)
+    most = _ELEMENTS * limit("cells", StudyError)
+    with packed.open(name) as part:
+        while piece := part.read(_PIECE):
+            parser.feed(piece)
+            if target.elements > most:
+                raise StudyError(
+                    f"{path}: must have at most {most:,} elements in {name} (has more)"
+                )
+    parser.close()
+    return target
+
+
+class _Target:
+    """What a parser of XML tells: a beginning, a text, an end."""
+
+    def __init__(self) -> None:
+        self.elements = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:  # noqa: ARG002
+        self.elements += 1
+
+    def doctype(self, name: str, *_: object) -> None:
+        """Refuse: it may declare entities."""
+        raise ValueError(f"it declares a document type, {name}")
+
+
+class _Kept(_Target):
+    """The attributes of the elements of some tags, or of all."""
+
+    def __init__(self, tags: set[str] | None) -> None:
+        super().__init__()
+        self._tags = tags
+        self.found: list[dict[str, str]] = []
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        super().start(tag, attributes)
+        if self._tags is None or tag in self._tags:
+            self.found.append(attributes)
+
+
+class _Text(_Target):
+    """The text of plain or rich runs, without how it is pronounced."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._within: list[str] = []
+        self._pieces: list[str] = []
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        super().start(tag, attributes)
+        self._within.append(tag)
+        if len(self._within) > _DEEPEST:
+            raise ValueError(f"its elements lie more than {_DEEPEST} deep")
+
+    def data(self, text: str) -> None:
+        if self._within and self._within[-1] in _TEXTS and _SPOKEN not in self._within:
+            self._pieces.append(text)
+
+    def taken(self) -> str:
+        """Return the text since the last time."""
+        text = "".join(self._pieces)
+        self._pieces.clear()
+        if len(text) > _MOST_LETTERS:
+            raise ValueError(f"a cell has {len(text):,} characters, more than any spreadsheet's")
+        return text
+
+
+class _Strings(_Text):
+    """Texts that cells share."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def end(self, tag: str) -> None:
+        self._within.pop()
+        if tag == f"{_MAIN}si":
+            self.found.append(self.taken())
+
+
+class _Rows(_Text):
+    """Rows of a sheet."""
+
+    def __init__(self, path: Path, shared: list[str]) -> None:
+        super().__init__()
+        self._path, self._shared = path, shared
+        self._number = self._width = self._count = self._letters = 0
+        self._cells: list[str] = []
+        self._column, self._kind = 0, "n"
+        self.found: list[list[str]] = []
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        super().start(tag, attributes)
+        if tag == f"{_MAIN}row":
+            wanted = int(attributes.get("r", self._number + 1))
+            if not self._number < wanted <= _MOST_ROWS:
+                raise StudyError(f"{self._path}: rows must be numbered upwards (got {wanted})")
+            self.found += ([] for _ in range(wanted - self._number - 1))
+            self._number, self._cells, self._column = wanted, [], -1
+        elif tag == f"{_MAIN}c":
+            place = _PLACE.fullmatch(attributes.get("r", ""))
+            self._column = self._column + 1 if place is None else _column(place[1])
+            if self._column >= _MOST_COLUMNS:
+                raise StudyError(f"{self._path}: row {self._number}: has too many columns")
+            self._kind = attributes.get("t", "n")
+            self._pieces.clear()
+
+    def end(self, tag: str) -> None:
+        self._within.pop()
+        if tag == f"{_MAIN}c":
+            if value := self._value(self.taken()):  # a cell may have a style alone
+                self._cells += [""] * (self._column + 1 - len(self._cells))
+                self._cells[self._column] = value
+        elif tag == f"{_MAIN}row":
+            cells = self._cells
+            filled = next((k for k in range(len(cells), 0, -1) if cells[k - 1].strip()), 0)
+            self._width = self._width or filled  # the header says how wide the table is
+            width = self._width
+            row = cells[: max(filled, width)] + [""] * (width - len(cells)) if filled else []
+            self.found.append(row)
+            self._count += len(cells) + len(row) + 1
+            self._letters += sum(map(len, row))
+            check_within("cells", self._count, StudyError, self._path, "cells")
+            check_within("table", self._letters, StudyError, self._path, "characters")
+
+    def _value(self, stored: str) -> str:
+        if self._kind == "s":
+            return self._shared[int(stored)]
+        if self._kind == "n" and stored:
+            return f"{float(stored):.15g}"  # Excel's own digits: 0.1 is 0.10000000000000001
+        return stored
 
 
 def _column(letters: str) -> int:
@@ -94,26 +208,3 @@ def _column(letters: str) -> int:
     for letter in letters:
         number = 26 * number + ord(letter) - ord("A") + 1
     return number - 1
-
-
-def _value(cell: ElementTree.Element, shared: list[str]) -> str:
-    kind = cell.get("t", "n")
-    if kind == "inlineStr":
-        return _text(cell)
-    stored = cell.findtext(f"{_MAIN}v", "")
-    if kind == "s":
-        return shared[int(stored)]
-    if kind == "n" and stored:
-        return f"{float(stored):.15g}"  # Excel's own digits: 0.1 is stored as 0.10000000000000001
-    return stored
-
-
-def _text(entry: ElementTree.Element) -> str:
-    """Return a text of plain or rich runs, without how it is pronounced."""
-    parts = []
-    for child in entry:
-        if child.tag == f"{_MAIN}t":
-            parts.append(child.text or "")
-        elif child.tag in (f"{_MAIN}r", f"{_MAIN}is"):
-            parts.append(_text(child))
-    return "".join(parts)

@@ -12,13 +12,8 @@ from pathlib import Path
 from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit
 
-VALUES = 1_000_000_000
-"""Numbers in a picture or an array: pixels times channels."""
-RATIO = 400
-"""Numbers for each byte of the file, beyond `RATIO_FROM` of them: flat colour alone has more."""
 RATIO_FROM = 100_000_000
-VERTICES = 50_000_000
-"""Entries of a mesh's lists: of its positions, of its indices, and so on."""
+"""Numbers up to which a picture may be packed as tightly as flat colour is."""
 
 
 def check_values(path: Path, *shape: int) -> None:
@@ -31,7 +26,7 @@ def check_values(path: Path, *shape: int) -> None:
     """
     if min(shape, default=1) == 0:
         raise InputError(f"{path}: must hold at least one number (is {_by(shape)})")
-    most, count = limit("values", VALUES, InputError), 1
+    most, count = limit("values", InputError), 1
     for edge in shape:
         count *= edge
     if count > most or min(shape, default=1) < 0:
@@ -41,7 +36,7 @@ def check_values(path: Path, *shape: int) -> None:
             f" {LIMITS_VARIABLE}=values={max(count, 0)}"
         )
     if count > RATIO_FROM and path.is_file():
-        packed, ratio = max(path.stat().st_size, 1), limit("ratio", RATIO, InputError)
+        packed, ratio = max(path.stat().st_size, 1), limit("ratio", InputError)
         if count > packed * ratio:
             raise InputError(
                 f"{path}: must hold at most {ratio:,} numbers in each byte (says that it holds"
@@ -62,7 +57,7 @@ def check_vertices(path: Path, count: int) -> None:
     InputError
         With the count, the limit and how to raise it.
     """
-    most = limit("vertices", VERTICES, InputError)
+    most = limit("vertices", InputError)
     if count > most:
         raise InputError(
             f"{path}: no list of a mesh must be longer than {most:,} (one has {count:,}); simplify"

@@ -21,6 +21,7 @@ from protocols.journal import (
     Withdrawal,
 )
 from protocols.load import read_bytes
+from protocols.outside import check_within
 
 JOURNAL_NAME = "journal.jsonl"
 
@@ -91,7 +92,8 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
         If the file cannot be read or, unless `lenient`, a line is damaged or missing.
     """
     try:
-        data = read_bytes(path, "the journal")
+        data = read_bytes(path, "the journal", "table")
+        check_within("events", data.count(b"\n"), StudyError, path, "lines")
     except StudyError as error:
         if lenient and path.exists():  # one session's, and not the study's end
             return Journal(path, (), b"", False, (DamagedLine(1, str(error)),))

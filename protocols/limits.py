@@ -10,14 +10,8 @@ import zlib
 from pathlib import Path
 
 from protocols.errors import StudyError
-from protocols.outside import LIMITS_VARIABLE, limit
+from protocols.outside import LIMITS_VARIABLE, check_within, limit
 
-TRIALS = 100_000
-"""Trials of one participant, practice and catch trials included."""
-UNPACKED = 2_000_000_000
-"""Bytes that a packed file may hold."""
-ROWS = 10_000_000
-"""Lines of a table or a recording."""
 _PIECE = 1 << 20
 
 
@@ -29,7 +23,7 @@ def check_trials(count: int) -> None:
     StudyError
         With the count, the limit and how to raise it.
     """
-    most = limit("trials", TRIALS, StudyError)
+    most = limit("trials", StudyError)
     if count > most:
         raise StudyError(
             f"design: a participant must have at most {most:,} trials (got {count:,}); take fewer"
@@ -38,19 +32,27 @@ def check_trials(count: int) -> None:
 
 
 def check_rows(path: Path, text: str) -> None:
-    """Refuse a table of more lines than the limit allows.
+    """Refuse a recording of more lines than the limit allows.
 
     Raises
     ------
     StudyError
         With the count, the limit and how to raise it.
     """
-    most, count = limit("rows", ROWS, StudyError), text.count("\n")
-    if count > most:
-        raise StudyError(
-            f"{path}: must have at most {most:,} lines (has {count:,}); if it is right, raise the"
-            f" limit with {LIMITS_VARIABLE}=rows={count}"
-        )
+    check_within("rows", text.count("\n"), StudyError, path, "lines")
+
+
+def check_cells(path: Path, text: str, separator: str = ",") -> None:
+    """Refuse a table of more lines, or of more cells, than the limits allow.
+
+    Raises
+    ------
+    StudyError
+        With the count, the limit and how to raise it.
+    """
+    check_rows(path, text)
+    count = text.count("\n") + text.count(separator)
+    check_within("cells", count, StudyError, path, "cells")
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
@@ -61,7 +63,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
     StudyError
         If it is no whole gzip file, or holds more than the limit allows.
     """
-    most, parts, size = limit("unpacked", UNPACKED, StudyError), [], 0
+    most, parts, size = limit("text", StudyError), [], 0
     while data:
         stream = zlib.decompressobj(wbits=31)
         try:
@@ -71,7 +73,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
                 if size > most:
                     raise StudyError(
                         f"{path}: must unpack to at most {most:,} bytes (it holds more); if it is"
-                        f" right, raise the limit with {LIMITS_VARIABLE}=unpacked=NUMBER"
+                        f" right, raise the limit with {LIMITS_VARIABLE}=text=NUMBER"
                     )
             while not stream.eof and parts and parts[-1]:
                 parts.append(stream.decompress(b"", _PIECE))

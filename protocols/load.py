@@ -17,7 +17,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.format1 import says_format_1, upgraded_protocol
 from protocols.hashing import sha256_bytes
-from protocols.outside import CONTROL, reading
+from protocols.outside import CONTROL, bounded_bytes, reading
 from protocols.problems import problems_of
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
@@ -33,6 +33,13 @@ _OLD = (
     " [[scenes]], task.gap_s for trial.gap_s); once it is in order, 'metamerlab protocol upgrade"
     " FILE --out NEW' writes it so"
 )
+_MOST_PARTS = 32
+_LONG_KEY = re.compile(
+    r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+    r"""(?:[ \t]*+\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+'))"""
+    f"{{{_MOST_PARTS},}}"
+)
+"""A dotted key that a parser of TOML takes long for: the square of its parts."""
 _RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
@@ -228,10 +235,10 @@ def shipped(folder: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(root.glob("*.toml"))}
 
 
-def read_bytes(path: Path, what: str) -> bytes:
-    """Read a file; `StudyError` says why it cannot be read."""
+def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
+    """Read a file, if the limit `name` allows its size; `StudyError` says why it is not read."""
     try:
-        return path.read_bytes()
+        return bounded_bytes(path, StudyError, name)
     except FileNotFoundError:
         raise StudyError(f"{path}: {what} must exist (there is no such file)") from None
     except IsADirectoryError:
@@ -266,7 +273,13 @@ def _shipped(path: Path, folder: str) -> Path:
 
 def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
-    text = decode_utf8(read_bytes(path, "the TOML file"), path)
+    text = decode_utf8(read_bytes(path, "the TOML file", "toml"), path)
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise StudyError(
+            f"{path}: line {line}: must be valid TOML with keys of at most {_MOST_PARTS} parts"
+            " (has more); mend the file"
+        )
     with reading(path, "valid TOML", StudyError, "mend the file"):
         return {key: with_tuples(value) for key, value in tomllib.loads(text).items()}
 

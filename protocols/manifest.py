@@ -20,6 +20,7 @@ from protocols.errors import StudyError
 from protocols.format1 import clip_as_written, upgraded_clip
 from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.load import control_characters, decode_utf8, read_bytes
+from protocols.outside import parsed_json
 from protocols.problems import problems_of
 from protocols.schema import StudyProtocol
 from protocols.units import (
@@ -179,15 +180,9 @@ def read_manifest(folder: Path) -> Manifest:
             f"{folder}: must hold a finished batch of clips (there is no {MANIFEST_NAME});"
             " run 'metamerlab stimuli build' to the end"
         )
-    text = decode_utf8(read_bytes(path, "the manifest"), path)
-    try:
-        raw = json.loads(text)
-    except json.JSONDecodeError as broken:
-        raise StudyError(
-            f"{path}: line {broken.lineno}: must be valid JSON ({broken.msg}); build again"
-        ) from None
-    except (ValueError, RecursionError):  # numbers of 5,000 digits, brackets 3,000 deep
-        raise StudyError(f"{path}: must be the manifest of a build; build again") from None
+    data = read_bytes(path, "the manifest")
+    decode_utf8(data, path)  # it names the line of what is no UTF-8
+    raw = parsed_json(path, data, "the manifest of a build", StudyError, "build again")
     if found := list(control_characters(raw)):
         raise StudyError("\n".join(f"{path}: {problem}" for problem in found))
     try:

@@ -7,18 +7,43 @@ exception its caller raises.
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import Path
+from typing import IO, Any, Final
 
 LIMITS_VARIABLE = "METAMERLAB_LIMITS"
 """The environment variable that raises limits: ``values=4e9,trials=1e6``."""
+LIMITS: Final = {
+    "values": 1_000_000_000,
+    "ratio": 400,
+    "memory": 1 << 30,
+    "unpacked": 2_000_000_000,
+    "text": 250_000_000,
+    "table": 100_000_000,
+    "events": 500_000,
+    "toml": 2_000_000,
+    "rows": 5_000_000,
+    "cells": 4_000_000,
+    "files": 100_000,
+    "vertices": 50_000_000,
+    "triangles": 20_000_000,
+    "trials": 100_000,
+}
+"""Every limit by its name; docs/images.md says of what."""
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 """Characters that no text of a user's needs, and XML does not allow."""
 FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
 """How a cell begins that a spreadsheet would run, or that looks as if it had been made safe."""
+_ZIP_TAIL = (1 << 16) + 200
+"""Bytes at the end of a zip file, of which the last 65,535 may be a comment."""
+_ZIP_ENTRY = 46 + 64
+"""Bytes of a member in the list of a zip file: its header, and a name."""
 _KEPT = {0x09, 0x0A}
 _TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
 _HIDDEN = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
@@ -31,24 +56,130 @@ _MARKDOWN = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])|\|")
 """Where HTML, a link, a picture or another cell would begin in Markdown."""
 
 
-def limit(name: str, default: int, error: type[Exception]) -> int:
-    """Return a limit: the one that the environment gives, or the default.
+def limit(name: str, error: type[Exception]) -> int:
+    """Return a limit of `LIMITS`: the one that the environment gives, or the default.
 
     Raises
     ------
     error
-        If the variable does not read NAME=NUMBER, with commas between.
+        If the variable does not read NAME=NUMBER, with commas between, or names no limit.
     """
-    for entry in filter(None, os.environ.get(LIMITS_VARIABLE, "").split(",")):
-        key, _, value = entry.partition("=")
-        if key.strip() == name:
-            try:
-                return int(float(value))
-            except (ValueError, OverflowError):
-                raise error(
-                    f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
-                ) from None
-    return default
+    found = dict(LIMITS)
+    for entry in filter(str.strip, os.environ.get(LIMITS_VARIABLE, "").split(",")):
+        key, _, value = (part.strip() for part in entry.partition("="))
+        try:
+            number = int(float(value))
+            if number < 0:
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise error(
+                f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
+            ) from None
+        if key not in LIMITS:
+            near = "".join(f"; did you mean {one!r}?" for one in get_close_matches(key, LIMITS, 1))
+            raise error(
+                f"{LIMITS_VARIABLE}: must name one of {', '.join(LIMITS)} (got {key!r}){near}"
+            )
+        found[key] = number
+    return found[name]
+
+
+def check_limits_variable(error: type[Exception]) -> None:
+    """Refuse the variable of limits if it is misspelt or cannot be read.
+
+    Raises
+    ------
+    error
+        Naming the variable and what was found.
+    """
+    for name in os.environ:
+        if name != LIMITS_VARIABLE and get_close_matches(name.upper(), [LIMITS_VARIABLE], 1, 0.85):
+            raise error(f"{name}: must be spelt {LIMITS_VARIABLE}; rename this variable")
+    limit("values", error)
+
+
+def check_within(
+    name: str, count: int, error: type[Exception], path: Path, what: str, verb: str = "have"
+) -> None:
+    """Refuse a file with more than a limit allows.
+
+    Parameters
+    ----------
+    name : str
+        Of the limit.
+    what : str
+        What is counted: ``lines``.
+
+    Raises
+    ------
+    error
+        With the count, the limit and how to raise it.
+    """
+    most = limit(name, error)
+    if count > most:
+        raise error(
+            f"{path}: must {verb} at most {most:,} {what} (has {count:,}); if it is right, raise"
+            f" the limit with {LIMITS_VARIABLE}={name}={count}"
+        )
+
+
+def bounded_bytes(path: Path, error: type[Exception], name: str = "text") -> bytes:
+    """Return the content of a file that has to be read whole, if a limit allows its size.
+
+    Raises
+    ------
+    error
+        If it is larger.
+    OSError
+        As reading does.
+    """
+    with path.open("rb") as file:
+        found = os.fstat(file.fileno())
+        check_within(name, found.st_size, error, path, "bytes")
+        if stat.S_ISREG(found.st_mode):
+            return file.read()
+        data = file.read(limit(name, error) + 1)  # a device ends nowhere
+        check_within(name, len(data), error, path, "bytes")
+        return data
+
+
+def lines_of(text: str) -> Iterator[str]:
+    """Yield the lines of a text with their ends, without the copy that takes four times more."""
+    place = 0
+    while place < len(text):
+        end = text.find("\n", place) + 1 or len(text)
+        yield text[place:end]
+        place = end
+
+
+def parsed_json(
+    path: Path, data: bytes, what: str, error: type[Exception], cure: str = "copy it again"
+) -> Any:
+    """Return what JSON in UTF-8 says; `path`, `what`, `error` and `cure` as in `reading`."""
+    count = sum(data.count(mark) for mark in (b",", b"[", b"{"))
+    check_within("cells", count, error, path, "values")
+    with reading(path, what, error, cure):
+        return json.loads(data)
+
+
+def check_zip(path: Path, file: IO[bytes], error: type[Exception]) -> None:
+    """Refuse a zip file whose list of members is too long to be read; it stands at its end.
+
+    Raises
+    ------
+    error
+        With the count, the limit and how to raise it.
+    """
+    size = file.seek(0, os.SEEK_END)
+    file.seek(-min(size, _ZIP_TAIL), os.SEEK_END)
+    tail = file.read()
+    file.seek(0)
+    place, place_64 = tail.rfind(b"PK\x05\x06"), tail.rfind(b"PK\x06\x06")
+    stated = int.from_bytes(tail[place + 12 : place + 16], "little") if place >= 0 else 0
+    if place_64 >= 0:
+        stated = max(stated, int.from_bytes(tail[place_64 + 40 : place_64 + 48], "little"))
+    # What it states may be more than there is, and then it is damaged.
+    check_within("files", min(stated, size) // _ZIP_ENTRY, error, path, "files", "hold")
 
 
 @contextmanager

@@ -213,7 +213,7 @@ def _noted(out: Path) -> set[str]:
 
     A folder may come from anywhere, and what is noted is deleted: no note leads out of it.
     """
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, TypeError, RecursionError):
         noted = map(str, json.loads((out / BUILD_FOLDER / NAMES).read_bytes()))
         return {name for name in noted if name == Path(name).name and name.strip(".")}
     return set()

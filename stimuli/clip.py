@@ -116,7 +116,7 @@ def read_survey(folder: Path, key: str) -> Survey | None:
         for index, wanted in enumerate(survey.masks_sha256):
             if sha256_bytes((folder / f"{index:06d}.png").read_bytes()) != wanted:
                 return None
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
     return survey
 

@@ -9,8 +9,6 @@ from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
@@ -56,7 +54,7 @@ class Book:
             try:
                 raw = json.loads(path.read_bytes())
                 clip = Clip.model_validate_json(json.dumps(raw["clip"]))
-            except (ValueError, KeyError, ValidationError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 continue
             if raw["renderer"] == asdict(self._renderer):
                 records[clip.name] = clip

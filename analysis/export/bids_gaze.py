@@ -5,7 +5,7 @@ import gzip
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import StringIO, TextIOWrapper
+from io import TextIOWrapper
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
@@ -16,7 +16,9 @@ from analysis.export.public import gaze_source
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_bytes
 from protocols.journal import Attempt, Calibration, GazeInfo, SessionResume, SessionStart, SideFile
+from protocols.limits import check_cells
 from protocols.load import read_bytes
+from protocols.outside import lines_of
 
 _COLUMNS = ("timestamp", "x_coordinate", "y_coordinate")
 HEADER = ["t_s", "raw_t", "x_px", "y_px"]
@@ -77,7 +79,9 @@ def read_samples(folder: Path, side: SideFile) -> list[Sample]:
     if sha256_bytes(data) != side.sha256:
         raise StudyError(f"{name}: must be as it was recorded (its hash is another)")
     try:
-        header, *rows = csv.reader(StringIO(data.decode("ascii")))
+        text = data.decode("ascii")
+        check_cells(folder / name, text)
+        header, *rows = csv.reader(lines_of(text))
         if header != HEADER:
             raise ValueError
         samples: list[Sample] = [

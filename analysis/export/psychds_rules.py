@@ -85,7 +85,7 @@ def _metadata(folder: Path, path: Path, found: list[Broken]) -> object:
         content: object = json.loads(path.read_bytes().decode("utf-8"))
     except UnicodeDecodeError:
         found.append(Broken("INVALID_JSON_ENCODING", _name(folder, path), "must be UTF-8"))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:  # JSON that is none, or whose brackets lie deep
         found.append(Broken("INVALID_JSON_FORMATTING", _name(folder, path), str(error)))
     else:
         if isinstance(content, dict):

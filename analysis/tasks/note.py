@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from analysis.tasks import analysis_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
-from protocols.load import decode_utf8, read_bytes
-from protocols.outside import json_bytes
+from protocols.load import read_bytes
+from protocols.outside import json_bytes, parsed_json
 from protocols.problems import problems_of
 from protocols.suggest import did_you_mean
 
@@ -46,16 +46,15 @@ def read_note(table: Path) -> tuple[str, TableOptions] | None:
     path = note_path(table)
     if not path.is_file():
         return None
+    must = "what 'metamerlab analysis import' notes of the table beside it"
+    cure = "move it away, or import the table anew"
+    content = parsed_json(path, read_bytes(path, "the note"), must, StudyError, cure)
     try:
-        content = json.loads(decode_utf8(read_bytes(path, "the note"), path))
         said = dict(content["analysis"])
         kind = str(said.pop("kind"))
         known = content["format"] == FORMAT
     except (ValueError, KeyError, TypeError):
-        raise StudyError(
-            f"{path}: must be what 'metamerlab analysis import' notes of the table beside it;"
-            " move it away, or import the table anew"
-        ) from None
+        raise StudyError(f"{path}: must be {must}; {cure}") from None
     if not known:
         raise StudyError(f"{path}: format must be {FORMAT} (got {content['format']!r})")
     return kind, _checked(kind, said, f"{path}: analysis")
@@ -76,7 +75,7 @@ def _value(text: str) -> object:
     """Return a number, true or false, or a text."""
     try:
         value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
     return value if isinstance(value, bool | int | float) else text.strip("\"'")
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import TypeAdapter, ValidationError, model_validator
 
 from protocols.errors import Problem, StudyError
-from protocols.limits import check_rows
+from protocols.limits import check_cells
+from protocols.outside import check_within
 from protocols.prose import Block
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
@@ -168,8 +169,9 @@ def read_table(path: Path) -> list[dict[str, object]]:
     """
     from protocols.load import decode_utf8, read_bytes
 
-    text = decode_utf8(read_bytes(path, "the table of stimuli"), path)
-    check_rows(path, text)
+    text = decode_utf8(read_bytes(path, "the table of stimuli", "table"), path)
+    check_cells(path, text)
+    check_within("files", text.count("\n"), StudyError, path, "lines")
     reader = csv.DictReader(io.StringIO(text), strict=True)
     try:
         header = [name.strip() for name in reader.fieldnames or ()]

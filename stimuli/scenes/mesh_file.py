@@ -29,7 +29,6 @@ from stimuli.scenes.mesh_inputs import (
 )
 from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
 
-MOST_TRIANGLES = 20_000_000
 LARGEST_TEXTURE_PX = 8192
 SUN = Light(
     sun_direction=(-0.65, 0.7, 0.35),
@@ -103,7 +102,7 @@ def load_world(
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
         triangles += len(geometry.faces)
-        if triangles > (most := limit("triangles", MOST_TRIANGLES, InputError)):
+        if triangles > (most := limit("triangles", InputError)):
             raise InputError(
                 f"{path}: must have at most {most:,} triangles (has more); simplify it, cut away"
                 f" what the camera does not see, or raise the limit with"

@@ -69,7 +69,7 @@ class Cache:
                     for name, points in raw.get("curves", {}).items()
                 },
             )
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
     def write(self, key: str, measured: Measured) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import Json
-from protocols.limits import check_rows
+from protocols.limits import check_cells
 from protocols.load import load_display
-from protocols.outside import reading
+from protocols.outside import bounded_bytes, reading
 
 STANDARD_FHD = "standard_fhd"
 _INCH_M = 0.0254
@@ -154,27 +154,28 @@ def read_gaze(text: str | None) -> Gaze:
     parts = text.split(",")
     if len(parts) == 2:
         return Gaze((_point(parts, "--gaze"),))
-    path = Path(text)
+    path, points = Path(text), ()
     try:
         with reading(path, "a CSV file in UTF-8", StudyError):
-            text = path.read_bytes().decode("utf-8-sig")
-            check_rows(path, text)
-            rows = list(csv.DictReader(io.StringIO(text, newline=""), restkey="(more)"))
+            text = bounded_bytes(path, StudyError, "table").decode("utf-8-sig")
+            check_cells(path, text)
+            reader = csv.DictReader(io.StringIO(text, newline=""), restkey="(more)")
+            header = list(reader.fieldnames or ())
+            if {"x_px", "y_px"} <= set(header):
+                points = tuple(
+                    _point([row["x_px"], row["y_px"]], f"{path}: line {number}")
+                    for number, row in enumerate(reader, start=2)
+                )
     except (FileNotFoundError, IsADirectoryError):
         raise StudyError(
             f"--gaze: must be X,Y in pixels or a CSV file (there is no file {text!r})"
         ) from None
-    if not rows or not {"x_px", "y_px"} <= set(rows[0]):
+    if not points:
         raise StudyError(
             f"{path}: must have the columns x_px and y_px and one line per frame"
-            f" (got {', '.join(rows[0]) if rows else 'no line'})"
+            f" (got {', '.join(header) or 'no line'})"
         )
-    return Gaze(
-        tuple(
-            _point([row["x_px"], row["y_px"]], f"{path}: line {number}")
-            for number, row in enumerate(rows, start=2)
-        )
-    )
+    return Gaze(points)
 
 
 def _point(parts: Sequence[str | None], where: str) -> tuple[float, float]:

@@ -19,10 +19,9 @@ from typing import Any, BinaryIO, ClassVar
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.journal_file import find_journals, read_journal
-from protocols.limits import UNPACKED
-from protocols.load import SECRET_SUFFIX, load_protocol, open_new
+from protocols.load import SECRET_SUFFIX, load_protocol, open_new, read_bytes
 from protocols.manifest import MANIFEST_NAME, read_manifest
-from protocols.outside import LIMITS_VARIABLE, limit, reading
+from protocols.outside import LIMITS_VARIABLE, check_within, check_zip, limit, reading
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.archive.seal import is_sealed, unseal
 from study_app.sittings import Sitting
@@ -31,6 +30,8 @@ from study_app.verification import verify
 _PIECE = 1 << 20
 _LARGER = 4
 """An archive may unpack to so many times its own size, however large it is."""
+_ENTRY = 500
+"""Bytes of a file in the list of an archive: more than any has in the mean."""
 _PLAIN_FILES = {0, stat.S_IFREG}
 
 
@@ -106,7 +107,8 @@ def check_folder(folder: Path) -> Findings:
         If its list cannot be read.
     """
     path = folder / INDEX_NAME
-    index, problems = _index(path, path.read_bytes()), []
+    data = read_bytes(path, "the archive's list")
+    index, problems = _index(path, data), []
     for entry in index.files:
         place = folder / entry.path
         if place.is_symlink() or not place.is_file():
@@ -156,11 +158,13 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
 def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Index]]:
     """Yield an archive whose members are exactly those of its list, and none of them a trap."""
     with reading(path, "an archive of 'session archive'", StudyError):
+        check_zip(path, file, StudyError)
         archive = zipfile.ZipFile(file)
     with archive:
+        check_within("files", len(archive.infolist()), StudyError, path, "files", "hold")
         infos = {info.filename: info for info in archive.infolist()}
         size = os.fstat(file.fileno()).st_size
-        most = max(limit("unpacked", UNPACKED, StudyError), _LARGER * size)
+        most = max(limit("unpacked", StudyError), _LARGER * size)
         total = sum(info.file_size for info in archive.infolist())
         if total > most:
             raise StudyError(
@@ -176,6 +180,7 @@ def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Inde
             raise StudyError(
                 f"{path}: must be an archive of 'session archive' (it has no {INDEX_NAME})"
             )
+        _check_length(path, infos[INDEX_NAME].file_size)
         with reading(path, "a whole archive", StudyError):
             listed = archive.read(INDEX_NAME)
         index = _index(path, listed)
@@ -208,7 +213,14 @@ def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
     return None
 
 
+def _check_length(path: Path, size: int, entries: int = 0) -> None:
+    """Refuse a list that is too long before it is parsed."""
+    count = max(size // _ENTRY, entries)
+    check_within("files", count, StudyError, path, f"files in its {INDEX_NAME}", "hold")
+
+
 def _index(path: Path, data: bytes) -> Index:
+    _check_length(path, len(data), data.count(b"{") - 1)
     with reading(path, f"an archive whose {INDEX_NAME} is as it was written", StudyError):
         index = Index.model_validate_json(data)
         if index.to_bytes() != data:

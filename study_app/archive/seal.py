@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from protocols.errors import StudyError
-from protocols.limits import UNPACKED
 from protocols.load import decode_utf8, read_bytes
 from protocols.outside import limit
 
@@ -91,7 +90,7 @@ def unseal(
     pyrage = _pyrage()
     try:
         if head == _BY_PASSPHRASE:
-            if path.stat().st_size > (most := limit("unpacked", UNPACKED, StudyError)):
+            if path.stat().st_size > (most := limit("unpacked", StudyError)):
                 raise StudyError(
                     f"{path}: must have at most {most:,} bytes to be opened by a passphrase here;"
                     " decrypt it with 'age --decrypt'"

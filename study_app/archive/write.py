@@ -161,7 +161,7 @@ def _pack(
         for done, (name, path) in enumerate(sorted(members), start=1):
             if path.is_symlink():
                 raise StudyError(f"{path}: must be a file of its own (it is a symbolic link)")
-            data = read_bytes(path, "a file of the study")
+            data = read_bytes(path, "a file of the study", "unpacked")
             packing = zipfile.ZIP_STORED if path.suffix in _PACKED_ALREADY else zipfile.ZIP_DEFLATED
             archive.writestr(zipfile.ZipInfo(name, _MOMENT), data, packing)
             entries.append(Entry(path=name, bytes=len(data), sha256=sha256_bytes(data)))

@@ -12,6 +12,8 @@ from typing import Annotated
 
 import typer
 
+from protocols.errors import StudyError
+from protocols.outside import check_limits_variable
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
 
@@ -77,6 +79,8 @@ def metamerlab(
     ] = False,
 ) -> None:
     """Perceptual studies of image warping, hole filling and foveated pictures."""
+    with user_errors():
+        check_limits_variable(StudyError)
 
 
 def main() -> None:

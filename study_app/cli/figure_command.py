@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from protocols.errors import StudyError
+from protocols.limits import check_cells
 from protocols.load import load_protocol
 from protocols.manifest import read_manifest
+from protocols.outside import bounded_bytes, lines_of, parsed_json, reading
 from study_app.cli.errors import user_errors
 from study_app.cli.terminal import say
 
@@ -158,12 +159,17 @@ def _scores(report: Path, kind: str, size: str | None) -> tuple[Mapping[str, str
     """Return a line of a report for each method, and whether its data are simulated."""
     path = report / "results.json"
     try:
-        read: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        data = bounded_bytes(path, StudyError)
+        read: dict[str, Any] = parsed_json(path, data, "a report of preferences", StudyError)
         simulated = bool(read["simulated"])
         if kind == "jod":
             return _jods(read["results"]["scales"], size), simulated
-        with (report / "tables" / "preferences.csv").open(encoding="utf-8", newline="") as file:
-            return _shares(list(csv.DictReader(file)), size), simulated
+        path = report / "tables" / "preferences.csv"
+        with reading(path, "a table of preferences in UTF-8", StudyError):
+            text = bounded_bytes(path, StudyError, "table").decode("utf-8")
+            check_cells(path, text)
+            rows = list(csv.DictReader(lines_of(text)))
+        return _shares(rows, size), simulated
     except FileNotFoundError as error:
         raise StudyError(
             f"--report: must be a folder that 'metamerlab analysis report' wrote (there is no"

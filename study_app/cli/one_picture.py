@@ -197,7 +197,7 @@ def read_parameters(settings: Sequence[str], methods: Sequence[str]) -> dict[str
 
 def _value(text: str) -> Any:
     for kind in (json.loads, float):  # .3 is no JSON
-        with suppress(ValueError):
+        with suppress(ValueError, RecursionError):
             return kind(text)
     return text
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,6 +31,7 @@ from protocols.load import (
     shipped,
 )
 from protocols.manifest import Manifest, read_manifest
+from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
 from protocols.plausible import display_notes, study_notes
 from protocols.preregister import preregistration, to_html, to_markdown
@@ -299,11 +299,8 @@ def upgrade(
 
 def _read_power(folder: Path) -> dict[str, Any]:
     path = folder / "power.json"
-    text = decode_utf8(read_bytes(path, "the simulated power"), path)
-    try:
-        found = json.loads(text)
-    except ValueError as error:
-        raise StudyError(f"{path}: must be JSON ({error})") from None
+    data, cure = read_bytes(path, "the simulated power"), "simulate it again"
+    found = parsed_json(path, data, "JSON of 'metamerlab analysis power'", StudyError, cure)
     return found if isinstance(found, dict) else {}
 
 

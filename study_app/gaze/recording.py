@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
+from array import array
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from protocols.errors import StudyError
 from protocols.limits import check_rows, unpacked
 from protocols.load import read_bytes
-from protocols.outside import reading
+from protocols.outside import lines_of, reading
 
 _SCREEN = re.compile(
     r"^MSG\s+\S+\s+(?:DISPLAY_COORDS|GAZE_COORDS)\s*=?\s*"
@@ -72,14 +72,14 @@ def load_recording(path: Path) -> Recording:
 
 
 def _read_asc(path: Path, text: str) -> Recording:
-    rows: list[tuple[float, float, float]] = []
+    samples = array("d")
     blinks: list[tuple[float, float]] = []
     rate_hz, screen = 0.0, None
     recording = False
     for line in text.splitlines():
         if line[:1].isdigit():
             if recording:
-                rows.append(_asc_sample(line))
+                samples.extend(_asc_sample(line))
         elif line.startswith("START"):
             recording = True
         elif line.startswith("END"):
@@ -91,9 +91,9 @@ def _read_asc(path: Path, text: str) -> Recording:
         elif match := _SCREEN.match(line):
             left, top, right, bottom = map(float, match.groups())
             screen = (round(right - left) + 1, round(bottom - top) + 1)
-    if not rows:
+    if not samples:
         raise StudyError(f"{path}: must hold samples between START and END (found none)")
-    stamps, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    stamps, x, y = np.array(samples).reshape(-1, 3).T
     t_s = (stamps - stamps[0]) / 1e3
     _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
@@ -117,23 +117,28 @@ def _asc_sample(line: str) -> tuple[float, float, float]:
 
 
 def _read_csv(path: Path, text: str) -> Recording:
-    reader = csv.DictReader(io.StringIO(text))
-    names = reader.fieldnames or []
+    reader = csv.reader(lines_of(text))
+    names = next(reader, [])
     unit = next((unit for unit in ("t_s", "t_ms") if unit in names), None)
     missing = [name for name in ("x_px", "y_px") if name not in names]
     if unit is None or missing:
         raise StudyError(
             f"{path}: must have columns t_s (or t_ms), x_px and y_px (got {', '.join(names)})"
         )
-    rows = []
-    for number, row in enumerate(reader, start=2):
+    places = [names.index(name) for name in (unit, "x_px", "y_px")]
+    samples = array("d")
+    for row in reader:
         try:
-            rows.append([float(row[name] or "nan") for name in (unit, "x_px", "y_px")])
-        except (TypeError, ValueError):
-            raise StudyError(f"{path}: line {number}: must hold numbers (got {row})") from None
-    if len(rows) < 2:
-        raise StudyError(f"{path}: must hold at least two samples (got {len(rows)})")
-    stamps, x, y = np.array(rows, dtype=np.float64).T
+            samples.extend([float(row[place] or "nan") for place in places] if row else [])
+        except (IndexError, ValueError):
+            raise StudyError(
+                f"{path}: line {reader.line_num}: must hold numbers (got {','.join(row)[:80]!r})"
+            ) from None
+    if len(samples) < 2 * len(places):
+        raise StudyError(
+            f"{path}: must hold at least two samples (got {len(samples) // len(places)})"
+        )
+    stamps, x, y = np.array(samples).reshape(-1, 3).T
     t_s = (stamps - stamps[0]) * (1.0 if unit == "t_s" else 1e-3)
     _check_places(path, x, y)
     if not np.isfinite(t_s).all():

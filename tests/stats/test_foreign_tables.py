@@ -207,8 +207,8 @@ def test_a_harmed_workbook_is_refused_in_one_message(tmp_path):
 
 
 def test_a_workbook_that_unpacks_to_too_much_is_refused_before(tmp_path, monkeypatch):
-    monkeypatch.setenv("METAMERLAB_LIMITS", "unpacked=100")
-    with pytest.raises(StudyError, match="must unpack to at most 100 bytes"):
+    monkeypatch.setenv("METAMERLAB_LIMITS", "text=100")
+    with pytest.raises(StudyError, match="must have at most 100 bytes in xl/"):
         read_xlsx(xlsx(tmp_path / "old.xlsx", PLAIN), [])
 
 

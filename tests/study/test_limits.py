@@ -183,7 +183,7 @@ def test_gzip_files_unpack_to_a_limit(tmp_path, monkeypatch):
     for broken in (packed[:-9], packed[: len(packed) // 2], b"text", packed[:4] + b"\xff" * 40):
         with pytest.raises(StudyError, match="must be a whole gzip file"):
             unpacked(broken, path)
-    monkeypatch.setenv(LIMITS_VARIABLE, "unpacked=4e6")
+    monkeypatch.setenv(LIMITS_VARIABLE, "text=4e6")
     with pytest.raises(StudyError, match="must unpack to at most 4,000,000 bytes"):
         unpacked(packed, path)
 

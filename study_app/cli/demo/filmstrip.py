@@ -134,7 +134,7 @@ def read_strip_file(folder: Path) -> Strip | None:
         raw = json.loads((folder / STRIP_NAME).read_text(encoding="utf-8"))
         shots = tuple(Shot(**shot) for shot in raw.pop("shots"))
         strip = Strip(shots=shots, **raw)
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
     return strip if all((folder / shot.file).is_file() for shot in shots) else None
 

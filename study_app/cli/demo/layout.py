@@ -53,7 +53,7 @@ class Record:
         self._path = layout.out / RECORD_NAME
         try:
             known = json.loads(self._path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             known = {}
         self._steps: dict[str, dict[str, object]] = known if isinstance(known, dict) else {}
         self._write()
