@@ -6,12 +6,31 @@ raised by the environment variable ``METAMERLAB_LIMITS``, such as ``values=4e9,v
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit
 
+MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
+"""What each byte of a file allows beyond the limits: a photograph has 0.2 bytes a pixel and more,
+flat colour 0.003."""
+_MIB: Final = 1 << 20
+NEEDS: Final = {
+    "read": (150 * _MIB, 40, 0.2),
+    "warp": (370 * _MIB, 135, 2.0),
+    "foveate": (590 * _MIB, 75, 1.0),
+    "foveate by numpy": (190 * _MIB, 900, 5.0),
+    "compress": (150 * _MIB, 540, 5.0),
+    "decompress": (650 * _MIB, 30, 1.0),
+    "denoise": (300 * _MIB, 1800, 9.0),
+    "texture bake": (180 * _MIB, 12, 1.1),
+    "score": (170 * _MIB, 60, 12.0),
+}
+"""What commands take for a picture: bytes of memory in any case, bytes for each pixel, and seconds
+for each million pixels; measured on two cores without a graphics card."""
 RATIO_FROM = 100_000_000
 """Numbers up to which a picture may be packed as tightly as flat colour is."""
 
@@ -43,6 +62,59 @@ def check_values(path: Path, *shape: int) -> None:
                 f" {count:,} in {packed:,} bytes); if it is right, raise the limit with"
                 f" {LIMITS_VARIABLE}=ratio={-(-count // packed)}"
             )
+
+
+def check_need(path: Path, command: str, width: int, height: int) -> None:
+    """Refuse a picture for which a command of `NEEDS` takes more than so small a file may.
+
+    Raises
+    ------
+    InputError
+        With the need, the limit and how to raise it.
+    """
+    always, each, seconds = NEEDS[command]
+    size = f"{width} x {height} px in {command!r}"
+    check_memory(path, always + each * width * height, size)
+    packed = path.stat().st_size
+    need_s = seconds * width * height / 1e6
+    _check_small(path, "seconds", need_s, SECONDS_FOR_A_BYTE * packed, size, packed)
+
+
+def check_memory(path: Path, need: int, what: str, packed: int | None = None) -> None:
+    """Refuse a file that takes more memory than the limit, and than so small a file may.
+
+    Parameters
+    ----------
+    need : int
+        Bytes that are about to be taken.
+    what : str
+        For what.
+    packed : int, optional
+        Bytes of the file, where it is a part of another or several.
+
+    Raises
+    ------
+    InputError
+        With the need, the limit and how to raise it.
+    """
+    packed = path.stat().st_size if packed is None else packed
+    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE * packed, what, packed)
+
+
+def _check_small(
+    path: Path, name: str, need: float, allowed: float, what: str, packed: int
+) -> None:
+    most = limit(name, InputError) + allowed
+    if need > most:
+        memory = name == "memory"
+        least, found = (
+            (f"{one / 1e9:.3g} GB of memory" if memory else f"{one:.0f} s") for one in (most, need)
+        )
+        raise InputError(
+            f"{path}: must take at most {least}, as a file of {packed:,} bytes may ({what} take"
+            f" {found}); make it smaller, or, if it is right, raise the limit with"
+            f" {LIMITS_VARIABLE}={name}={math.ceil(need)}"
+        )
 
 
 def _by(shape: Sequence[int]) -> str:

@@ -15,6 +15,16 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.limits import check_values
 
+_CONTAINERS: Final = (
+    (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"), (0, b"OggS"), (0, b"\x00\x00\x01\xba"),
+    (0, b"\x00\x00\x01\xb3"), (0, b"\x30\x26\xb2\x75"), (0, b"FLV"), (0, b"YUV4MPEG2"),
+    (0, b"DKIF"), (0, b"GIF8"), (188, b"G"),
+    *((4, kind) for kind in (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")),
+)  # fmt: skip
+"""How files begin that hold a video themselves: AVI, Matroska, Ogg, MPEG, ASF, ..., MP4 and MOV."""
+_LISTS: Final = (b"#EXTM3U", b"ffconcat", b"<MPD", b"c=IN IP")
+"""What FFmpeg takes for a list of other files, wherever it stands at the beginning."""
+_HEAD: Final = 4096
 VIDEOS: Final = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 """What is taken for a video, by its ending; FFmpeg decides whether it is one."""
 
@@ -37,6 +47,58 @@ def quiet_stderr() -> Iterator[None]:
         os.close(nothing)
 
 
+@contextmanager
+def opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
+    """Give a video as FFmpeg reads it, in OpenCV; it is closed when the block ends.
+
+    Raises
+    ------
+    InputError
+        If it is no video but a list of others, such as a playlist; if FFmpeg cannot read it; or if
+        a frame holds more numbers than the limit.
+    """
+    video = _capture(path)
+    try:
+        check_values(path, *_edges(video), 3)
+        yield video
+    finally:
+        video.release()
+
+
+def _capture(path: Path) -> cv2.VideoCapture:
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    # Playlists and the like lead to other files, which nobody named or hashed.
+    known = any(head.startswith(mark, place) for place, mark in _CONTAINERS)
+    if not known or any(mark in head for mark in _LISTS):
+        raise InputError(
+            f"{path}: must be a video that OpenCV reads, as {', '.join(VIDEOS)} files are, and no"
+            f" list of others (it begins with {ascii(head[:16])[1:]}); export it as a video"
+        )
+    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
+    with quiet_stderr():
+        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not video.isOpened():
+        raise InputError(f"{path}: must be a video that OpenCV reads (or it is damaged)")
+    return video
+
+
+def _edges(video: cv2.VideoCapture) -> tuple[int, int]:
+    width, height = (
+        round(video.get(edge)) for edge in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    )
+    return width, height
+
+
+def stated_video_size_px(path: Path) -> tuple[int, int] | None:
+    """Return width and height as a video says; None where it cannot be read."""
+    try:
+        with opened_video(path) as video:
+            return _edges(video)
+    except (InputError, OSError):
+        return None
+
+
 class VideoFrames:
     """A video whose frames are read by number; fast in their order.
 
@@ -54,11 +116,9 @@ class VideoFrames:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._open()
-        edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        width, height = (round(self._video.get(edge)) for edge in edges)
         try:
-            check_values(path, width, height, 3)
-            self.size_px = (width, height)
+            self.size_px = _edges(self._video)
+            check_values(path, *self.size_px, 3)
             with quiet_stderr():
                 while self._video.grab():  # what the head says of its length may be wrong
                     self._next += 1
@@ -69,12 +129,8 @@ class VideoFrames:
             self._video.release()
 
     def _open(self) -> None:
-        # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
-        with quiet_stderr():
-            self._video = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        self._video = _capture(self.path)
         self._next = 0
-        if not self._video.isOpened():
-            raise InputError(f"{self.path}: must be a video that OpenCV reads (or it is damaged)")
 
     def __len__(self) -> int:
         return self._count

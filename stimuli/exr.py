@@ -25,6 +25,7 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
+    check_fits,
     check_upright,
     from_integers,
     may_be_lossy,
@@ -120,6 +121,7 @@ def load_colour(
         If it is not a whole image, has other channels than red, green and blue (or one
         grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
     """
+    check_fits(path, "read")
     pixels = read_pixels(path)
     data = three_channels(path, pixels)
     if pixels.data.dtype.kind == "u":
@@ -246,6 +248,7 @@ def load_plane(path: Path) -> tuple[NDArray[np.float32], bool]:
     InputError
         If it is not a whole image of one channel, or of a format that loses numbers.
     """
+    check_fits(path, "read")
     pixels = read_pixels(path)
     lossy = may_be_lossy(path)
     if lossy is not None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import check_upright, count_pictures, read_pixels, three_channels
-from pipeline.limits import check_values
+from pipeline.video_file import opened_video, stated_video_size_px
 from protocols.outside import reading
 
 RATE_TOLERANCE_SHARE = 1e-3
@@ -106,14 +106,7 @@ def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
         return image_file.stated_size_px(path)
     if path.is_dir():
         return next(map(image_file.stated_size_px, frame_files(path)), None)
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    try:
-        width, height = (
-            round(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        )
-    finally:
-        video.release()
-    return (width, height) if width > 0 and height > 0 else None
+    return stated_video_size_px(path)
 
 
 def file_sha256(path: Path) -> str:
@@ -156,16 +149,7 @@ def _frames_of_folder(folder: Path, frames: int) -> Iterator[Frame]:
 
 
 def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
-    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    try:
-        if not video.isOpened():
-            raise InputError(
-                f"{path}: must be a video that OpenCV reads, or a folder of frames (it is neither,"
-                " or damaged)"
-            )
-        edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        check_values(path, *(round(video.get(edge)) for edge in edges), 3)
+    with opened_video(path) as video:
         stated = float(video.get(cv2.CAP_PROP_FPS))
         if stated > 0 and abs(stated - fps) > RATE_TOLERANCE_SHARE * fps:
             raise InputError(
@@ -182,8 +166,6 @@ def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
             yield _rgb(path, frame)
         if count > frames:
             raise _wrong_number(path, frames, max(count, int(video.get(cv2.CAP_PROP_FRAME_COUNT))))
-    finally:
-        video.release()
 
 
 def _rgb(path: Path, frame: NDArray[Any]) -> Frame:

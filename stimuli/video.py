@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
-from pipeline.limits import check_values
-from pipeline.video_file import VideoFrames, is_video, quiet_stderr
+from pipeline.video_file import VideoFrames, is_video, opened_video, quiet_stderr
 from protocols.outside import reading
 from stimuli.png import encode_bytes
 from stimuli.whole_file import whole_path
@@ -60,17 +59,10 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
     InputError
         If FFmpeg, in OpenCV, cannot read it, or it has no frame or no rate.
     """
-    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
-    with quiet_stderr():
-        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     with tempfile.TemporaryDirectory(prefix="metamerlab-frames-") as made:
         folder = Path(made) / path.stem  # scores are told by names of folders
         folder.mkdir()
-        try:
-            if not video.isOpened():
-                raise InputError(f"{path}: must be a video that OpenCV reads (or it is damaged)")
-            edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-            check_values(path, *(round(video.get(edge)) for edge in edges), 3)
+        with opened_video(path) as video:
             fps = float(video.get(cv2.CAP_PROP_FPS))
             promised = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
             count = 0
@@ -84,8 +76,6 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
                 shown = np.ascontiguousarray(frame[..., ::-1], np.uint8)
                 (folder / f"{count:06d}.png").write_bytes(encode_bytes(shown))
                 count += 1
-        finally:
-            video.release()
         if not count or not (np.isfinite(fps) and fps > 0):
             raise InputError(
                 f"{path}: must have frames and a rate (has {count} at {fps:g} a second)"

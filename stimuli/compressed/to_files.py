@@ -17,6 +17,7 @@ from pipeline.compression.file_format import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.limits import check_memory, check_need
 from pipeline.video_file import is_video
 from stimuli import pictures
 from stimuli.compressed.rivals import measured, rivals, sheet_of
@@ -133,6 +134,7 @@ def decompress_file(
     tell = say or (lambda _: None)
     check_seed(seed)
     held = read_compressed(source)
+    check_need(source, "decompress", *held.grid.size)
     if not statistics:
         held = replace(held, levels=0, statistics=())
     count = len(held.bases)
@@ -179,8 +181,12 @@ def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
                 f"{source}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
             )
     frames: list[NDArray[np.float32]] = []
+    packed = 0
     for path in paths:
-        opened = read_any(path)
+        opened = read_any(path, command="compress")
+        packed += path.stat().st_size
+        held = opened.colour.nbytes * (len(frames) + 1)
+        check_memory(source, held, f"{len(frames) + 1} frames", packed)
         if frames and opened.colour.shape != frames[0].shape:
             height, width = opened.colour.shape[:2]
             raise InputError(

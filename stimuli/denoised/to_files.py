@@ -153,7 +153,7 @@ def denoise_file(
             raise InputError(f"{path}: is what is to be denoised; write somewhere else")
     if compare is not None and compare.absolute() == out.absolute():
         raise InputError(f"{out}: OUT and --compare must be different files")
-    first = read_any(sources[0], Reading(clip=True))
+    first = read_any(sources[0], Reading(clip=True), "denoise")
     for note in first.notes:
         tell(f"note: {note}")
     height, width = first.colour.shape[:2]
@@ -170,7 +170,9 @@ def denoise_file(
     try:
         with frames_folder(out) if clip else nullcontext(out.parent) as folder:
             for index, (path, name) in enumerate(zip(sources, names, strict=True)):
-                noisy = first.colour if index == 0 else read_any(path, Reading(clip=True)).colour
+                noisy = (
+                    first if index == 0 else read_any(path, Reading(clip=True), "denoise")
+                ).colour
                 if noisy.shape != first.colour.shape:
                     raise InputError(
                         f"{path}: must be as large as the first frame, {width} x {height} px"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.image_file import Pixels, count_pictures, from_integers, read_pixels
+from pipeline.image_file import Pixels, check_fits, count_pictures, from_integers, read_pixels
 from stimuli.channels import need
 from stimuli.exr import Transfer, stored_transfer
 from stimuli.exr_parts import read_parts
@@ -73,17 +73,19 @@ class AnyPicture:
     notes: tuple[str, ...] = field(default=())
 
 
-def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
-    """Read a picture of whatever kind.
+def read_any(path: Path, reading: Reading | None = None, command: str = "read") -> AnyPicture:
+    """Read a picture of whatever kind, for a command of `pipeline.limits.NEEDS`.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     InputError
-        If it is not a whole picture, has no colour, or holds NaN or light that no display shows.
+        If it is not a whole picture, has no colour, holds NaN or light that no display shows, or
+        is so large that the command takes too much memory.
     """
     reading = reading or Reading()
+    check_fits(path, command)
     pixels = read_pixels(path)
     integers = pixels.data.dtype.kind == "u"
     if integers and (reading.stops != 0 or reading.encoded):

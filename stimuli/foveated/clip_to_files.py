@@ -79,7 +79,8 @@ def foveate_clip(
     check_seed(seed)
     paths = sorted(p for p in frames.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
     motions = _files(frames, out, paths, flow)
-    first = read_any(paths[0], reading)
+    command = "foveate" if ctx is not None else "foveate by numpy"
+    first = read_any(paths[0], reading, command)
     size = (first.colour.shape[0], first.colour.shape[1])
     looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
     gaze_px = read_gaze(gaze, looking.geometry)
@@ -98,7 +99,7 @@ def foveate_clip(
         shift: NDArray[np.float64] | None = None
         with frames_folder(out) as folder:
             for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
-                opened = first if index == 0 else read_any(path, reading)
+                opened = first if index == 0 else read_any(path, reading, command)
                 if opened.colour.shape[:2] != size:
                     height, width = opened.colour.shape[:2]
                     raise InputError(

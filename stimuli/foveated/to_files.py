@@ -127,7 +127,8 @@ def foveate_file(
         raise InputError("choices must hold at least one condition (got none)")
     check_choices(choices)
     check_seed(seed)
-    opened = read_any(picture, reading or Reading())
+    by_numpy = ctx is None or asked.compare is not None or asked.steps is not None
+    opened = read_any(picture, reading, "foveate by numpy" if by_numpy else "foveate")
     height, width = opened.colour.shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg, panorama=panorama)
     work = _Work(

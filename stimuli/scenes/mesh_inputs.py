@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import os.path
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -22,11 +22,20 @@ from PIL import Image
 from trimesh.resolvers import Resolver
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values, check_vertices
+from pipeline.limits import check_memory, check_values, check_vertices
+from protocols.outside import bounded_bytes, check_within, parsed_json, visible_line
 
 ENDINGS = (".glb", ".gltf", ".obj")
 KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
                     "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
+_MOST_CORNERS = 1000
+_GROUPS_AT_ONCE = 40
+_DEEPEST = 256
+_VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _OBJ_BYTES = 200, 30, 8, 60
+_TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
+"""What parts of a mesh take in memory: measured. A texture takes more while it is unpacked."""
+_PARTS = {"VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Numbers of an entry by its type."""
 _BASE_COLOUR = (
     ("pbrMetallicRoughness", "baseColorTexture"),
     ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
@@ -143,33 +152,167 @@ def check_textures(path: Path) -> None:
 
 
 def check_lists(path: Path) -> None:
-    """Refuse a mesh whose lists are too long to be made: a few bytes can state any length.
+    """Refuse a mesh that is more than its files can hold, by its document alone.
+
+    A few bytes can state lists of any length, use one list a thousand times, and unpack to
+    pictures of any size.
 
     Raises
     ------
     InputError
-        With the length and the limit, or if a length is no whole number.
+        With the count and the limit, or if a length is no whole number.
     """
+    files = files_of(path)
+    packed = sum(file.stat().st_size for file in files)
     if path.suffix.lower() == ".obj":
-        check_vertices(path, max(_lines_of(path).values()))
+        check_within("text", path.stat().st_size, InputError, path, "bytes")
+        _check_obj(path, packed)
+        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
+        images = (name for library in libraries for name in _images_of(library))
+        _check_pictures(path, [(name, place_of(path.parent, name)) for name in images], packed)
         return
-    accessors = document(path).get("accessors", [])
-    counts = [entry.get("count", 0) for entry in accessors if isinstance(entry, dict)]
+    read = document(path)
+    try:
+        _check_gltf(path, read, packed)
+        _check_pictures(path, _pictures(path, read), packed)
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"{path}: must be a whole glTF 2.0 file ({visible_line(repr(error))}); export it again"
+        ) from None
+
+
+def _check_obj(path: Path, packed: int) -> None:
+    found: Counter[bytes] = Counter({b"v": 0})
+    groups: set[bytes] = set()
+    corners = longest = 0
+    with path.open("rb") as file:
+        for line in file:
+            word = line[:2].strip()
+            found[word] += 1
+            # A line that ends in a backslash goes on: with its next ones it is one.
+            corners = line.count(b" ") + line.count(b"\t") + (corners if corners else 0)
+            longest = max(longest, corners)
+            if not line.rstrip(b"\r\n").endswith(b"\\"):
+                corners = 0
+            if line.startswith((b"usemtl", b"o ", b"g ")):
+                groups.add(line)
+    if longest > _MOST_CORNERS:
+        raise InputError(
+            f"{path}: a face must have at most {_MOST_CORNERS:,} corners (a line has"
+            f" {longest:,} parts); cut its faces into triangles"
+        )
+    check_vertices(path, max(found.values()))
+    check_within("nodes", len(groups), InputError, path, "groups and materials")
+    # Each group is cut out of the whole list.
+    check_vertices(path, found[b"v"] * max(len(groups), 1) // _GROUPS_AT_ONCE)
+    check_memory(path, _OBJ_BYTES * packed, "its lines", packed)
+
+
+def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
+    accessors, views, nodes = (read.get(k, []) for k in ("accessors", "bufferViews", "nodes"))
+    counts = [entry.get("count", 0) for entry in accessors]
     if not all(isinstance(count, int) and count >= 0 for count in counts):
         raise InputError(
             f"{path}: must be a whole glTF 2.0 file (the length of a list is no whole number);"
             " export it again"
         )
     check_vertices(path, max(counts, default=0))
+    primitives = [part for mesh in read.get("meshes", []) for part in mesh["primitives"]]
+    kinds = ("meshes", "nodes", "materials", "textures", "images", "buffers")
+    longest = max(len(primitives), *(len(read.get(kind, [])) for kind in kinds))
+    check_within("nodes", longest, InputError, path, "meshes, nodes, materials, ... each")
+    numbers = [n * _PARTS.get(entry["type"], 1) for entry, n in zip(accessors, counts, strict=True)]
+    without = sum(
+        n for entry, n in zip(accessors, numbers, strict=True) if "bufferView" not in entry
+    )
+    if without > packed:
+        raise InputError(
+            f"{path}: lists of a mesh must lie in its buffers (lists of {without:,} numbers have no"
+            f" bufferView, in files of {packed:,} bytes); export it again"
+        )
+    taken = sum(int(view["byteLength"]) for view in views) + _NUMBER_BYTES * sum(numbers)
+    each = [_bytes_of(mesh, counts) for mesh in read.get("meshes", [])]
+    taken += sum(each)
+    shown = Counter(node["mesh"] for node in nodes if "mesh" in node)
+    taken += sum(each[mesh] * times for mesh, times in shown.items())
+    check_memory(path, taken, "its lists, each as often as it is used,", packed)
+    _check_tree(path, nodes)
 
 
-def _lines_of(path: Path) -> Counter[bytes]:
-    """Return how many lines of an .obj file begin with which of its words."""
-    found: Counter[bytes] = Counter({b"v": 0})
-    with path.open("rb") as file:
-        for line in file:
-            found[line[:2].strip()] += 1
-    return found
+def _bytes_of(mesh: dict[str, Any], counts: list[int]) -> int:
+    """Return what a mesh takes in memory."""
+    return sum(
+        _VERTEX_BYTES * counts[part["attributes"]["POSITION"]]
+        + _INDEX_BYTES * (counts[part["indices"]] if "indices" in part else 0)
+        for part in mesh["primitives"]
+        if "POSITION" in part["attributes"]
+    )
+
+
+def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
+    """Refuse nodes that are no tree, as glTF 2.0 (3.5.2) asks for, or lie too deep."""
+    parents: dict[int, int] = {}
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            if parents.setdefault(child, number) != number or not 0 <= child < len(nodes):
+                raise InputError(
+                    f"{path}: a node must be the child of one other (node {child} is of two, or"
+                    " there is none of this number); export it again"
+                )
+    depths: dict[int, int] = {}
+    for number in range(len(nodes)):
+        above, place = [], number
+        while place in parents and place not in depths and len(above) <= _DEEPEST:
+            above.append(place)
+            place = parents[place]
+        depth = depths.get(place, 0)
+        for place in reversed(above):
+            depth += 1
+            depths[place] = depth
+        if depth > _DEEPEST:
+            raise InputError(
+                f"{path}: nodes must lie at most {_DEEPEST} deep in each other (some lie deeper, or"
+                " in a circle); export it with transforms applied"
+            )
+
+
+def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | bytes]]:
+    """Yield every picture of a glTF file with its name, once more for each material that has it."""
+    textures = read.get("textures", [])
+    used: Counter[object] = Counter()
+    for material in read.get("materials", []):
+        for keys in _BASE_COLOUR:
+            entry: Any = material
+            for key in keys:
+                entry = entry.get(key) if isinstance(entry, dict) else None
+            with suppress(KeyError, IndexError, TypeError):  # refused where it is used
+                used[textures[entry["index"]].get("source")] += 1
+    for number, image in enumerate(read.get("images", [])):
+        uri, name = image.get("uri"), f"picture {number}"
+        source: Path | bytes = b""
+        if isinstance(uri, str):
+            data = uri.startswith("data:")
+            source = _of_data_uri(uri) if data else place_of(path.parent, uri)
+        elif "bufferView" in image:
+            source = _of_view(path, read, image)
+        yield from [(name, source)] * (1 + used[number])
+
+
+def _check_pictures(path: Path, found: Iterable[tuple[str, Path | bytes]], packed: int) -> None:
+    """Refuse pictures that together take too much; what is none is refused where it is used."""
+    pixels, largest = 0, 0
+    known: dict[str, int] = {}
+    for name, source in found:
+        if name not in known:
+            known[name] = 0
+            data = io.BytesIO(source) if isinstance(source, bytes) else source
+            with suppress(Exception), Image.open(data) as picture:
+                known[name] = picture.width * picture.height
+        pixels, largest = pixels + known[name], max(largest, known[name])
+    need = _TEXEL_BYTES * pixels + _LARGEST_TEXEL_BYTES * largest
+    check_memory(path, need, "its pictures, each as often as it is used,", packed)
 
 
 def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
@@ -251,14 +394,18 @@ def document(path: Path) -> dict[str, Any]:
     InputError
         If it is none.
     """
-    data = path.read_bytes()
     try:
         if path.suffix.lower() == ".glb":
-            magic, version, _, length, kind = struct.unpack_from("<4sIII4s", data)
-            if magic != b"glTF" or version != 2 or kind != b"JSON":
-                raise ValueError("it is not a binary glTF 2.0 file")
-            data = data[20 : 20 + length]
-        read = json.loads(data)
+            with path.open("rb") as file:
+                head = file.read(20)
+                magic, version, _, length, kind = struct.unpack("<4sIII4s", head)
+                if magic != b"glTF" or version != 2 or kind != b"JSON":
+                    raise ValueError("it is not a binary glTF 2.0 file")
+                check_within("text", length, InputError, path, "bytes of JSON")
+                data = file.read(length)
+        else:
+            data = bounded_bytes(path, InputError)
+        read = parsed_json(path, data, "a whole glTF 2.0 file", InputError, "export it again")
         if not isinstance(read, dict) or "asset" not in read:
             raise ValueError("it has no asset entry")
         for kind in (
@@ -269,11 +416,14 @@ def document(path: Path) -> dict[str, Any]:
             "bufferViews",
             "meshes",
             "accessors",
+            "nodes",
         ):
             entries = read.get(kind, [])
             if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
                 raise ValueError(f"its {kind} are no list of objects")
-    except (ValueError, struct.error, RecursionError) as error:
+    except InputError:
+        raise
+    except (ValueError, struct.error) as error:
         raise InputError(
             f"{path}: must be a whole glTF 2.0 file ({error}); export it again"
         ) from error

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.image_file import check_fits
 from stimuli.exr import load_colour
 from stimuli.png import decode
 from stimuli.score.metrics import HOLES
@@ -101,6 +102,7 @@ def read_colour(path: Path) -> Image:
     InputError
         If it is not a whole, opaque picture in colour or grey.
     """
+    check_fits(path, "score")
     if path.suffix.lower() == ".png" and path.is_file():
         stored = decode(path)
         if stored.ndim == 3 and stored.shape[2] == 3:

@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.image_file import read_pixels, three_channels
+from pipeline.image_file import check_fits, read_pixels, three_channels
 from pipeline.textures.bake import Baked, bake, strips
 from pipeline.textures.file_format import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
@@ -58,6 +58,7 @@ def bake_file(source: Path, out: Path, *, wraps: bool = False, say: Say | None =
         Before anything is written.
     """
     tell = say or (lambda _: None)
+    check_fits(source, "texture bake")
     texture = three_channels(source, read_pixels(source))
     if texture.dtype.kind != "u":
         raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import check_same_size
+from pipeline.image_file import check_fits
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
@@ -88,6 +89,8 @@ def load(
     """
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
+    for path in filter(None, (Path(source), truth, pair.right)):
+        check_fits(path, "warp")
     loaded = _load(source, file, pair, picture)
     if truth is None:
         return loaded

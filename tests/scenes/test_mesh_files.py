@@ -126,9 +126,7 @@ def test_a_needed_extension_that_is_unknown_is_named(tmp_path):
 
 
 def test_a_huge_scene_is_refused(tmp_path, monkeypatch):
-    import stimuli.scenes.mesh_file
-
-    monkeypatch.setattr(stimuli.scenes.mesh_file, "MOST_TRIANGLES", 1)
+    monkeypatch.setenv("METAMERLAB_LIMITS", "triangles=1")
     path = write_glb(tmp_path / "quad.glb", quad(None))
     with pytest.raises(InputError, match="at most 1 triangles"):
         load_world(path)

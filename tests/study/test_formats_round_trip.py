@@ -185,7 +185,7 @@ def test_a_manifest_survives_its_file(tmp_path, clips, data):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b'{"format": 1, "study"', "line 1: must be valid JSON"),
+        (b'{"format": 1, "study"', "must be the manifest of a build (its reader says: Expecting"),
         (b"\xff\xfe", "line 1: must be UTF-8 text (got byte 0xff)"),
         (b'{"format": 3}', "format: must be 1 or 2 (got 3)"),
         (b'{"format": 1}', "clips: missing"),
