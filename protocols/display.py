@@ -32,7 +32,7 @@ class Display(Model):
     """From the eye to the screen's centre, perpendicular to the screen."""
     refresh_hz: Hertz
     """Nominal refresh rate. Times are counted in its refreshes."""
-    refresh_tolerance_share: Annotated[float, Field(gt=0, le=0.02)] = 0.005
+    refresh_tolerance_share: Annotated[float, Field(ge=1e-6, le=0.02)] = 0.005
     """Largest difference between measured and nominal rate."""
     clip_memory_mib: Positive = 2048
     """Graphics memory for stimuli: the trial shown and the next one."""
@@ -42,7 +42,7 @@ class Display(Model):
     """Luminance of white. Default: not measured."""
     black_cd_m2: Luminance | None = None
     """Luminance of black. Default: not measured."""
-    gamma: Annotated[float, Field(gt=0)] | None = None
+    gamma: Annotated[float, Field(ge=0.1, le=10)] | None = None
     """Measured with a photometer. Default: not measured."""
 
     @model_validator(mode="after")

@@ -11,8 +11,8 @@ from pydantic_core import SchemaError
 from protocols.errors import Problem
 from protocols.sequential import Sequential
 from protocols.units import (
-    Count,
     Degrees,
+    Few,
     Grown,
     LanguageCode,
     Model,
@@ -44,7 +44,7 @@ class StudyInfo(Model):
     """Raise it when the study changes after the first participant."""
     source: str = ""
     """The publication whose design this follows."""
-    participants: Positive
+    participants: Annotated[int, Field(ge=1, le=100_000)]
     """Planned number of participants."""
 
 
@@ -68,7 +68,7 @@ class Practice(Model):
     """Tell participants whether an answer was right. Needs right answers, or catch trials."""
     criterion_share: Annotated[float, Field(gt=0, le=1)] | None = None
     """Share of right answers below which another round follows. Default: one round only."""
-    rounds_max: Positive = 3
+    rounds_max: Few = 3
     """Largest number of rounds, if there is a criterion."""
 
     @property
@@ -93,7 +93,7 @@ class Design(Grown):
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"
     """How the response keys swap. Tasks with more than two answers, or whose answers name a side,
     need `fixed`."""
-    blocks: Positive = 1
+    blocks: Few = 1
     """Number of blocks, with a break between blocks."""
     break_s: SecondsOrNone = 30.0
     """Shortest break between two blocks."""
@@ -104,7 +104,7 @@ class Design(Grown):
     nobody without it tells who came when. `by-arrival`: first come, first place."""
     seed: Seed
     """Determines the order of trials."""
-    max_attempts: Positive = 3
+    max_attempts: Few = 3
     """A trial void this often is given up and counted as missing. Pauses, quits and lost focus do
     not count."""
 
@@ -131,7 +131,7 @@ class TrialTiming(Model):
     """Outer diameter of the target."""
     dot_over_clips: bool = False
     """Draw the target over the stimuli. Otherwise it is shown only beside them."""
-    dropped_frames_max: Count = 2
+    dropped_frames_max: Annotated[int, Field(ge=0, le=1_000_000)] = 2
     """Missed refreshes tolerated per attempt. One more makes the attempt void."""
 
 
@@ -145,7 +145,7 @@ class Gaze(Model):
     """Largest angle between gaze and target."""
     violation_s: SecondsOrNone = 0.02
     """Shortest time outside the window that counts as a violation."""
-    violation_samples: Positive = 2
+    violation_samples: Few = 2
     """Fewest consecutive samples outside that count as a violation."""
     blink_s: SecondsOrNone = 0.15
     """Missing data up to this long is a tolerated blink."""
@@ -157,7 +157,7 @@ class Gaze(Model):
     """Largest share of the watched time without data, blinks included."""
     accuracy_max_deg: Degrees = 1.0
     """Largest mean error at which validation still lets a block start."""
-    rate_min_hz: Annotated[float, Field(ge=0)] = 50.0
+    rate_min_hz: Annotated[float, Field(ge=0, le=1e6)] = 50.0
     """Slower gaze sources are refused."""
 
 
@@ -289,7 +289,7 @@ class Analysis(Grown):
 
     kind: str
     """The analysis that belongs to the task."""
-    alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+    alpha: Annotated[float, Field(ge=1e-9, lt=0.5)] = 0.05
     """Significance level."""
     exclusions: Exclusions = Exclusions()
     """Default: the defaults of Exclusions."""
@@ -318,7 +318,7 @@ class Privacy(Model):
     """Ask for consent before recording anything."""
     store_gaze: bool = True
     """Keep the gaze samples of every attempt."""
-    retention_months: Positive | None = None
+    retention_months: Few | None = None
     """When the data must be deleted. Default: not stated."""
     contact: str = ""
     """Whom participants may ask. Printed on the consent page."""

@@ -81,22 +81,31 @@ def storable(value: N) -> N:
 
 def pixels(value: int) -> int:
     """Refuse edges that no screen and no picture has."""
-    if value > 1_000_000:
-        raise ValueError("must be at most 1,000,000 px")
+    if value > 65_536:
+        raise ValueError("must be at most 65,536 px")
     return value
 
 
-Seconds = Annotated[float, Field(gt=0, json_schema_extra={"unit": "s"}), AfterValidator(storable)]
-SecondsOrNone = Annotated[
-    float, Field(ge=0, json_schema_extra={"unit": "s"}), AfterValidator(storable)
-]
+def meant_parameters(value: dict[str, object]) -> dict[str, object]:
+    """Refuse parameters that no scene and no method means; these check them more closely."""
+    for name, entry in value.items():
+        for one in entry if isinstance(entry, tuple) else (entry,):
+            most = 1e9 if isinstance(one, float) else 2**63
+            if isinstance(one, int | float) and abs(one) > most:
+                raise ValueError(f"{name} must lie between -{most:g} and {most:g}")
+    return value
+
+
+# Bounds are far from what laboratories do: what lies beyond is a slip, and may take a machine.
+Seconds = Annotated[float, Field(ge=1e-4, le=1e6, json_schema_extra={"unit": "s"})]
+SecondsOrNone = Annotated[float, Field(ge=0, le=1e6, json_schema_extra={"unit": "s"})]
 """Zero means that the wait is left out."""
 Stamp = Annotated[float, Field(json_schema_extra={"unit": "s"}), AfterValidator(storable)]
 """A moment on one stated clock; its zero is arbitrary."""
-Hertz = Annotated[float, Field(gt=0, json_schema_extra={"unit": "Hz"}), AfterValidator(storable)]
-Degrees = Annotated[float, Field(gt=0, lt=180, json_schema_extra={"unit": "deg"})]
+Hertz = Annotated[float, Field(ge=1e-3, le=1e6, json_schema_extra={"unit": "Hz"})]
+Degrees = Annotated[float, Field(ge=1e-3, lt=180, json_schema_extra={"unit": "deg"})]
 """Degrees of visual angle."""
-SignedDegrees = Annotated[float, Field(json_schema_extra={"unit": "deg"})]
+SignedDegrees = Annotated[float, Field(ge=-3600, le=3600, json_schema_extra={"unit": "deg"})]
 Pixels = Annotated[int, Field(gt=0, json_schema_extra={"unit": "px"}), AfterValidator(pixels)]
 EvenPixels = Annotated[
     int,
@@ -104,21 +113,28 @@ EvenPixels = Annotated[
     AfterValidator(pixels),
 ]
 """Even, so that a centred picture lies on whole pixels."""
-Millimetres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "mm"})]
-Metres = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
-Luminance = Annotated[float, Field(ge=0, json_schema_extra={"unit": "cd/m2"})]
+FocalPixels = Annotated[float, Field(ge=1e-2, le=1e6, json_schema_extra={"unit": "px"})]
+Millimetres = Annotated[float, Field(ge=0.1, le=1e5, json_schema_extra={"unit": "mm"})]
+Metres = Annotated[float, Field(ge=1e-6, le=1e6, json_schema_extra={"unit": "m"})]
+Luminance = Annotated[float, Field(ge=0, le=1e6, json_schema_extra={"unit": "cd/m2"})]
 Share = Annotated[float, Field(ge=0, le=1, json_schema_extra={"unit": "share of 1"})]
 RimPixels = Annotated[int, Field(ge=0, le=4, json_schema_extra={"unit": "px"})]
 """Pixels of the clip, as it is rendered."""
 Count = Annotated[int, Field(ge=0), AfterValidator(storable)]
-Positive = Annotated[int, Field(gt=0), AfterValidator(storable)]
+"""Of what was recorded."""
+Positive = Annotated[int, Field(ge=1, le=1_000_000)]
+Few = Annotated[int, Field(ge=1, le=1000)]
+Factor = Annotated[float, Field(ge=1e-9, le=1e9)]
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
-Vector3 = tuple[float, float, float]
+Vector3 = tuple[Number, Number, Number]
 
 Scalar: TypeAlias = bool | int | float | str
 Condition: TypeAlias = Mapping[str, Scalar]
 """What a stimulus or a trial shows, column by column: ``scene``, ``method``, ..."""
-Parameters: TypeAlias = dict[str, Scalar | tuple[Scalar, ...]]
+Parameters: TypeAlias = Annotated[
+    dict[str, Scalar | tuple[Scalar, ...]], AfterValidator(meant_parameters)
+]
 """Free parameters of a scene or a method; whoever is named there checks them."""
 
 UNIT_OF_SUFFIX: dict[str, str] = {

@@ -16,7 +16,7 @@ from pydantic import Field
 from protocols.chance import Chance
 from protocols.errors import Problem, StudyError
 from protocols.places import place_of
-from protocols.units import Condition, Model, Name, Positive, Share
+from protocols.units import Condition, Few, Model, Name, Number, Positive, Share
 
 if TYPE_CHECKING:
     from protocols.journal import Attempt
@@ -211,7 +211,7 @@ class AdaptiveLevels(Adaptive):
         return found
 
 
-Values = Annotated[tuple[float, ...], Field(min_length=1)]
+Values = Annotated[tuple[Number, ...], Field(min_length=1, max_length=1000)]
 
 
 class QuestPlusLevels(AdaptiveLevels):
@@ -222,9 +222,9 @@ class QuestPlusLevels(AdaptiveLevels):
     """Possible thresholds, rising."""
     width: Values
     """Possible widths of the psychometric function, rising."""
-    guess: tuple[Share, ...] = (0.5,)
+    guess: Annotated[tuple[Share, ...], Field(max_length=1000)] = (0.5,)
     """Possible guess rates."""
-    lapse: tuple[Share, ...] = (0.02,)
+    lapse: Annotated[tuple[Share, ...], Field(max_length=1000)] = (0.02,)
     """Possible lapse rates."""
     shape: Literal["gauss", "logistic", "gumbel", "weibull"] = "gauss"
     """Shape of the psychometric function, also in the report. `weibull` needs levels above 0."""
@@ -263,13 +263,13 @@ class UpDownLevels(AdaptiveLevels):
     """Harder after right answers, easier after a wrong one (Levitt 1971, Kaernbach 1991)."""
 
     rule: Literal["up-down"]
-    start: float
+    start: Number
     """The first level. Choose an easy one."""
     harder: Values
     """Steps after right answers, one for each reversal."""
     easier: Values
     """Steps after a wrong answer, as many entries."""
-    in_a_row: Positive = 1
+    in_a_row: Few = 1
     """Right answers in a row that make the next trial harder."""
     one_at_first: bool = True
     """Until the first reversal, one right answer is enough."""

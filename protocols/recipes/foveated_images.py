@@ -19,11 +19,11 @@ from protocols.prose import Block, count_of
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Degrees,
+    Few,
     Model,
     Name,
     Parameters,
     Pixels,
-    Positive,
     Scalar,
     Seed,
     Share,
@@ -104,7 +104,7 @@ class Rings(Model):
     """From the gaze to the ring's centre."""
     height_deg: Degrees = 1.25
     """Outer diameter. Stroke and gap are a fifth of it (ISO 8596)."""
-    places: Positive = 5
+    places: Few = 5
     """Rings of each kind per eccentricity: one in each of as many equal sectors. Methods and scenes
     share the places."""
     scenes: Literal["each", "in-turn"] = "each"
@@ -184,7 +184,7 @@ class Cuts(Model):
     The other side is the reference. In consistent stimuli both sides are the method.
     """
 
-    draws: Positive = 6
+    draws: Few = 6
     """Stimuli of each kind, each with its own angle and seed."""
     ramp_deg: Degrees = 1.0
     """Width over which the sides blend."""
@@ -238,7 +238,7 @@ class FoveatedImages(Recipe):
     """Ways to show a picture. `reference` is the picture itself."""
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
     """Where the eye looks."""
-    draws: Positive = 1
+    draws: Few = 1
     """Stimuli that differ in the seed only, if nothing is drawn in."""
     texture_seed: Seed = 0
     """Seed of noise, displacements, polar angles and cuts."""

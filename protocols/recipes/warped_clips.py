@@ -23,11 +23,14 @@ from protocols.units import (
     Condition,
     Degrees,
     EvenPixels,
+    Factor,
+    FocalPixels,
     Grown,
     Hertz,
     Metres,
     Model,
     Name,
+    Number,
     Parameters,
     Pixels,
     RimPixels,
@@ -55,7 +58,7 @@ class View(Model):
     """Where the camera stands."""
     look_at_m: Vector3
     """The point it looks at."""
-    vertical_fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    vertical_fov_deg: Degrees | None = None
     """Vertical field of view. Default: the scene's own."""
 
 
@@ -66,7 +69,7 @@ class CirclePath(Model):
     """
 
     kind: Literal["circle"]
-    turns: Annotated[float, Field(gt=0)] = 1.0
+    turns: Annotated[float, Field(ge=1e-3, le=1000)] = 1.0
     """Turns per clip."""
     start_deg: SignedDegrees = 0.0
     """First frame on the circle, counter-clockwise from the right."""
@@ -111,7 +114,7 @@ class StereoPath(Model):
     """From the left photograph towards the right one, which is the true view at its end."""
 
     kind: Literal["stereo"]
-    baselines: Annotated[float, Field(gt=0)] = 1.0
+    baselines: Annotated[float, Field(ge=1e-3, le=1000)] = 1.0
     """Where the last frame lies, in baselines of the pair."""
 
 
@@ -119,7 +122,7 @@ class UpsamplingPath(Grown):
     """Temporal up-sampling: every n-th frame is real, the others are warped ([MI] 5)."""
 
     kind: Literal["upsampling"]
-    real_every: Annotated[int, Field(ge=2)]
+    real_every: Annotated[int, Field(ge=2, le=1000)]
     """n."""
     along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")] | None = (
         None
@@ -212,7 +215,7 @@ class MeshScene(SceneBase):
     kind: Literal["mesh"]
     file: Text
     """Path relative to the study file."""
-    scale: Annotated[float, Field(gt=0)] = 1.0
+    scale: Factor = 1.0
     """Metres per unit of the file."""
     lighting: Literal["unlit", "sun"] | None = None
     """`sun` adds a sun with shadows, and sky light. Default: `sun` for files without textures and
@@ -249,13 +252,13 @@ class StereoScene(Grown, _PhotoScene):
     disparity: Text
     """Disparity d of the left view: what lies at x on the left lies at x - d on the right. Unknown
     is 0 in integer files, not finite in float files."""
-    units_per_px: Annotated[float, Field(gt=0)] = 1.0
+    units_per_px: Factor = 1.0
     """Value in the file for a disparity of one pixel."""
-    focal_px: Annotated[float, Field(gt=0)]
+    focal_px: FocalPixels
     """Focal length."""
     baseline_m: Metres
     """Distance between the two cameras."""
-    offset_px: float = 0.0
+    offset_px: Number = 0.0
     """Difference of the principal points, added to the disparity."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """Width of the mixed pixels along a silhouette. They become part of the hole."""
@@ -271,9 +274,9 @@ class RgbdScene(_PhotoScene):
     """The picture."""
     depth: Text
     """The depth image."""
-    depth_scale: Annotated[float, Field(gt=0)] = 1.0
+    depth_scale: Factor = 1.0
     """Metres per unit of the depth image."""
-    focal_px: Annotated[float, Field(gt=0)]
+    focal_px: FocalPixels
     """Focal length."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """As for a stereo pair. Use 0 for pictures rendered without anti-aliasing."""
@@ -285,7 +288,7 @@ class ExrScene(_PhotoScene):
     kind: Literal["exr"]
     file: Text
     """A file, or a pattern such as `shot.####.exr`."""
-    focal_px: Annotated[float, Field(gt=0)] | None = None
+    focal_px: FocalPixels | None = None
     """Focal length, where the file does not state it."""
     channels: Annotated[
         dict[Literal["r", "g", "b", "depth", "motion_x", "motion_y"], str],
@@ -294,11 +297,11 @@ class ExrScene(_PhotoScene):
     """Names of channels that differ from those of Blender, Nuke and Unreal."""
     motion: Literal["project", "nuke", "blender", "unreal"] | None = None
     """Whose units and axes the motion uses. Default: recognised by the channel names."""
-    motion_scale: float = 1.0
+    motion_scale: Number = 1.0
     """Factor on the motion."""
     depth_is: Literal["distance", "inverse"] = "distance"
     """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender does."""
-    depth_scale: Annotated[float, Field(gt=0)] = 1.0
+    depth_scale: Factor = 1.0
     """Metres per unit of depth. Unreal's centimetres are recognised."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
     """How to encode scene-linear values. `linear`: they are encoded already."""
@@ -326,7 +329,7 @@ class Size(Model):
     """Its name in this study."""
     label: Text | None = None
     """Its name in reports. Default: the name."""
-    hole_share: Annotated[float, Field(gt=0, lt=0.5)] | None = None
+    hole_share: Annotated[float, Field(ge=1e-4, lt=0.5)] | None = None
     """Mean share of hole pixels. The path's extent is solved for it."""
     extent_m: Metres | None = None
     """Radius of the circle or length of the line, instead of a share."""
@@ -377,9 +380,9 @@ class TrueView(Model):
 
     within_deg: Degrees
     """Radius of the true view. Over the next degree it blends into the method's frame."""
-    x_deg: float = 0.0
+    x_deg: SignedDegrees = 0.0
     """Position of the target, right of the clip's centre."""
-    y_deg: float = 0.0
+    y_deg: SignedDegrees = 0.0
     """Position of the target, below the clip's centre."""
 
 

@@ -78,7 +78,7 @@ class PreferenceAnalysis(Analysis):
     kind: Literal["preference"]
     primary: PrimaryComparison
     """Tested alone, without correction for multiple comparisons."""
-    smallest_effect_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
     """Whose variation the test accounts for."""

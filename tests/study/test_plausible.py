@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
+from pydantic import ValidationError
 from typer.testing import CliRunner
 
-from protocols.load import load_display, shipped
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.load import load_display, protocol_of, read_toml, shipped
 from protocols.plausible import display_notes
 from study_app.cli import app
 
@@ -109,7 +114,7 @@ def test_check_of_a_display_file_checks_the_display(display):
     code, _, error = check(display(("refresh_hz = 60.0", "refresh_hz = -60.0")))
     assert code == 2
     assert error.count("\n") == 1
-    assert "refresh_hz: must be greater than 0" in error
+    assert "refresh_hz: must be at least 0.001 hertz" in error
 
 
 def test_a_display_in_place_of_a_study_is_one_mistake(display):
@@ -129,3 +134,75 @@ def test_a_true_view_away_from_the_dot_is_noted(study):
     )
     assert "true view" not in same[1]
     assert there[0] == same[0] == 0
+
+
+UNBOUND = ("seed", "texture_seed")
+"""Any whole number will do."""
+
+
+def numbers(value: object, place: tuple = ()) -> Iterator[tuple]:
+    """Yield the place of every number of a parsed file that a key of ours holds."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            if key not in (*UNBOUND, "columns", "where", "signal"):
+                yield from numbers(entry, (*place, key))
+    elif isinstance(value, tuple):
+        for index, entry in enumerate(value):
+            yield from numbers(entry, (*place, index))
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield place, value
+
+
+def changed(value: object, place: tuple, number: float) -> object:
+    if not place:
+        return number
+    key, *rest = place
+    if isinstance(value, dict):
+        return value | {key: changed(value[key], tuple(rest), number)}
+    return tuple(
+        changed(one, tuple(rest), number) if index == key else one
+        for index, one in enumerate(value)
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "read"),
+    [
+        ("studies", lambda raw: protocol_of(raw, shipped("studies")["demo"])),
+        ("displays", Display.model_validate),
+    ],
+)
+def test_no_number_of_a_shipped_file_may_be_beyond_all_measure(kind, read):
+    seen = set()
+    for path in shipped(kind).values():
+        raw = read_toml(path)
+        for place, found in numbers(raw):
+            name = tuple(key for key in place if isinstance(key, str))
+            if name in seen:
+                continue
+            seen.add(name)
+            for huge in (10**12, -(10**12)) if isinstance(found, int) else (1e12, -1e12, 1e300):
+                with pytest.raises((StudyError, ValidationError)):
+                    read(changed(raw, place, huge))
+    assert len(seen) > 5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("participants = 4", "participants = 1_000_000_000_000",
+         "study.participants: must be at most 100000 (got 1000000000000)"),
+        ("turns = 1.0", "turns = 1e300", "camera.turns: must be at most 1000"),
+        ("turns = 1.0", "turns = 1e-9", "camera.turns: must be at least 0.001"),
+        ("max_attempts = 3", "max_attempts = 1_000_000_000",
+         "design.max_attempts: must be at most 1000 (got 1000000000)"),
+        ("width_deg = 8.0", "width_deg = 1e-9", "width_deg: must be at least 0.001 degrees"),
+        ("hole_share = 0.02", "hole_share = 1e-12", "hole_share: must be at least 0.0001"),
+        ("duration_s = 1.0", "duration_s = 1e7", "duration_s: must be at most 1e+06 seconds"),
+        ("fps = 30.0", "fps = 1e9", "fps: must be at most 1e+06"),
+    ],
+)  # fmt: skip
+def test_a_number_that_no_machine_can_do_is_refused(study, old, new, said):
+    code, _, error = check(study((old, new)))
+    assert code == 2
+    assert said in " ".join(error.split())

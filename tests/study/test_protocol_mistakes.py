@@ -40,7 +40,7 @@ def mistakes(tmp_path):
         ("window_deg = 1.5", "window_arcmin = 90",
          "gaze.window_arcmin: unknown key; did you mean 'window_deg' (degrees): window_deg = 1.5?"),
         ("window_deg = 1.5", "window_deg = -1.5",
-         "gaze.window_deg: must be greater than 0 degrees (got -1.5)"),
+         "gaze.window_deg: must be at least 0.001 degrees (got -1.5)"),
         ("gap_s = 0.5", 'gap_s = "0.5"', "task.gap_s: must be a number (got '0.5')"),
         ("gap_s = 0.5", "gap_s = true", "task.gap_s: must be a number (got true)"),
         ("gap_s = 0.5", "gap_s = inf", "task.gap_s: must be a finite number (got inf)"),

@@ -69,7 +69,7 @@ def test_check_tells_every_mistake_of_the_file_at_once(study):
 
     assert message.splitlines() == [
         f"{path}: task.gap_ms: unknown key; did you mean 'gap_s' (seconds): gap_s = 0.5?",
-        f"{path}: gaze.window_deg: must be greater than 0 degrees (got 0)",
+        f"{path}: gaze.window_deg: must be at least 0.001 degrees (got 0)",
     ]
 
 

@@ -144,7 +144,7 @@ def mistakes(tmp_path):
          "design.repeats: must be 1 where a rule chooses what is shown and has trials = 10 of its"
          " own (got 2)"),
         ("two-interval", "repeats = 2", "repeats = 0",
-         "design.repeats: must be greater than 0 (got 0)"),
+         "design.repeats: must be at least 1 (got 0)"),
     ],
 )  # fmt: skip
 def test_each_mistake_is_told_with_its_place_and_its_cure(mistakes, task, old, new, message):
