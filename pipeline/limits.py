@@ -15,9 +15,11 @@ from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit
 
 MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
-"""What each byte of a file allows beyond the limits: a photograph has 0.2 bytes a pixel and more,
-flat colour 0.003."""
+"""What each byte of a file allows beyond the limits, where it is a photograph, ..."""
+PIXELS_OF_A_BYTE: Final = 20
+"""... which has 0.1 bytes a pixel and more: flat colour has 0.003, and as JPEG 0.015."""
 _MIB: Final = 1 << 20
+_FRAME_BYTES: Final = 12
 NEEDS: Final = {
     "read": (150 * _MIB, 40, 0.2),
     "warp": (370 * _MIB, 135, 2.0),
@@ -64,8 +66,17 @@ def check_values(path: Path, *shape: int) -> None:
             )
 
 
-def check_need(path: Path, command: str, width: int, height: int) -> None:
+def check_need(
+    path: Path, command: str, width: int, height: int, packed: int | None = None, frames: int = 1
+) -> None:
     """Refuse a picture for which a command of `NEEDS` takes more than so small a file may.
+
+    Parameters
+    ----------
+    packed : int, optional
+        Bytes of the file, where it is several.
+    frames : int
+        How many are held together.
 
     Raises
     ------
@@ -73,14 +84,16 @@ def check_need(path: Path, command: str, width: int, height: int) -> None:
         With the need, the limit and how to raise it.
     """
     always, each, seconds = NEEDS[command]
-    size = f"{width} x {height} px in {command!r}"
-    check_memory(path, always + each * width * height, size)
-    packed = path.stat().st_size
-    need_s = seconds * width * height / 1e6
-    _check_small(path, "seconds", need_s, SECONDS_FOR_A_BYTE * packed, size, packed)
+    packed, pixels = path.stat().st_size if packed is None else packed, width * height
+    size = f"{frames} x " * (frames > 1) + f"{width} x {height} px in {command!r}"
+    need = always + each * pixels + _FRAME_BYTES * pixels * (frames - 1)
+    need_s = seconds * pixels * frames / 1e6
+    counted = packed if pixels * frames <= PIXELS_OF_A_BYTE * packed else 0
+    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE * counted, size, packed)
+    _check_small(path, "seconds", need_s, SECONDS_FOR_A_BYTE * counted, size, packed)
 
 
-def check_memory(path: Path, need: int, what: str, packed: int | None = None) -> None:
+def check_memory(path: Path, need: int, what: str, packed: int) -> None:
     """Refuse a file that takes more memory than the limit, and than so small a file may.
 
     Parameters
@@ -89,15 +102,14 @@ def check_memory(path: Path, need: int, what: str, packed: int | None = None) ->
         Bytes that are about to be taken.
     what : str
         For what.
-    packed : int, optional
-        Bytes of the file, where it is a part of another or several.
+    packed : int
+        Bytes of the file and of all that belong to it.
 
     Raises
     ------
     InputError
         With the need, the limit and how to raise it.
     """
-    packed = path.stat().st_size if packed is None else packed
     _check_small(path, "memory", need, MEMORY_FOR_A_BYTE * packed, what, packed)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from stimuli.whole_file import write_whole
+from pipeline.limits import check_values
 
 MAGIC = np.float32(202021.25)
 UNKNOWN_PX = 1e9
@@ -37,17 +38,20 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     InputError
         If it is not a whole file of flow, or no motion is known.
     """
-    data = path.read_bytes()
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        data = file.read(HEADER_BYTES)
     if len(data) < HEADER_BYTES or np.frombuffer(data, "<f4", 1)[0] != MAGIC:
         raise InputError(f"{path}: must be a Middlebury flow file (it does not begin with PIEH)")
     width, height = (int(edge) for edge in np.frombuffer(data, "<i4", 2, offset=4))
     wanted = HEADER_BYTES + 8 * width * height
-    if width < 1 or height < 1 or len(data) != wanted:
+    if width < 1 or height < 1 or size != wanted:
         raise InputError(
             f"{path}: must hold {width}x{height} px of motion in {wanted} bytes"
-            f" (has {len(data)}); is it cut off?"
+            f" (has {size}); is it cut off?"
         )
-    flow = np.frombuffer(data, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
+    check_values(path, width, height, 2)
+    flow = np.fromfile(path, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
     with np.errstate(invalid="ignore"):
         known = (np.abs(flow) <= UNKNOWN_PX).all(axis=-1)
     if not known.any():

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_same_size
-from protocols.outside import reading
+from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
 from stimuli.flow_file import read_flo
 from stimuli.scenes.photo import load_depth
@@ -179,7 +179,7 @@ def read_pose(text: str) -> NDArray[np.float64]:
     name, colon, line = text.rpartition(":")
     if colon and line.isdigit():
         with reading(Path(name), "a file of poses in UTF-8", InputError):
-            lines = Path(name).read_text(encoding="utf-8").splitlines()
+            lines = bounded_bytes(Path(name), InputError, "table").decode("utf-8").splitlines()
         rows = [row for row in lines if row.strip() and not row.lstrip().startswith("#")]
         if not 1 <= int(line) <= len(rows):
             raise InputError(f"{name}: must have a pose in line {line} (has {len(rows)} lines)")

@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from attack import campaign, mutations
+from attack import bombs, campaign, mutations
 from attack.__main__ import main
 from attack.campaign import run_inputs
 from attack.mutations import mutated
@@ -91,6 +91,20 @@ def test_a_number_of_400_digits_in_a_table_of_stimuli_is_text(tmp_path):
     assert row["condition"] == {"scene": "one", "level": "9" * 400}
 
 
+@pytest.mark.parametrize("name", bombs.QUICK)
+def test_a_small_file_takes_no_machine(tmp_path, name):
+    bomb = next(bomb for bomb in bombs.BOMBS if bomb.name == name)
+    met = bombs.meet(bomb, tmp_path / "bomb")
+    assert met.wrong is None
+    assert met.status == 2
+
+
+@pytest.mark.slow
+def test_no_small_file_takes_the_machine_whatever_the_command(full):
+    met = bombs.run_bombs(len(bombs.BOMBS) if full else 4, 7)
+    assert [(one.name, one.wrong) for one in met if one.wrong] == []
+
+
 # --- the tool itself ---------------------------------------------------------------------------
 
 
@@ -150,6 +164,22 @@ def test_a_traceback_names_our_innermost_line():
     assert "tests/test_attack.py:" in result.failures[0].where
 
 
+@pytest.mark.parametrize(
+    ("code", "wrong"),
+    [
+        ("x = bytearray(b'x') * (300 << 20); print(len(x))", "MiB"), ("1 / 0", "status 1"),
+        ("while True: pass", "status -9"), ("raise SystemExit(2)", "refused without a word"),
+        ("pass", None),
+    ],
+)  # fmt: skip
+def test_a_command_that_falls_to_a_bomb_is_found_out(monkeypatch, tmp_path, code, wrong):
+    monkeypatch.setattr(bombs, "MOST_MIB", 200)
+    monkeypatch.setattr(bombs, "MOST_CPU_S", 0.2)
+    met = bombs.meet(bombs.Bomb("own", lambda _: None, "", code), tmp_path / "bomb")
+    assert (met.wrong is None) == (wrong is None)
+    assert wrong is None or wrong in met.wrong
+
+
 def test_an_input_follows_from_seed_reader_and_number(samples):
     for reader in READERS[::4]:
         first, again, other = (campaign.harmed(seed, reader, 3, samples) for seed in (1, 1, 2))
@@ -179,13 +209,14 @@ def test_the_command_writes_figures_and_a_table_and_reads_kept_files_again(
     page.write_text("before\n<!-- attack: begin -->\nold\n<!-- attack: end -->\nafter\n")
     status = main(
         ["--inputs", "12", "--faults", "40", "--captures", "20", "--kills", "1", "--guesses", "2",
+         "--bombs", "1",
          "--seed", "3", "--reader", "pose", "--json", "figures.json", "--page", str(page)]
     )  # fmt: skip
     figures = json.loads(Path("figures.json").read_text())
 
     assert status == 0
-    kinds = ("inputs", "faults", "captures", "kills", "guesses")
-    assert [figures[kind]["done"] for kind in kinds] == [12, 40, 20, 1, 2]
+    counts = {"inputs": 12, "faults": 40, "captures": 20, "kills": 1, "guesses": 2, "bombs": 1}
+    assert {kind: found["done"] for kind, found in figures.items()} == counts
     assert {found["seed"] for found in figures.values()} == {3}
     assert "| harmed files" in page.read_text()
     assert "old" not in page.read_text()

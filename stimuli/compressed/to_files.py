@@ -17,7 +17,7 @@ from pipeline.compression.file_format import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.limits import check_memory, check_need
+from pipeline.limits import check_need
 from pipeline.video_file import is_video
 from stimuli import pictures
 from stimuli.compressed.rivals import measured, rivals, sheet_of
@@ -185,8 +185,8 @@ def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
     for path in paths:
         opened = read_any(path, command="compress")
         packed += path.stat().st_size
-        held = opened.colour.nbytes * (len(frames) + 1)
-        check_memory(source, held, f"{len(frames) + 1} frames", packed)
+        height, width = opened.colour.shape[:2]
+        check_need(source, "compress", width, height, packed, frames=len(frames) + 1)
         if frames and opened.colour.shape != frames[0].shape:
             height, width = opened.colour.shape[:2]
             raise InputError(

@@ -32,6 +32,8 @@ _LARGER = 4
 """An archive may unpack to so many times its own size, however large it is."""
 _ENTRY = 500
 """Bytes of a file in the list of an archive: more than any has in the mean."""
+_MARKS = 4
+"""A brace and commas of a file in that list; what parses JSON allots some bytes for each."""
 _PLAIN_FILES = {0, stat.S_IFREG}
 
 
@@ -220,7 +222,8 @@ def _check_length(path: Path, size: int, entries: int = 0) -> None:
 
 
 def _index(path: Path, data: bytes) -> Index:
-    _check_length(path, len(data), data.count(b"{") - 1)
+    marks = sum(data.count(mark) for mark in (b"{", b"[", b","))
+    _check_length(path, len(data), marks // _MARKS)
     with reading(path, f"an archive whose {INDEX_NAME} is as it was written", StudyError):
         index = Index.model_validate_json(data)
         if index.to_bytes() != data:

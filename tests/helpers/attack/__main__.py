@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from attack.bombs import BOMBS, MOST_CPU_S, MOST_MIB, run_bombs
 from attack.builds import build_by_command, kill_builds
 from attack.campaign import Result, meet, run_inputs
 from attack.guesses import guess_studies
@@ -76,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 _KINDS = {"inputs": 20_000, "kills": 180, "full_disks": 90, "builds": 10, "faults": 3000,
-          "captures": 3000, "guesses": 400}  # fmt: skip
+          "captures": 3000, "guesses": 400, "bombs": len(BOMBS)}  # fmt: skip
 """What is done where nothing is asked for."""
 
 
@@ -121,6 +122,7 @@ _SAYS = {
         "faults": "faults of timing that are planted",
         "captures": "captures of a screen with one thing amiss",
         "guesses": "guesses from public exports, who came when",
+        "bombs": "small files that claim or unpack to much, each for a command",
     }.items()
 }
 
@@ -203,6 +205,17 @@ def _checks(
     return {"done": done, "failures": failures}
 
 
+def _bombs(count: int, seed: int, until_s: float, on_bomb: Count) -> dict[str, Any]:
+    met = run_bombs(count, seed, until_s, on_bomb)
+    return {
+        "done": len(met),
+        "refused": sum(one.status == 2 for one in met),
+        "most_mib": max((one.peak_mib for one in met), default=0),
+        "most_cpu_s": round(max((one.cpu_s for one in met), default=0.0), 1),
+        "failures": [f"{one.name}: {one.wrong}" for one in met if one.wrong],
+    }
+
+
 _OTHERS = {
     "kills": _sittings(False),
     "full_disks": _sittings(True),
@@ -210,6 +223,7 @@ _OTHERS = {
     "faults": _faults,
     "captures": _captures,
     "guesses": _guesses,
+    "bombs": _bombs,
 }
 
 
@@ -227,6 +241,8 @@ def table(figures: dict[str, Any]) -> str:
         "faults": "late, missed and doubled flips that were planted",
         "captures": "captures of a screen with one thing amiss",
         "guesses": "guesses from public exports, who came when",
+        "bombs": f"small files that claim or unpack to much, for commands ({MOST_MIB} MiB,"
+        f" {MOST_CPU_S:.0f} s)",
         "inputs": f"harmed files, for {len(readers)} readers",
     }
     for kind, what in says.items():
