@@ -87,7 +87,7 @@ def check_need(
     packed, pixels = path.stat().st_size if packed is None else packed, width * height
     size = f"{frames} x " * (frames > 1) + f"{width} x {height} px in {command!r}"
     need = always + each * pixels + _FRAME_BYTES * pixels * (frames - 1)
-    need_s = seconds * pixels * frames / 1e6
+    need_s = seconds * pixels / 1e6
     counted = packed if pixels * frames <= PIXELS_OF_A_BYTE * packed else 0
     _check_small(path, "memory", need, MEMORY_FOR_A_BYTE * counted, size, packed)
     _check_small(path, "seconds", need_s, SECONDS_FOR_A_BYTE * counted, size, packed)

@@ -93,7 +93,7 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
     elif kind in _BOUNDS:
         word, name = _BOUNDS[kind]
         unit = UNIT_OF_SUFFIX.get(split_unit(key)[1], "")
-        bound = f"{context[name]:g}" + (f" {unit}" if unit else "")
+        bound = f"{context[name]:,.10g}" + (f" {unit}" if unit else "")
         yield Problem(place, f"must be {word} {bound} (got {_show(found)})")
     elif kind in _WANTED_TYPE:
         yield Problem(place, f"must be {_WANTED_TYPE[kind]} (got {_show(found)})")

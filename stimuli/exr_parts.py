@@ -13,6 +13,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.image_file import check_fits
 from pipeline.limits import check_values
 from protocols.outside import reading, visible_line
 
@@ -41,6 +42,7 @@ def read_parts(path: Path) -> Parts:
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
     with reading(path, "a whole image", InputError):  # names in its header may be no UTF-8
+        check_fits(path, "read")
         return _read_parts(path)
 
 

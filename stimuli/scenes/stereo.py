@@ -7,19 +7,20 @@ b in metres, and the offset between the principal points in pixels.
 
 from __future__ import annotations
 
+import math
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
-from pipeline.limits import check_values
+from pipeline.limits import check_need, check_values
 from pipeline.warp.settings import WarpSettings
-from protocols.outside import reading
+from protocols.outside import check_zip, reading
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour, load_plane
 
@@ -256,15 +257,26 @@ def _load_array(path: Path) -> NDArray[Any]:
     """Return the one array of a numpy file, after a look at the size that it states."""
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
-            first = np.lib.format.read_magic(file) == (1, 0)
-            header = np.lib.format.read_array_header_1_0 if first else _later_header
-            check_values(path, *header(file)[0])
+            _check_header(path, file)
             file.seek(0)
             return np.asarray(np.load(file, allow_pickle=False))
-    with zipfile.ZipFile(path) as packed:
-        check_values(path, sum(entry.file_size for entry in packed.infolist()))
+    with path.open("rb") as file:
+        check_zip(path, file, InputError)
+        with zipfile.ZipFile(file) as packed:
+            for name in packed.namelist():
+                with packed.open(name) as member:
+                    _check_header(path, member)
     with np.load(path, allow_pickle=False) as loaded:
         return np.asarray(loaded[_only_key(path, loaded.files)])
+
+
+def _check_header(path: Path, file: IO[bytes]) -> None:
+    """Refuse an array by the size that it states."""
+    first = np.lib.format.read_magic(file) == (1, 0)
+    header = np.lib.format.read_array_header_1_0 if first else _later_header
+    shape = header(file)[0]
+    check_values(path, *shape)
+    check_need(path, "read", math.prod(shape), 1)
 
 
 def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
+import io
 import json
 import re
 import struct
@@ -21,17 +23,27 @@ from typer.testing import CliRunner
 
 from analysis.csv_table import read_table
 from analysis.export.bids_gaze import read_samples
+from analysis.tasks.note import read_note
 from pipeline.errors import InputError
-from pipeline.image_file import read_pixels, write_pixels
-from pipeline.limits import check_values
+from pipeline.image_file import check_fits, read_pixels, write_pixels
+from pipeline.limits import NEEDS, check_need, check_values
+from pipeline.video_file import VideoFrames
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
+from protocols.journal_file import read_journal
 from protocols.limits import unpacked
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
-from protocols.outside import LIMITS_VARIABLE, visible_line
+from protocols.outside import (
+    LIMITS,
+    LIMITS_VARIABLE,
+    bounded_bytes,
+    lines_of,
+    parsed_json,
+    visible_line,
+)
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
@@ -39,11 +51,13 @@ from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
 from stimuli.png import decode
-from stimuli.read_file import read_frames
+from stimuli.read_file import read_frames, stated_size_px
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.stereo import _load_disparity
 from stimuli.score.viewing import read_gaze
+from stimuli.video import unpacked_video
 from study_app.cli import app
+from study_app.cli.figure_command import _scores
 from study_app.clips import read_frame
 from study_app.gaze.recording import load_recording
 from study_app.session import RunTrial, next_step
@@ -78,7 +92,7 @@ def test_more_than_9999_trials_have_names_and_an_order():
 
 @pytest.mark.parametrize("command", ["check", "show", "preregister"])
 def test_a_billion_repeats_are_refused_at_once(tmp_path, command):
-    path = demo_file(tmp_path, repeats="1_000_000_000")
+    path = demo_file(tmp_path, repeats="1_000_000")
     more = ["--out", tmp_path / "x.html"] if command == "preregister" else []
     done = CliRunner().invoke(app, ["protocol", command, str(path), *map(str, more)])
 
@@ -415,3 +429,220 @@ def test_a_frame_that_no_reader_reads_is_one_message(tmp_path):
     place.write_bytes(data)
     with pytest.raises(StudyError, match="must be a PNG frame that can be read"):
         read_frame(tmp_path, clip, 0)
+
+
+def test_the_page_of_limits_has_each_of_them_and_what_commands_take(repository):
+    page = (repository / "docs" / "images.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"\| `(\w+)` \| ([\d,]+) \|$", page, re.M))
+    assert {name: int(most.replace(",", "")) for name, most in rows.items()} == LIMITS
+    for name, (always, each, seconds) in NEEDS.items():
+        assert f"| `{name}` | {always >> 20} | {each} | {seconds:g} |" in page
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        (LIMITS_VARIABLE, "valeus=4e9", "must name one of values, .* did you mean 'values'"),
+        (LIMITS_VARIABLE, "values=nan", "must read NAME=NUMBER"),
+        (LIMITS_VARIABLE, "values=-1", "must read NAME=NUMBER"),
+        ("METAMERLAB_LIMIT", "values=4e9", "METAMERLAB_LIMIT: must be spelt METAMERLAB_LIMITS"),
+        ("METAMERLAB_LIMTS", "values=4e9", "METAMERLAB_LIMTS: must be spelt METAMERLAB_LIMITS"),
+    ],
+)
+def test_a_misspelt_limit_is_named_by_any_command(monkeypatch, name, value, said):
+    monkeypatch.setenv(name, value)
+    done = CliRunner().invoke(app, ["protocol", "show", "demo"])
+    assert done.exit_code == 2
+    assert re.search(said, " ".join(done.output.split()))
+
+
+def flat(path: Path, edge: int) -> Path:
+    Image.new("RGB", (edge, edge), (90, 90, 90)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("command", NEEDS)
+def test_a_flat_picture_is_refused_where_its_command_would_take_too_much(
+    tmp_path, monkeypatch, command
+):
+    path = flat(tmp_path / "p.png", 200)
+    always, each, _ = NEEDS[command]
+    monkeypatch.setenv(LIMITS_VARIABLE, f"memory={always + 40_000 * each}")
+    check_fits(path, command)
+    monkeypatch.setenv(LIMITS_VARIABLE, f"memory={always + 40_000 * each - 1}")
+    with pytest.raises(InputError, match=rf"200 x 200 px in '{command}'.*METAMERLAB_LIMITS=memory="):
+        check_fits(path, command)
+
+
+def test_a_photograph_is_read_where_a_flat_picture_of_its_size_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "photograph.png"
+    noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(path)
+    monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.5e8")
+    check_fits(path, "read")
+    with pytest.raises(InputError, match="GB of memory"):
+        check_fits(flat(path, 200), "read")
+
+
+def test_no_command_refuses_a_picture_that_fits_its_limit():
+    for width, height, command in ((1920, 1080, "texture bake"), (2048, 2048, "foveate"),
+                                   (1024, 1024, "score"), (512, 512, "denoise"),
+                                   (1280, 720, "compress")):  # fmt: skip
+        check_need(Path("flat.png"), command, width, height, packed=1)
+    for megapixels, command in ((24, "compress"), (34, "foveate"), (67, "texture bake")):
+        check_need(Path("photograph.jpg"), command, megapixels, 10**6, packed=megapixels * 150_000)
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("a." * 20_000 + "a = 1", 1), ("x = 1\n[" + "a." * 20_000 + "a]", 2),
+        ('x = 1\ny = {"a" . ' + "'b'." * 33 + "a = 1}", 2),
+    ],
+)  # fmt: skip
+def test_keys_of_many_parts_are_named_before_they_are_parsed(tmp_path, content, line):
+    path = tmp_path / "study.toml"
+    path.write_text(content)
+    with pytest.raises(StudyError, match=rf"line {line}: .*keys of at most 32 parts"):
+        load_protocol(path)
+
+
+@pytest.mark.parametrize("name", ["text", "table", "toml", "files"])
+def test_a_file_is_as_large_as_its_limit_allows(tmp_path, monkeypatch, name):
+    path = tmp_path / "file"
+    path.write_bytes(b"x" * 100)
+    monkeypatch.setenv(LIMITS_VARIABLE, f"{name}=100")
+    assert bounded_bytes(path, StudyError, name) == b"x" * 100
+    monkeypatch.setenv(LIMITS_VARIABLE, f"{name}=99")
+    with pytest.raises(StudyError, match=f"at most 99 bytes.*METAMERLAB_LIMITS={name}=100"):
+        bounded_bytes(path, StudyError, name)
+    with pytest.raises(StudyError, match="at most 99 bytes"):
+        bounded_bytes(Path("/dev/zero"), StudyError, name)
+
+
+def test_lines_of_a_text_are_those_of_a_file():
+    for content in ("", "a", "a\nb", "a\r\nb\n", "\n\n", "a\x0bb\u2028c\n"):
+        assert list(lines_of(content)) == list(io.StringIO(content, newline="\n"))
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{" * 5, "9" * 5000])
+def test_json_that_no_parser_holds_is_one_message(tmp_path, text):
+    table = tmp_path / "decisions.csv"
+    table.with_suffix(".json").write_text(text)
+    with pytest.raises(StudyError, match="must be what 'metamerlab analysis import' notes"):
+        read_note(table)
+    (tmp_path / "power.json").write_text(text)
+    asked = ["protocol", "preregister", "demo", "--power", tmp_path, "--out", tmp_path / "p.html"]
+    done = CliRunner().invoke(app, [str(word) for word in asked])
+    assert done.exit_code == 2
+    assert "power.json: must be JSON" in " ".join(done.output.split())
+    (tmp_path / "results.json").write_text(text)
+    with pytest.raises(StudyError, match=r"results\.json: must be a report of preferences"):
+        _scores(tmp_path, "jod", None)
+
+
+def test_json_of_more_values_than_the_limit_is_not_parsed(tmp_path, monkeypatch):
+    monkeypatch.setenv(LIMITS_VARIABLE, "cells=10")
+    assert parsed_json(tmp_path, b"[1, 2, [3]]", "it", StudyError) == [1, 2, [3]]
+    with pytest.raises(StudyError, match="at most 10 values"):
+        parsed_json(tmp_path, b"[" + b"[]," * 9 + b"0]", "it", StudyError)
+
+
+def test_a_journal_has_a_limit_of_lines_and_is_not_lost(tmp_path, monkeypatch):
+    path = tmp_path / "journal.jsonl"
+    path.write_text("{}\n" * 6)
+    monkeypatch.setenv(LIMITS_VARIABLE, "events=5")
+    with pytest.raises(StudyError, match=r"at most 5 lines.*METAMERLAB_LIMITS=events=6"):
+        read_journal(path)
+    (damage,) = read_journal(path, lenient=True).damaged
+    assert "at most 5 lines" in damage.reason
+    assert path.read_text() == "{}\n" * 6
+
+
+def mesh(path: Path, **parts: object) -> Path:
+    """A glTF file of one triangle, some of whose parts are others."""
+    data = base64.b64encode(struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)).decode()
+    tree = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": f"data:application/octet-stream;base64,{data}"}],
+    }  # fmt: skip
+    path.write_text(json.dumps(tree | parts))
+    return path
+
+
+CHAIN = [*({"children": [n + 1]} for n in range(299)), {"mesh": 0}]
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"accessors": [{"componentType": 5126, "count": 45_000_000, "type": "VEC3"}]},
+         "lists of 135,000,000 numbers have no bufferView"),
+        ({"nodes": CHAIN}, "at most 256 deep in each other"),
+        ({"nodes": [{"children": [1]}, {"children": [0], "mesh": 0}]}, "in a circle"),
+        ({"nodes": [{"children": [2]}, {"children": [2]}, {"mesh": 0}]}, "the child of one other"),
+        ({"nodes": [{"mesh": 0}] * 10_001}, r"at most 10,000 meshes, nodes.*nodes=10001"),
+        ({"bufferViews": [{"buffer": 0, "byteLength": 10**11}] * 9}, "GB of memory"),
+    ],
+)  # fmt: skip
+def test_a_mesh_is_held_to_its_document_before_any_reader(tmp_path, monkeypatch, parts, said):
+    path = mesh(tmp_path / "s.gltf")
+    assert load_world(path).parts
+    monkeypatch.setattr(trimesh, "load_scene", None)
+    with pytest.raises(InputError, match=said):
+        load_world(mesh(path, **parts))
+
+
+def test_a_texture_counts_once_for_each_material_that_has_it(tmp_path, monkeypatch):
+    flat(tmp_path / "t.png", 100)
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
+    parts = {"images": [{"uri": "t.png"}], "textures": [{"source": 0}], "materials": [material] * 9}
+    path = mesh(tmp_path / "s.gltf", **parts)
+    monkeypatch.setattr("pipeline.limits.MEMORY_FOR_A_BYTE", 0)
+    monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.6e6")
+    assert load_world(path).parts
+    monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.5e6")
+    with pytest.raises(InputError, match="its pictures, each as often as it is used"):
+        load_world(path)
+
+
+@pytest.mark.parametrize("between", [" ", " \\\n"])
+def test_a_face_of_a_million_corners_is_refused_before_any_reader(tmp_path, monkeypatch, between):
+    path = tmp_path / "s.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert load_world(path).parts
+    monkeypatch.setattr(trimesh, "load_scene", None)
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + f"{between}1" * 1001 + "\n")
+    with pytest.raises(InputError, match=r"at most 1,000 corners"):
+        load_world(path)
+
+
+PLAYLISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile v.avi\n",
+    "HLS": "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nv.avi\n#EXT-X-ENDLIST\n",
+    "SDP": "v=0\nc=IN IP4 127.0.0.1\nm=video 9 RTP/AVP 96\n",
+    "DASH": "<?xml version='1.0'?><MPD></MPD>\n",
+    "half a video": "RIFF....AVI \n#EXTM3U\nv.avi\n",
+}
+
+
+@pytest.mark.parametrize("ending", ["avi", "mp4", "mkv"])
+@pytest.mark.parametrize("kind", PLAYLISTS)
+def test_a_video_that_is_a_list_of_others_is_refused_under_any_ending(tmp_path, kind, ending):
+    video = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
+    writer.write(np.zeros((12, 16, 3), np.uint8))
+    writer.release()
+    assert len(VideoFrames(video)) == 1
+    path = tmp_path / f"clip.{ending}"
+    path.write_text(PLAYLISTS[kind])
+    for read in (
+        VideoFrames, lambda path: list(read_frames(path, (16, 12), 1, 30.0)),
+        lambda path: unpacked_video(path).__enter__(),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match="no list of others"):
+            read(path)
+    assert stated_size_px(path, 30.0) is None

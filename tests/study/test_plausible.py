@@ -191,15 +191,15 @@ def test_no_number_of_a_shipped_file_may_be_beyond_all_measure(kind, read):
     ("old", "new", "said"),
     [
         ("participants = 4", "participants = 1_000_000_000_000",
-         "study.participants: must be at most 100000 (got 1000000000000)"),
-        ("turns = 1.0", "turns = 1e300", "camera.turns: must be at most 1000"),
+         "study.participants: must be at most 100,000 (got 1000000000000)"),
+        ("turns = 1.0", "turns = 1e300", "camera.turns: must be at most 1,000"),
         ("turns = 1.0", "turns = 1e-9", "camera.turns: must be at least 0.001"),
         ("max_attempts = 3", "max_attempts = 1_000_000_000",
-         "design.max_attempts: must be at most 1000 (got 1000000000)"),
+         "design.max_attempts: must be at most 1,000 (got 1000000000)"),
         ("width_deg = 8.0", "width_deg = 1e-9", "width_deg: must be at least 0.001 degrees"),
         ("hole_share = 0.02", "hole_share = 1e-12", "hole_share: must be at least 0.0001"),
-        ("duration_s = 1.0", "duration_s = 1e7", "duration_s: must be at most 1e+06 seconds"),
-        ("fps = 30.0", "fps = 1e9", "fps: must be at most 1e+06"),
+        ("duration_s = 1.0", "duration_s = 1e7", "duration_s: must be at most 1,000,000 seconds"),
+        ("fps = 30.0", "fps = 1e9", "fps: must be at most 1,000,000"),
     ],
 )  # fmt: skip
 def test_a_number_that_no_machine_can_do_is_refused(study, old, new, said):
