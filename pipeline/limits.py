@@ -16,6 +16,7 @@ from protocols.outside import LIMITS_VARIABLE, limit
 
 MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
 """What each byte of a file allows beyond the limits, where it is a photograph, ..."""
+MEMORY_FOR_A_BYTE_OF_A_MESH: Final = 400
 PIXELS_OF_A_BYTE: Final = 20
 """... which has 0.1 bytes a pixel and more: flat colour has 0.003, and as JPEG 0.015."""
 _MIB: Final = 1 << 20
@@ -94,7 +95,7 @@ def check_need(
 
 
 def check_memory(path: Path, need: int, what: str, packed: int) -> None:
-    """Refuse a file that takes more memory than the limit, and than so small a file may.
+    """Refuse a mesh that takes more memory than the limit, and than so small a file may.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ def check_memory(path: Path, need: int, what: str, packed: int) -> None:
     InputError
         With the need, the limit and how to raise it.
     """
-    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE * packed, what, packed)
+    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE_OF_A_MESH * packed, what, packed)
 
 
 def _check_small(

@@ -470,7 +470,9 @@ def test_a_flat_picture_is_refused_where_its_command_would_take_too_much(
     monkeypatch.setenv(LIMITS_VARIABLE, f"memory={always + 40_000 * each}")
     check_fits(path, command)
     monkeypatch.setenv(LIMITS_VARIABLE, f"memory={always + 40_000 * each - 1}")
-    with pytest.raises(InputError, match=rf"200 x 200 px in '{command}'.*METAMERLAB_LIMITS=memory="):
+    with pytest.raises(
+        InputError, match=rf"200 x 200 px in '{command}'.*METAMERLAB_LIMITS=memory="
+    ):
         check_fits(path, command)
 
 
@@ -601,7 +603,7 @@ def test_a_texture_counts_once_for_each_material_that_has_it(tmp_path, monkeypat
     material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     parts = {"images": [{"uri": "t.png"}], "textures": [{"source": 0}], "materials": [material] * 9}
     path = mesh(tmp_path / "s.gltf", **parts)
-    monkeypatch.setattr("pipeline.limits.MEMORY_FOR_A_BYTE", 0)
+    monkeypatch.setattr("pipeline.limits.MEMORY_FOR_A_BYTE_OF_A_MESH", 0)
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.6e6")
     assert load_world(path).parts
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.5e6")

@@ -612,6 +612,8 @@ def _meshes() -> Iterator[Bomb]:
     shared = [{"primitives": [{"attributes": {"POSITION": 0}}] * 2000}]
     bin_ = sparse("b.bin", 12_000_000)
     own = big_buffer(12_000_000)
+    some = [{"primitives": [{"attributes": {"POSITION": 0}}] * 30}]
+    yield Bomb("gltf list used 30 times", both(bin_, gltf(meshes=some, **own)), words)
     yield Bomb("gltf list used 2,000 times", both(bin_, gltf(meshes=shared, **own)), words)
     views = big_buffer(12_000_000) | {
         "bufferViews": [{"buffer": 0, "byteLength": 12_000_000}] * 5000
