@@ -30,7 +30,7 @@ LIMITS: Final = {
     "events": 300_000,
     "toml": 2_000_000,
     "rows": 5_000_000,
-    "cells": 4_000_000,
+    "cells": 3_000_000,
     "files": 100_000,
     "nodes": 10_000,
     "vertices": 50_000_000,
