@@ -190,7 +190,9 @@ def three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
 def from_integers(data: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float32]:
     """Return stored integers as [0, 1], the largest one that fits as 1."""
     # Rounded as by way of float64: twice 24 bits and two more are fewer than its 53.
-    return np.divide(data, np.float32(np.iinfo(data.dtype).max), dtype=np.float32)
+    largest = np.float32(np.iinfo(data.dtype).max)
+    shown: NDArray[np.float32] = np.divide(data, largest, dtype=np.float32)
+    return shown
 
 
 FREE_SPACE: Final = "free some space on this disk, or choose another one"

@@ -262,7 +262,8 @@ def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
                 )
     depths: dict[int, int] = {}
     for number in range(len(nodes)):
-        above, place = [], number
+        above: list[int] = []
+        place = number
         while place in parents and place not in depths and len(above) <= _DEEPEST:
             above.append(place)
             place = parents[place]

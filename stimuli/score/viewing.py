@@ -154,7 +154,8 @@ def read_gaze(text: str | None) -> Gaze:
     parts = text.split(",")
     if len(parts) == 2:
         return Gaze((_point(parts, "--gaze"),))
-    path, points = Path(text), ()
+    path = Path(text)
+    points: tuple[tuple[float, float], ...] = ()
     try:
         with reading(path, "a CSV file in UTF-8", StudyError):
             text = bounded_bytes(path, StudyError, "table").decode("utf-8-sig")

@@ -109,8 +109,7 @@ def check_folder(folder: Path) -> Findings:
         If its list cannot be read.
     """
     path = folder / INDEX_NAME
-    data = read_bytes(path, "the archive's list")
-    index, problems = _index(path, data), []
+    index, problems = _index(path, read_bytes(path, "the archive's list")), []
     for entry in index.files:
         place = folder / entry.path
         if place.is_symlink() or not place.is_file():
