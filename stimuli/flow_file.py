@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from stimuli.whole_file import write_whole
 from pipeline.limits import check_values
+from stimuli.whole_file import write_whole
 
 MAGIC = np.float32(202021.25)
 UNKNOWN_PX = 1e9
