@@ -21,13 +21,11 @@ from analysis.export.psychds import write_psych_ds
 from analysis.export.public import public_readings, public_tables, refuse_private
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
-from analysis.report.folder import whole_folder
 from analysis.tidy import tidy_tables
 from protocols.errors import StudyError
+from protocols.result_folder import whole_folder
 from protocols.schema import StudyProtocol
 
-_NEVER_REPLACED = ".no-earlier-export"
-"""Exports are not written over: nothing tells them from a data set of somebody else."""
 _WRITERS: dict[Format, Callable[[Content, Path], tuple[str, ...]]] = {
     "bids": write_bids,
     "psych-ds": write_psych_ds,
@@ -100,7 +98,7 @@ def export_study(
         tables = public_tables(without_columns(tables, left_out), protocol, codes)
     shifts = unordered.shifts if unordered else None
     content = Content(protocol, people, tables, options, progress, shifts, left_out)
-    with whole_folder(out, _NEVER_REPLACED) as work:
+    with whole_folder(out) as work:  # never replaced
         found = _WRITERS[form](content, work)
         if options.public:
             refuse_private(work, out)

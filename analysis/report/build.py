@@ -14,7 +14,6 @@ from analysis.columns import dictionary
 from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
-from analysis.report.folder import whole_folder
 from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
@@ -23,6 +22,7 @@ from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.outside import inline_svg, json_bytes, page_bytes
+from protocols.result_folder import whole_folder
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -60,7 +60,7 @@ def report_sessions(
         something else.
     """
     source = from_sessions(folder, protocol, progress)
-    return _write(source, out, replace=replace, figure_files=figure_files, progress=progress)
+    return _write(source, folder, out, replace, figure_files, progress)
 
 
 def report_decisions(
@@ -81,15 +81,20 @@ def report_decisions(
     `title` stands at the top of the page; left out: the protocol's, or the table's name.
     """
     source = from_table(path, protocol, title)
-    return _write(source, out, replace=replace, figure_files=figure_files, progress=progress)
+    return _write(source, path, out, replace, figure_files, progress)
 
 
 def _write(
-    source: Source, out: Path, *, replace: bool, figure_files: bool, progress: Progress | None
+    source: Source,
+    read: Path,
+    out: Path,
+    replace: bool,
+    figure_files: bool,
+    progress: Progress | None,
 ) -> ReportPaths:
     say = progress or (lambda _name, _done, _total: None)
     analysis, settings = source.analysis, source.settings
-    with whole_folder(out, JSON_NAME, replace=replace) as work:
+    with whole_folder(out, replace=replace, reads=[read]) as work:
         say("analysing", 0, 0)
         results = analysis.analyse(
             source.decisions, settings, lambda name: say(f"analysing: {name}", 0, 0)
@@ -131,7 +136,6 @@ def _write(
         )
         (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
-        # Last: the folder is known as a report by this file.
         (work / JSON_NAME).write_bytes(json_bytes(text + "\n"))
     return ReportPaths(
         html=out / HTML_NAME,

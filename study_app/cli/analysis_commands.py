@@ -148,15 +148,18 @@ def tidy(
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
     from analysis.csv_table import write_table
-    from analysis.report.folder import whole_folder
     from analysis.tasks import analysis_of
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
     from protocols.load import load_protocol
+    from protocols.result_folder import whole_folder
 
     with user_errors():
         study = load_protocol(protocol)
-        with one_line() as progress, whole_folder(out, "decisions.csv", replace=replace) as work:
+        with (
+            one_line() as progress,
+            whole_folder(out, replace=replace, reads=[sessions]) as work,
+        ):
             tables = read_sessions(sessions, study, progress=progress)
             write_tables(tables, study, work)
             analysis = analysis_of(study.analysis.kind)
@@ -242,10 +245,10 @@ def power(
     import numpy as np
 
     from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
-    from analysis.report.folder import whole_folder
     from analysis.report.values import as_json
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
+    from protocols.result_folder import whole_folder
 
     with user_errors():
         numbers = {"pairs": pair_count, "scenes": scenes, "repeats": repeats, "people": people}
@@ -276,7 +279,8 @@ def power(
                 progress=lambda done, total: progress("simulating studies", done, total),
             )
         if out is not None:
-            with whole_folder(out, "power.json", replace=replace) as work:
+            reads = () if pilot is None else [pilot]
+            with whole_folder(out, replace=replace, reads=reads) as work:
                 for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
                     save_figure(found.draw(width), work, f"power-{name}")
                     if found.draw_designs:
@@ -353,9 +357,9 @@ def import_(
     from analysis.columns import dictionary
     from analysis.csv_table import write_table
     from analysis.foreign_table import in_plain_form
-    from analysis.report.folder import whole_folder
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
+    from protocols.result_folder import whole_folder
 
     with user_errors():
         analysis = analysis_of_task(task)
@@ -364,7 +368,7 @@ def import_(
         with in_plain_form(table, mapping) as plain:
             decisions = analysis.read(plain.path, mapping, chosen)
         analysis.settings_of_table(decisions, table.stem, chosen)  # refuses what does not fit
-        with whole_folder(out, "decisions.csv", replace=replace) as work:
+        with whole_folder(out, replace=replace, reads=[table]) as work:
             tables = {
                 "decisions.csv": decisions,
                 "dictionary.csv": dictionary({"decisions": analysis.columns_of(decisions)}),

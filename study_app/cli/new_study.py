@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 from typer.core import TyperCommand
 
-from analysis.report.folder import whole_folder
 from protocols.errors import StudyError
 from protocols.load import load_display, open_new
 from protocols.new_study import FOLDERS, PARTS, study_files
 from protocols.own_stimuli import OwnScene, OwnStimuli
+from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_line
@@ -26,9 +26,6 @@ from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
     from stimuli.bring_in import PairFiles
-
-_NEVER_REPLACED = ".no-earlier-study"
-
 
 _PAIR_FILES: Final = ("LEFT", "RIGHT", "DISPARITY")
 _BETWEEN: Final = "\0"  # no path holds it
@@ -143,7 +140,7 @@ def new_study(
         pairs = _pairs(pair or [], units_per_px, focal_px, baseline_m, offset_px)
         from stimuli.example_pictures import example_files
 
-        with whole_folder(folder, _NEVER_REPLACED) as work:
+        with whole_folder(folder) as work:
             own, notes = _own(work, folder, scene or [], pairs, methods)
             secret = secrets.token_hex(32)
             texts = study_files(named, shown, screen, task, secret=secret, own=own)

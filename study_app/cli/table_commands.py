@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -108,7 +108,7 @@ def psychometric(
                     path, options, mapping, progress=progress
                 ),
             )
-        hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace, reads=[table])
 
 
 def detection(
@@ -141,7 +141,7 @@ def detection(
                 path, mapping, signal=signal, by=by, baseline=baseline, level=confidence
             ),
         )
-        hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace, reads=[table])
 
 
 def reaction(
@@ -171,7 +171,7 @@ def reaction(
                 path, mapping, by=by, baseline=baseline, level=confidence
             ),
         )
-        hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace, reads=[table])
 
 
 def ratings(
@@ -215,7 +215,7 @@ def ratings(
                 path, mapping, by=by, scale=levels, baseline=baseline, link=model, level=confidence
             ),
         )
-        hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace, reads=[table])
 
 
 def bayes(
@@ -254,7 +254,7 @@ def bayes(
                     level=confidence, progress=progress,
                 ),
             )  # fmt: skip
-        hand_over(found, out, replace=replace)
+        hand_over(found, out, replace=replace, reads=[table])
 
 
 def register(app: typer.Typer) -> None:
@@ -290,13 +290,13 @@ def found_in(
     return changed(found, notes=(*plain.notes, *found.notes))
 
 
-def hand_over(found: Found, out: Path | None, *, replace: bool) -> None:
+def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[Path] = ()) -> None:
     """Print what was found, and write it where a folder is named."""
-    from analysis.from_csv.found import RESULTS, write_found
-    from analysis.report.folder import whole_folder
+    from analysis.from_csv.found import write_found
+    from protocols.result_folder import whole_folder
 
     if out is not None:
-        with whole_folder(out, RESULTS, replace=replace) as work:
+        with whole_folder(out, replace=replace, reads=reads) as work:
             write_found(found, work)
     console = PlainConsole()
     console.print(found.title)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import re
 import shutil
 import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,7 +14,6 @@ import pytest
 from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.report.build import report_decisions, report_sessions
-from analysis.report.folder import whole_folder
 from analysis.report.wording import big, number, p_number, p_text, printable, share
 from protocols.errors import StudyError
 
@@ -166,119 +163,6 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(made, demo_protoco
         report_sessions(made / "s", demo_protocol, made / "r")
 
     assert (tmp_path / "mine" / "thesis.txt").read_text() == "precious"
-
-
-def test_a_result_appears_whole_or_not_at_all(tmp_path):
-    def stop_half_way() -> None:
-        with whole_folder(tmp_path / "out", "m.json") as work:
-            (work / "half.txt").write_text("half")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        stop_half_way()
-
-    assert list(tmp_path.iterdir()) == []
-    with whole_folder(tmp_path / "out", "m.json") as work:
-        (work / "m.json").write_text("{}")
-        assert not (tmp_path / "out").exists()
-    assert (tmp_path / "out" / "m.json").exists()
-    with whole_folder(tmp_path / "out", "m.json", replace=True) as work:
-        (work / "m.json").write_text("new")
-    assert (tmp_path / "out" / "m.json").read_text() == "new"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-REPORTING = """
-import sys, time
-from pathlib import Path
-from analysis.report.folder import whole_folder
-with whole_folder(Path(sys.argv[1]), "m.json", replace=True) as work:
-    (work / "half.txt").write_text("half")
-    print(work.name, flush=True)
-    time.sleep(600)
-"""
-
-
-def start_reporting(out) -> tuple[subprocess.Popen, str]:
-    """Start a program that is half way; return it and the name of its working folder."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", REPORTING, out], stdout=subprocess.PIPE, text=True
-    )
-    return process, process.stdout.readline().strip()
-
-
-def test_what_a_killed_program_left_is_cleared_by_the_next_and_what_a_living_one_holds_is_not(
-    tmp_path,
-):
-    out = tmp_path / "a report"
-    foreign = tmp_path / ".a report.unfinished-by hand"
-    foreign.mkdir()
-    killed, left = start_reporting(out)
-    living, held = start_reporting(out)
-    other, others = start_reporting(tmp_path / "b")
-    with killed, living, other:
-        try:
-            killed.kill()
-            killed.wait()
-            other.kill()
-            other.wait()
-            assert {left, held, others} <= {path.name for path in tmp_path.iterdir()}
-
-            with whole_folder(out, "m.json") as work:
-                (work / "m.json").write_text("{}")
-
-            names = {path.name for path in tmp_path.iterdir()}
-            assert names == {"a report", foreign.name, held, others}
-            assert (tmp_path / held / "half.txt").read_text() == "half"
-            assert [path.name for path in out.iterdir()] == ["m.json"]
-        finally:
-            living.kill()
-
-
-def test_a_report_killed_between_its_two_moves_is_cleared_once_there_is_a_new_one(tmp_path):
-    """The earlier report lies in `.out.old-*` then, and goes when there is another."""
-    was = tmp_path / ".out.old-abcd1234" / "was"
-    was.mkdir(parents=True)
-    (was / "m.json").write_text("old")
-
-    with pytest.raises(RuntimeError), whole_folder(tmp_path / "out", "m.json"):
-        raise RuntimeError
-    assert (was / "m.json").read_text() == "old"
-
-    with whole_folder(tmp_path / "out", "m.json") as work:
-        (work / "m.json").write_text("new")
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_replacement_that_cannot_be_moved_puts_the_earlier_report_back(tmp_path, monkeypatch):
-    with whole_folder(tmp_path / "out", "m.json") as work:
-        (work / "m.json").write_text("old")
-    rename = Path.rename
-
-    def fail(self, target):
-        if ".unfinished-" in self.name:
-            raise OSError(errno.EIO, "Input/output error", str(self))
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", fail)
-    with (
-        pytest.raises(OSError, match="Input/output"),
-        whole_folder(tmp_path / "out", "m.json", replace=True),
-    ):
-        pass
-
-    assert (tmp_path / "out" / "m.json").read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_an_interrupted_replacement_keeps_the_earlier_report(tmp_path):
-    with whole_folder(tmp_path / "out", "m.json") as work:
-        (work / "m.json").write_text("old")
-
-    with pytest.raises(RuntimeError), whole_folder(tmp_path / "out", "m.json", replace=True):
-        raise RuntimeError
-
-    assert (tmp_path / "out" / "m.json").read_text() == "old"
 
 
 def test_two_protocols_and_no_decision_left_are_refused_without_a_trace(

@@ -1,0 +1,279 @@
+"""Folders that commands fill: each appears whole, and lists its files; only these are replaced."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from protocols.errors import StudyError
+from protocols.folder_hold import held
+from protocols.hashing import sha256_file
+
+LISTING = ".metamerlab-files.json"
+"""The files of a result and their hashes, so that a later command knows what it may replace."""
+_MARK, _NEW, _WAS = "unfinished.txt", "new", "was"
+
+
+@contextmanager
+def whole_folder(
+    out: Path, *, replace: bool | None = None, reads: Iterable[Path] = ()
+) -> Iterator[Path]:
+    """Give a working folder that becomes `out` when the block ends well, and vanishes else.
+
+    It lies beside `out`. A program that is killed leaves it there; the next one for the same
+    `out` removes it.
+
+    Parameters
+    ----------
+    out : Path
+        Must not exist, or be empty. With `replace` it may hold an earlier result: files that its
+        `LISTING` names, as they were written.
+    replace : bool, optional
+        Whether an earlier result is replaced. None: never, and the new folder gets no listing.
+    reads : iterable of Path
+        What the command reads, which must not lie in `out`.
+
+    Raises
+    ------
+    StudyError
+        If `out` is a file, holds or is what the command reads, holds something else or the
+        command itself, or its parent cannot be made.
+    """
+    place = _place(out)
+    if place.exists():
+        _check_reads(out, place, reads)
+        _check_held(out, place, replace)
+    with ExitStack() as undo:
+        _make_parents(out, place.parent, undo)
+        _clear(place, "unfinished")
+        with _hidden(place, "unfinished") as hidden:
+            work = hidden / _NEW
+            work.mkdir()
+            yield work
+            if replace is not None:
+                _write_listing(work)
+            if place.is_dir() and any(place.iterdir()):
+                _swap(out, place, work, replace)
+            else:
+                work.rename(place)
+        undo.pop_all()
+    _clear(place, "old")  # a program killed between those two moves left the earlier result there
+
+
+def stranger(folder: Path, own: Mapping[str, str] | None = None) -> str | None:
+    """Return what `folder` holds that no result listed as its own, in words; None: nothing.
+
+    Parameters
+    ----------
+    own : mapping, optional
+        Hashes of files by path within `folder`; left out: those of its `LISTING`.
+    """
+    known = _listed(folder) if own is None else own
+    for path in leaves(folder):
+        if not _is_own(path, folder, known):
+            name = path.relative_to(folder).as_posix()
+            if path.is_symlink():
+                return f"{name}, a symbolic link"
+            if path.is_dir():
+                return f"{name}, a folder"
+            return f"{name}, which was changed since" if name in known else name
+    return None
+
+
+def remove_listed(folder: Path, own: Mapping[str, str] | None = None) -> None:
+    """Remove the files that a result listed, as they were written, and folders that empty so."""
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    known = _listed(folder) if own is None else own
+    ours = [path for path in leaves(folder) if _is_own(path, folder, known)]
+    for path in sorted(ours, key=lambda path: path.name == LISTING):  # it vouches for the others
+        if path.is_dir():
+            _remove_empty(path)
+        else:
+            path.unlink()
+        for parent in path.parents:
+            if parent.is_relative_to(folder):
+                _remove_empty(parent)
+
+
+def _is_own(path: Path, folder: Path, known: Mapping[str, str]) -> bool:
+    """Return whether a file is as a result listed it, or an empty folder held such a file."""
+    name = path.relative_to(folder).as_posix()
+    if path.is_symlink():
+        return False
+    if path.is_dir():
+        return any(file.startswith(f"{name}/") for file in known)
+    if not path.is_file():
+        return False
+    return name == LISTING if name not in known else known[name] == sha256_file(path)
+
+
+def leaves(folder: Path) -> Iterator[Path]:
+    """Yield every file, link and empty folder below a folder; links are not followed."""
+    for entry in sorted(folder.iterdir()):
+        if entry.is_dir() and not entry.is_symlink():
+            below = list(leaves(entry))
+            yield from below or [entry]
+        else:
+            yield entry
+
+
+def _place(out: Path) -> Path:
+    """Return where `out` lies, without links."""
+    try:
+        place, here = out.resolve(), Path.cwd()
+    except (OSError, RuntimeError):  # this folder was deleted; links in a circle
+        raise StudyError(
+            f"{out}: must lead to a folder (its links lead in a circle, or this folder is gone);"
+            " choose another folder"
+        ) from None
+    if place.exists() and not place.is_dir():
+        raise StudyError(f"{out}: must be a folder to fill (this is a file)")
+    if here.is_relative_to(place):
+        raise StudyError(
+            f"{out}: must not be or hold the folder that this command runs in ({here}), as it"
+            " appears only when whole; run it from another folder, or choose another"
+        )
+    if place.is_mount():
+        raise StudyError(
+            f"{out}: must not be where a disk is mounted, as it appears only when whole; choose a"
+            " folder in it"
+        )
+    return place
+
+
+def _check_reads(out: Path, place: Path, reads: Iterable[Path]) -> None:
+    for read in reads:
+        if read.exists() and read.resolve().is_relative_to(place):
+            raise StudyError(
+                f"{out}: must not hold what this command reads ({read}); choose another folder"
+            )
+
+
+def _check_held(out: Path, place: Path, replace: bool | None) -> None:
+    held_first = min(place.iterdir(), default=None)
+    if held_first is None:
+        return
+    if replace is None or not _listed(place):
+        raise StudyError(
+            f"{out}: must be empty or new (it holds {held_first.name}, and no list of what a"
+            " command wrote here); choose another folder, or move away what you want to keep and"
+            " delete this one yourself"
+        )
+    if strange := stranger(place):
+        raise StudyError(
+            f"{out}: must hold nothing but an earlier result (it holds {strange}, which is none of"
+            " its own); move that away, or choose another folder"
+        )
+    if not replace:
+        raise StudyError(
+            f"{out}: must be empty or new (it holds an earlier result);"
+            " choose another folder, or add --replace"
+        )
+
+
+def _make_parents(out: Path, parent: Path, undo: ExitStack) -> None:
+    """Make the folders above; those that were not there go again where nothing comes of it."""
+    for folder in reversed((parent, *parent.parents)):
+        if folder.is_dir():
+            continue
+        try:
+            folder.mkdir(exist_ok=True)
+        except FileExistsError:
+            raise StudyError(f"{out}: {folder} must be a folder (this is a file)") from None
+        except NotADirectoryError:
+            raise StudyError(f"{out}: a part of this path is a file, not a folder") from None
+        undo.callback(_remove_empty, folder)
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _swap(out: Path, place: Path, work: Path, replace: bool | None) -> None:
+    """Put a result in the place of an earlier one, which goes if it is still as it was."""
+    _check_held(out, place, replace)
+    with _hidden(place, "old") as old:
+        was = old / _WAS
+        place.rename(was)
+        try:
+            if strange := stranger(was):
+                raise StudyError(
+                    f"{out}: must stay as it is while it is replaced (somebody put {strange}"
+                    " there); move that away, and run this again"
+                )
+            work.rename(place)
+        except BaseException:
+            was.rename(place)
+            raise
+
+
+def _write_listing(folder: Path) -> None:
+    files = {
+        path.relative_to(folder).as_posix(): sha256_file(path)
+        for path in leaves(folder)
+        if not path.is_dir()
+    }
+    text = json.dumps({"format": 1, "files": files}, indent=1, sort_keys=True)
+    (folder / LISTING).write_text(text + "\n", encoding="utf-8")
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """Return the hashes of files that a result listed; none where there is no listing."""
+    try:
+        files = json.loads((folder / LISTING).read_bytes())["files"]
+        return {str(name): str(sha256) for name, sha256 in files.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return {}
+
+
+@contextmanager
+def _hidden(out: Path, kind: str) -> Iterator[Path]:
+    """Give a folder beside `out` that no other program takes for a killed one's, then remove it."""
+    with ExitStack() as stack:
+        while True:
+            try:
+                folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.{kind}-", dir=out.parent))
+            except OSError as error:
+                raise type(error)(error.errno, error.strerror, str(out.parent)) from None
+            with suppress(FileNotFoundError):
+                if stack.enter_context(held(folder)) is not False and folder.exists():
+                    break
+            # Cleared away by another program in the moment before it was held: once more.
+        try:
+            (folder / _MARK).write_text(_mark(out), encoding="utf-8")
+            yield folder
+        finally:
+            _drop(folder)
+
+
+def _mark(out: Path) -> str:
+    """Return what a working folder says of itself, which no other folder says."""
+    return (
+        f"metamerlab was writing {out.name!a} and was stopped. What lies here is unfinished:"
+        " the next\ncommand that writes it deletes this.\n"
+    )
+
+
+def _drop(folder: Path) -> None:
+    shutil.rmtree(folder / _NEW, ignore_errors=True)
+    remove_listed(folder / _WAS)
+    (folder / _MARK).unlink(missing_ok=True)
+    _remove_empty(folder)
+
+
+def _clear(out: Path, kind: str) -> None:
+    """Remove what killed programs left of this result; what a living one holds stays."""
+    left_behind = re.compile(rf"\.{re.escape(out.name)}\.{kind}-[a-z0-9_]{{8}}")
+    for entry in sorted(out.parent.iterdir()):
+        if left_behind.fullmatch(entry.name) and not entry.is_symlink():
+            # Gone meanwhile, or someone else's.
+            with suppress(OSError), held(entry) as stale:
+                if stale and (entry / _MARK).read_text(encoding="utf-8") == _mark(out):
+                    _drop(entry)
