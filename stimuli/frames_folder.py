@@ -1,20 +1,24 @@
 """A folder that a command fills with the frames of one clip: all of them, or none."""
 
 import os
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.errors import InputError
+from protocols.folder_hold import held
+from protocols.left_behind import clear_folders, remove_files
 from stimuli.whole_file import PART
+
+_FRAMES = (".png", ".exr")
 
 
 @contextmanager
 def frames_folder(out: Path) -> Iterator[Path]:
     """Give a folder within `out` to write to; when all went well, its frames appear in `out`.
 
-    Whatever is raised within, nothing is left behind.
+    Whatever is raised within, nothing that was written is left behind, and all else stays. What a
+    killed command left there is removed before.
 
     Raises
     ------
@@ -23,21 +27,33 @@ def frames_folder(out: Path) -> Iterator[Path]:
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
-    held = min(out.iterdir(), default=None) if out.exists() else None
-    if held is not None:
-        left = ", of a command that was stopped or still runs" if held.suffix == PART else ""
+    clear_folders(out, _FRAMES)
+    found = min(out.iterdir(), default=None) if out.exists() else None
+    if found is not None:
+        left = ", of a command that was stopped or still runs" if found.suffix == PART else ""
         raise InputError(
             f"{out}: must be empty or new, as it is to hold the frames of one clip (it holds"
-            f" {held.name}{left}); choose another folder, or empty it"
+            f" {found.name}{left}); choose another folder, or empty it"
         )
-    is_new = not out.exists()
-    part = out / f".{os.getpid()}{PART}"
+    new = [folder for folder in (out, *out.parents) if not folder.exists()]
+    part, written = out / f".{os.getpid()}{PART}", []
     part.mkdir(parents=True)
     try:
-        yield part
-        for frame in sorted(part.iterdir()):
-            frame.rename(out / frame.name)
-        part.rmdir()
+        with held(part):
+            yield part
+            for frame in sorted(part.iterdir()):
+                if (out / frame.name).exists():
+                    raise InputError(
+                        f"{out}: must be left alone while frames are written (somebody put"
+                        f" {frame.name} there); choose another folder"
+                    )
+                written.append(frame.rename(out / frame.name))
+            part.rmdir()
     except BaseException:
-        shutil.rmtree(out if is_new else part, ignore_errors=True)
+        for frame in written:
+            frame.unlink(missing_ok=True)
+        remove_files(part, _FRAMES)
+        for folder in new:
+            with suppress(OSError):  # somebody put something there
+                folder.rmdir()
         raise

@@ -15,6 +15,7 @@ from typing import BinaryIO
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.journal import SessionResume, SessionStart
+from protocols.left_behind import clear_files
 from protocols.load import SECRET_SUFFIX, load_protocol, read_bytes, shipped
 from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.revision import code_revision, package_version
@@ -172,6 +173,7 @@ def _pack(
 @contextmanager
 def _appearing(out: Path) -> Iterator[BinaryIO]:
     """Yield a file beside `out` that takes its name once it is whole and on the disk."""
+    clear_files(out)
     part = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         with part.open("x+b") as file:

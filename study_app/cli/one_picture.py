@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from protocols.left_behind import clear_files
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -205,6 +206,8 @@ def _value(text: str) -> Any:
 def check_file(path: Path, endings: Sequence[str]) -> None:
     """Refuse before the work a file that could not be written after it.
 
+    What a killed command left of it is removed.
+
     Raises
     ------
     StudyError
@@ -215,6 +218,7 @@ def check_file(path: Path, endings: Sequence[str]) -> None:
     if path.is_dir():
         raise StudyError(f"{path}: must be a file, and is a folder")
     check_folder(path.parent)
+    clear_files(path)
 
 
 def check_folder(folder: Path) -> None:

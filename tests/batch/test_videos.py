@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from stimuli.exr import save_colour
+from stimuli.frames_folder import frames_folder
 from stimuli.pictures import save_picture
 from stimuli.read_file import read_picture
 from stimuli.video import unpacked_video, write_video
@@ -112,12 +114,95 @@ def test_frames_of_16_bits_become_a_video_of_8(tmp_path, rng):
         write_video(tmp_path / "w.avi", [tmp_path / "float.exr"], 24.0)
 
 
-def test_a_folder_that_a_stopped_command_left_is_named(frames, tmp_path):
-    (tmp_path / "out" / ".123.part").mkdir(parents=True)
+def test_a_folder_that_a_running_command_fills_is_named(frames, tmp_path):
+    left = tmp_path / "out" / f".{os.getppid()}.part"
+    left.mkdir(parents=True)
     done = run("foveate", frames, tmp_path / "out", "--method", "reference", "--numpy")
     assert done.exit_code == 2, done.output
-    said = "it holds .123.part, of a command that was stopped or still runs"
+    said = f"it holds {left.name}, of a command that was stopped or still runs"
     assert said in " ".join(done.stderr.split())
+
+
+def gone() -> int:
+    """Return the number of a process that is no more."""
+    child = os.fork()
+    if not child:
+        os._exit(0)
+    os.waitpid(child, 0)
+    return child
+
+
+def test_what_a_killed_command_left_goes_and_the_next_goes_on(frames, tmp_path):
+    left = tmp_path / "out" / f".{gone()}.part"
+    left.mkdir(parents=True)
+    for name in ("000000.png", f".000001.{gone()}.tmp.png"):
+        (left / name).write_bytes(b"half")
+    done = run("foveate", frames, tmp_path / "out", "--method", "reference", "--numpy")
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in sorted((tmp_path / "out").iterdir())] == [
+        path.name for path in sorted(frames.iterdir())
+    ]
+
+
+@pytest.mark.parametrize("kind", ["in it", "file", "link"])
+def test_what_is_only_called_like_a_left_over_stays(frames, tmp_path, kind):
+    out, left = tmp_path / "out", tmp_path / "out" / f".{gone()}.part"
+    out.mkdir()
+    (tmp_path / "mine").mkdir()
+    mine = tmp_path / "mine" / "000000.png"
+    if kind == "in it":
+        left.mkdir()
+        mine = left / "thesis.txt"
+    elif kind == "file":
+        mine = left
+    else:
+        left.symlink_to(tmp_path / "mine")
+    mine.write_text("precious")
+    done = run("foveate", frames, out, "--method", "reference", "--numpy")
+    assert done.exit_code == 2, done.output
+    assert f"it holds {left.name}" in " ".join(done.stderr.split())
+    assert mine.read_text() == "precious"
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, RuntimeError])
+@pytest.mark.parametrize("out", ["new", "above/new", "there"])
+def test_whatever_stops_a_clip_of_frames_a_users_files_stay(tmp_path, out, raised):
+    (tmp_path / "there").mkdir()
+
+    def stopped() -> None:
+        with frames_folder(tmp_path / out) as part:
+            (part / "000000.png").write_bytes(b"frame")
+            (tmp_path / out / "thesis.txt").write_text("precious")
+            raise raised
+
+    with pytest.raises(raised):
+        stopped()
+    assert [path.name for path in (tmp_path / out).iterdir()] == ["thesis.txt"]
+
+
+def test_a_frame_that_a_user_put_there_meanwhile_is_not_written_over(tmp_path):
+    def meanwhile() -> None:
+        with frames_folder(tmp_path / "new") as part:
+            for name in ("000000.png", "000001.png"):
+                (part / name).write_bytes(b"frame")
+            (tmp_path / "new" / "000001.png").write_text("precious")
+
+    with pytest.raises(InputError, match=r"somebody put 000001\.png there"):
+        meanwhile()
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["000001.png"]
+    assert (tmp_path / "new" / "000001.png").read_text() == "precious"
+
+
+def test_what_killed_commands_left_of_one_picture_goes_with_the_next(frames, tmp_path):
+    out, dead = tmp_path / "out.png", gone()
+    for name in (f".out.{dead}.tmp.png", f".out.png.{dead}.part"):
+        (tmp_path / name).write_bytes(b"half")
+    kept = [f".out.png.{os.getppid()}.part", f".thesis.{dead}.part", f".out.txt.{dead}.part"]
+    for name in kept:
+        (tmp_path / name).write_bytes(b"precious")
+    done = run("foveate", frames / "000000.png", out, "--method", "reference", "--numpy")
+    assert done.exit_code == 0, done.output
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {*kept, "out.png"}
 
 
 def test_scoring_a_video_gives_its_frames_scores_at_its_rate(frames, lossless, tmp_path):

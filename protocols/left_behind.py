@@ -1,0 +1,56 @@
+"""What killed programs left of what they were writing, and whether it may go."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+
+from protocols.folder_hold import held
+
+
+def is_gone(process: int) -> bool:
+    """Return whether no other process here has this number."""
+    if process == os.getpid():
+        return True  # who asks has not begun to write
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:
+        return False
+    return False
+
+
+def clear_files(path: Path) -> None:
+    """Remove what killed programs left of one file, which is about to be written again.
+
+    They wrote to ``.NAME.PID.part`` or, by a library that goes by endings, ``.STEM.PID.tmp.png``.
+    """
+    name, stem, ending = (re.escape(part) for part in (path.name, path.stem, path.suffix.lower()))
+    left = re.compile(rf"\.(?:{name}\.([0-9]+)\.part|{stem}\.([0-9]+)\.(?:tmp|part){ending})")
+    for entry in list(path.parent.iterdir()) if path.parent.is_dir() else ():
+        found = left.fullmatch(entry.name)
+        gone = found is not None and is_gone(int(found[1] or found[2]))
+        if gone and entry.is_file() and not entry.is_symlink():
+            entry.unlink(missing_ok=True)
+
+
+def clear_folders(folder: Path, endings: tuple[str, ...]) -> None:
+    """Remove what killed programs left in a folder: ``.PID.part`` with files of these endings."""
+    for entry in list(folder.iterdir()) if folder.is_dir() else ():
+        found = re.fullmatch(r"\.([0-9]+)\.part", entry.name)
+        if found and not entry.is_symlink() and is_gone(int(found[1])):
+            with suppress(OSError), held(entry) as stale:  # gone meanwhile, or no folder
+                if stale:
+                    remove_files(entry, endings)
+
+
+def remove_files(folder: Path, endings: tuple[str, ...]) -> None:
+    """Remove files with these endings from a folder, and the folder where it held no other."""
+    for entry in list(folder.iterdir()):
+        if entry.suffix in endings and entry.is_file() and not entry.is_symlink():
+            entry.unlink()
+    with suppress(OSError):  # not empty
+        folder.rmdir()
