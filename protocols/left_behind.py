@@ -9,6 +9,24 @@ from pathlib import Path
 
 from protocols.folder_hold import held
 
+_WRITING = re.compile(
+    r"\.(?P<name>.+)\.(?P<process>[0-9]+)\.part"
+    r"|\.(?P<stem>.+)\.(?P<other>[0-9]+)\.(?:tmp|part)(?P<ending>\.[a-z]+)"
+)
+
+
+def written(name: str) -> tuple[str, int] | None:
+    """Return the file that is written under a name, and by which process; None: no such name.
+
+    Files are written as ``.NAME.PID.part`` or, by a library that goes by endings, as
+    ``.STEM.PID.tmp.png``.
+    """
+    found = _WRITING.fullmatch(name)
+    if found is None:
+        return None
+    file = found["name"] or found["stem"] + found["ending"]
+    return file, int(found["process"] or found["other"])
+
 
 def is_gone(process: int) -> bool:
     """Return whether no other process here has this number."""
@@ -24,16 +42,10 @@ def is_gone(process: int) -> bool:
 
 
 def clear_files(path: Path) -> None:
-    """Remove what killed programs left of one file, which is about to be written again.
-
-    They wrote to ``.NAME.PID.part`` or, by a library that goes by endings, ``.STEM.PID.tmp.png``.
-    """
-    name, stem, ending = (re.escape(part) for part in (path.name, path.stem, path.suffix.lower()))
-    left = re.compile(rf"\.(?:{name}\.([0-9]+)\.part|{stem}\.([0-9]+)\.(?:tmp|part){ending})")
+    """Remove what killed programs left of one file, which is about to be written again."""
     for entry in list(path.parent.iterdir()) if path.parent.is_dir() else ():
-        found = left.fullmatch(entry.name)
-        gone = found is not None and is_gone(int(found[1] or found[2]))
-        if gone and entry.is_file() and not entry.is_symlink():
+        file, process = written(entry.name) or ("", 0)
+        if file == path.name and entry.is_file() and not entry.is_symlink() and is_gone(process):
             entry.unlink(missing_ok=True)
 
 

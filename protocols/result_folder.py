@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -87,18 +87,21 @@ def stranger(folder: Path, own: Mapping[str, str] | None = None) -> str | None:
 
 def remove_listed(folder: Path, own: Mapping[str, str] | None = None) -> None:
     """Remove the files that a result listed, as they were written, and folders that empty so."""
+    known = _listed(folder) if own is None else own
+    remove_own(folder, lambda path: _is_own(path, folder, known))
+
+
+def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
+    """Remove files and empty folders below `folder` that are ours, and all that empties so."""
     if folder.is_symlink() or not folder.is_dir():
         return
-    known = _listed(folder) if own is None else own
-    ours = [path for path in leaves(folder) if _is_own(path, folder, known)]
+    ours = [path for path in leaves(folder) if not path.is_symlink() and is_own(path)]
     for path in sorted(ours, key=lambda path: path.name == LISTING):  # it vouches for the others
-        if path.is_dir():
-            _remove_empty(path)
-        else:
+        if not path.is_dir():
             path.unlink()
-        for parent in path.parents:
-            if parent.is_relative_to(folder):
-                _remove_empty(parent)
+        for emptied in (path, *path.parents):
+            if emptied.is_relative_to(folder):
+                _remove_empty(emptied)
 
 
 def _is_own(path: Path, folder: Path, known: Mapping[str, str]) -> bool:

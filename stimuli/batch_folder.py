@@ -5,7 +5,7 @@ While a build runs, unfinished work lies in ``.build``, named by its hash:
 - ``.build/surveys/HASH/``: hole masks, and ``survey.json`` when they are complete
 - ``.build/clips/HASH/``: frames of a clip
 - ``.build/records/NAME.json``: the manifest's entry of a clip that is complete
-- ``.build/names.json``: the folders that builds made here or were about to
+- ``.build/names.json``: what builds made here or were about to: folders, hashes, OpenEXR beside
 
 A clip's folder is moved to its name when it is complete, the manifest is written when all
 are, and ``.build`` is removed after that. So whatever is found after a kill is either whole
@@ -19,15 +19,18 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeAlias, TypeVar
 
 from protocols.errors import StudyError
-from protocols.manifest import MANIFEST_NAME, Manifest, read_manifest
+from protocols.hashing import sha256_file
+from protocols.left_behind import written
+from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
+from protocols.result_folder import leaves, remove_own
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import PREVIEW_FOLDER
 from stimuli.whole_file import PART, write_whole
@@ -35,6 +38,7 @@ from stimuli.whole_file import PART, write_whole
 BUILD_FOLDER = ".build"
 HOLES_FOLDER = "holes"
 NAMES = "names.json"
+SURVEY_NAME = "survey.json"
 
 Report: TypeAlias = Callable[[int, int, str], None]
 """Called with frames done, frames in all, and what is going on."""
@@ -56,20 +60,39 @@ def survey_name(clip: ClipName) -> str:
     return f"{clip.scene}__{clip.size}"
 
 
-def claim(out: Path, names: Iterable[str]) -> None:
-    """Note which folders a build is about to make, before it makes any.
+def claim(out: Path, names: Iterable[str], keys: Iterable[str], *, exr: bool = False) -> None:
+    """Note what a build is about to make, before it makes any of it.
 
     What earlier builds made stays noted: a folder that is noted nowhere is a user's.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Folders of clips.
+    keys : iterable of str
+        Hashes that unfinished work is named by.
+    exr : bool
+        Whether these clips have OpenEXR files beside their frames.
     """
-    noted = sorted(_noted(out) | set(_recorded(out)) | set(names))
+    own, noted = _Own(out), _noted(out)
+    noted["names"] = own.clips | set(names)
+    noted["keys"] |= set(keys)
+    noted["exr"] = own.exr | (set(names) if exr else set())
     (out / BUILD_FOLDER).mkdir(exist_ok=True)
-    write_whole(out / BUILD_FOLDER / NAMES, json.dumps(noted).encode())
+    content = {kind: sorted(values) for kind, values in noted.items()}
+    write_whole(out / BUILD_FOLDER / NAMES, json.dumps(content).encode())
 
 
-def check_folder(out: Path) -> None:
+def check_folder(out: Path, wanted: Iterable[str] = ()) -> None:
     """Refuse a folder with anything in it that no build recorded as its own: it could be lost.
 
     What a killed build was writing here is removed.
+
+    Parameters
+    ----------
+    wanted : iterable of str
+        Clips that are built now: where one is damaged it is made again. Frames of any other clip
+        must be as they were recorded.
 
     Raises
     ------
@@ -84,7 +107,7 @@ def check_folder(out: Path) -> None:
                 f"{out}: must be an empty folder or one that a build made (its {MANIFEST_NAME} is"
                 f" none that a build wrote, or was changed); choose another --out\n{error}"
             ) from None
-    own, found = _Own(out), list(_leaves(out))
+    own, found = _Own(out, wanted), list(leaves(out))
     for path in found:
         relative = path.relative_to(out)
         if path.is_symlink() or not own.has(relative):
@@ -94,45 +117,50 @@ def check_folder(out: Path) -> None:
                 " recorded as its own); choose another --out, or move that away"
             )
     for path in found:
-        if path.name.startswith(".") and path.name.endswith(PART) and path.parent == out:
+        if path.parent == out and written(path.name):
             path.unlink()  # a build was killed while it wrote this file
 
 
 def remove_strangers(out: Path, clips: Sequence[str]) -> None:
     """Remove clips of an older protocol that `clips` does not have."""
-    own = _Own(out)
-    for name in sorted(own.clips - set(clips)):
-        _remove_own(out, Path(name), own)
+    for name in sorted(_Own(out).clips - set(clips)):
+        _remove_own(out, out / name)
 
 
 def remove_surveys(out: Path, surveys: Sequence[str]) -> None:
     """Remove hole masks of an older protocol that `surveys` does not have."""
-    own = _Own(out)
-    for name in sorted(own.surveys - set(surveys)):
-        _remove_own(out, Path(HOLES_FOLDER) / name, own)
+    for name in sorted(_Own(out).surveys - set(surveys)):
+        _remove_own(out, out / HOLES_FOLDER / name)
 
 
 def remove_previews(out: Path, wanted: Iterable[str]) -> None:
     """Remove previews that builds made, but for those with a name in `wanted`."""
-    folder, own, kept = out / PREVIEW_FOLDER, _Own(out), set(wanted)
-    if not folder.is_dir():
-        return
-    for entry in list(folder.iterdir()):
-        if entry.name not in kept and own.has(entry.relative_to(out)) and not entry.is_dir():
-            entry.unlink()
-    with suppress(OSError):  # not empty
-        folder.rmdir()
+    own, kept = _Own(out), {out / PREVIEW_FOLDER / name for name in wanted}
+    remove_own(
+        out / PREVIEW_FOLDER, lambda path: path not in kept and own.has(path.relative_to(out))
+    )
+
+
+def remove_unfinished(out: Path, work: Path | None = None) -> None:
+    """Remove what builds left in ``.build``, or in one folder there."""
+    _remove_own(out, work or out / BUILD_FOLDER)
 
 
 class _Own:
-    """What builds recorded of a folder as their own: each file that they write, by its name."""
+    """What builds recorded of a folder as their own: each file that they write, by its name.
 
-    def __init__(self, out: Path) -> None:
-        self._frames = _recorded(out)
-        self.clips = _noted(out) | set(self._frames)
-        self.surveys = {
-            name.rpartition("__")[0] for name in self.clips if name.count("__") == _WARPED
-        }
+    Of clips that only the manifest names, and that are not `wanted`, frames, masks and previews
+    must be those that were recorded: a manifest can be edited.
+    """
+
+    def __init__(self, out: Path, wanted: Iterable[str] = ()) -> None:
+        self._out, self._recorded = out, _recorded(out)
+        noted = _noted(out)
+        self._by_name = noted["names"] | set(wanted)
+        self.clips = noted["names"] | set(self._recorded)
+        self.surveys = _surveys(self.clips)
+        self.exr = noted["exr"] | {n for n, clip in self._recorded.items() if _has_exr(clip)}
+        self._keys = "|".join(noted["keys"]) if noted["keys"] else "[0-9a-f]{64}"
         self._ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).is_dir()
 
     def has(self, path: Path) -> bool:
@@ -145,104 +173,144 @@ class _Own:
         """
         if not self._ours:
             return False
-        first, *rest = path.parts
-        number = path.name[:6]
-        if rest and number.isdecimal() and int(number) >= self._frames_of(path.parent.name):
-            return False
+        unfinished = written(path.name)
+        first, *rest = path.parts if unfinished is None else path.with_name(unfinished[0]).parts
+        if not rest and unfinished:
+            return first in {MANIFEST_NAME, SHEET_NAME}
         if not rest:
             return first in {
                 MANIFEST_NAME, MANIFEST_NAME + PART, SHEET_NAME, BUILD_FOLDER, HOLES_FOLDER,
                 PREVIEW_FOLDER, *self.clips,
-            } or bool(_WRITING.fullmatch(first))  # fmt: skip
+            }  # fmt: skip
+        below = "/".join(rest)
         if first == BUILD_FOLDER:
-            return bool(_UNFINISHED.fullmatch("/".join(rest)))
+            return bool(re.fullmatch(_UNFINISHED.format(keys=self._keys), below))
         if first == HOLES_FOLDER:
-            return rest[0] in self.surveys and bool(_MASK.fullmatch("/".join(rest[1:])))
+            return rest[0] in self.surveys and self._has_mask(path, "/".join(rest[1:]))
         if first == PREVIEW_FOLDER:
-            found = _PREVIEW.fullmatch("/".join(rest))
-            return found is not None and found["name"] in self.clips
-        return first in self.clips and bool(_FRAME.fullmatch("/".join(rest)))
+            found = _PREVIEW.fullmatch(below)
+            return found is not None and self._has_preview(found["name"], found["sha256"])
+        return first in self.clips and self._has_frame(path, first, below)
 
-    def _frames_of(self, folder: str) -> float:
-        """Return how many frames a clip or a survey has; infinite where no manifest says so."""
-        found = [
-            frames
-            for name, frames in self._frames.items()
-            if folder in (name, name.rpartition("__")[0])
-        ]
-        return max(found, default=math.inf)
+    def _has_frame(self, path: Path, clip: str, name: str) -> bool:
+        found = _FRAME.fullmatch(name)
+        if found is None or not name:
+            return not name
+        recorded, index = self._recorded.get(clip), int(found["index"])
+        if recorded is not None and index >= len(recorded.frames_sha256):
+            return False
+        if found["ending"] == "exr":
+            return clip in self.exr
+        if recorded is None or clip in self._by_name:
+            return True
+        return self._is(path, recorded.frames_sha256[index])
+
+    def _has_mask(self, path: Path, name: str) -> bool:
+        found, survey = _MASK.fullmatch(name), path.parent.name
+        if found is None or not name:
+            return not name
+        if found["index"] is not None:
+            most = [
+                len(clip.frames_sha256)
+                for clip in self._recorded.values()
+                if survey in _surveys([clip.name])
+            ]
+            if int(found["index"]) >= max(most, default=math.inf):
+                return False
+        if survey in _surveys(self._by_name):
+            return True
+        try:
+            masks = json.loads((self._out / path).with_name(SURVEY_NAME).read_bytes())
+            hashes = [*masks["masks_sha256"]]
+            return found["index"] is None or self._is(path, hashes[int(found["index"])])
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            return False
+
+    def _has_preview(self, clip: str, sha256: str) -> bool:
+        recorded = self._recorded.get(clip)
+        return clip in self._by_name or (
+            recorded is not None and recorded.sha256.startswith(sha256)
+        )
+
+    def _is(self, path: Path, sha256: str) -> bool:
+        try:
+            return sha256_file(self._out / path) == sha256
+        except OSError:
+            return False
 
 
 _WARPED = 2
 """Double underscores in the name of a warped clip: scene, size, method."""
-_PARTIAL = r"\.[^/]+\.[0-9]+" + re.escape(PART)
-_WRITING = re.compile(_PARTIAL)
-_FRAME = re.compile(rf"([0-9]{{6}}\.(png|exr))?|{_PARTIAL}")
-_MASK = re.compile(rf"([0-9]{{6}}\.png|survey\.json)?|{_PARTIAL}")
-_PREVIEW = re.compile(r"\.?(?P<name>[^/]+)\.[0-9a-f]{12}(\.[0-9]+\.part)?\.webm")
-_UNFINISHED = re.compile(
-    r"(surveys|clips|records)(/[0-9a-f]{64}(/.*)?)?|records/[^/]+|[0-9a-f]{64}\.npz[^/]*"
-    rf"|{re.escape(NAMES)}|{_PARTIAL}"
+_FRAME = re.compile(r"((?P<index>[0-9]{6})\.(?P<ending>png|exr))?")
+_MASK = re.compile(rf"((?P<index>[0-9]{{6}})\.png|{re.escape(SURVEY_NAME)})?")
+_PREVIEW = re.compile(r"(?P<name>[^/]+)\.(?P<sha256>[0-9a-f]{12})\.webm")
+_UNFINISHED = (
+    r"(surveys|clips)(/({keys})(/([0-9]{{6}}\.(png|exr)|survey\.json)?)?)?"
+    r"|clips/({keys})/[^/.]+(/([0-9]{{6}}\.png)?|\.npz)?"
+    r"|records(/[^/]+\.json)?|names\.json"
 )
 
 
-def _leaves(folder: Path) -> Iterator[Path]:
-    """Yield every file, link and empty folder below a folder; links are not followed."""
-    for entry in sorted(folder.iterdir()):
-        if entry.is_dir() and not entry.is_symlink():
-            below = list(_leaves(entry))
-            yield from below or [entry]
-        else:
-            yield entry
+def _surveys(clips: Iterable[str]) -> set[str]:
+    return {name.rpartition("__")[0] for name in clips if name.count("__") == _WARPED}
 
 
-def _remove_own(out: Path, folder: Path, own: _Own) -> None:
+def _has_exr(clip: Clip) -> bool:
+    return bool(clip.parameters.get("exr"))
+
+
+def _remove_own(out: Path, folder: Path) -> None:
     """Remove what builds wrote into a folder; it stays where there is more in it."""
-    target = out / folder
-    if not target.is_dir() or target.is_symlink():
-        return
-    for entry in list(target.iterdir()):
-        if own.has(entry.relative_to(out)) and not entry.is_dir():
-            entry.unlink()
-    with suppress(OSError):  # not empty: somebody put something there meanwhile
-        target.rmdir()
+    own = _Own(out)
+    remove_own(folder, lambda path: own.has(path.relative_to(out)))
 
 
-def _noted(out: Path) -> set[str]:
+def _noted(out: Path) -> dict[str, set[str]]:
     """Return the folders that builds made here or were about to, as their notes say.
 
-    A folder may come from anywhere, and what is noted is deleted: no note leads out of it.
+    A folder may come from anywhere, and what is noted is deleted: no note leads out of it. Notes of
+    versions before this one are a list of names.
     """
-    with suppress(OSError, ValueError, TypeError, RecursionError):
-        noted = map(str, json.loads((out / BUILD_FOLDER / NAMES).read_bytes()))
-        return {name for name in noted if name == Path(name).name and name.strip(".")}
-    return set()
+    found: dict[str, set[str]] = {"names": set(), "keys": set(), "exr": set()}
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+        raw = json.loads((out / BUILD_FOLDER / NAMES).read_bytes())
+        for kind, values in (raw if isinstance(raw, dict) else {"names": raw}).items():
+            found[kind] |= {name for name in map(str, values) if _is_plain(name)}
+    return found
 
 
-def _recorded(out: Path) -> dict[str, int]:
-    """Return the clips of the manifest and how many frames they have."""
+def _is_plain(name: str) -> bool:
+    return name == Path(name).name and bool(name.strip("."))
+
+
+def _recorded(out: Path) -> dict[str, Clip]:
+    """Return the clips of the manifest."""
     with suppress(StudyError):
-        return {clip.name: len(clip.frames_sha256) for clip in read_manifest(out).clips}
+        return {clip.name: clip for clip in read_manifest(out).clips}
     return {}
 
 
-def move_over(source: Path, target: Path) -> None:
-    """Move a complete folder to its place; frames or masks that builds wrote there go first.
+def move_over(source: Path, target: Path, out: Path | None = None) -> None:
+    """Move a complete folder to its place; what builds wrote there goes first.
 
     So do files in `source` that a build was killed while it wrote.
+
+    Parameters
+    ----------
+    out : Path, optional
+        The folder of clips; left out: that of `target`.
 
     Raises
     ------
     StudyError
         If there is anything else at that place.
     """
-    for unfinished in source.glob(f".*{PART}"):
-        unfinished.unlink()
+    for entry in list(source.iterdir()):
+        file, _ = written(entry.name) or (entry.name, 0)
+        if file != entry.name and (_FRAME.fullmatch(file) or _MASK.fullmatch(file)):
+            entry.unlink()
     target.parent.mkdir(parents=True, exist_ok=True)
-    if target.is_dir() and not target.is_symlink():
-        for entry in list(target.iterdir()):
-            if _FRAME.fullmatch(entry.name) or _MASK.fullmatch(entry.name):
-                entry.unlink()
+    _remove_own(out or target.parent, target)
     sync(source)
     try:
         source.replace(target)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import shutil
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -26,6 +25,7 @@ from stimuli.batch_folder import (
     move_over,
     remove_strangers,
     remove_surveys,
+    remove_unfinished,
     survey_name,
     sync,
 )
@@ -88,7 +88,7 @@ class _Batch:
     def run(self) -> Outcome[ClipName]:
         orders = self.orders
         names = [str(name) for name in orders.clip_names]
-        check_folder(self.out)
+        check_folder(self.out, names)
         try:
             self.renderer = self.executor.submit(describe_renderer).result()
         except BrokenProcessPool:
@@ -104,7 +104,8 @@ class _Batch:
         kept = list(self.records)
         manifest_path = self.out / MANIFEST_NAME
         if missing or self.book.is_stale(self._in_order()):
-            claim(self.out, names)
+            keys = [key(name) for name in missing for key in (orders.survey_key, orders.clip_key)]
+            claim(self.out, names, keys, exr=orders.protocol.warped.clips.exr)
             for record in self.records.values():
                 self.book.store(record)  # what an old manifest says, before it goes
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
@@ -123,7 +124,7 @@ class _Batch:
         if not manifest_path.exists():
             write_manifest(self.out, manifest)
             sync(self.out)
-        shutil.rmtree(self.work, ignore_errors=True)
+        remove_unfinished(self.out)
         return Outcome(manifest, missing, kept)
 
     def _in_order(self) -> list[Clip]:
@@ -209,7 +210,7 @@ class _Batch:
     def _place_survey(self, name: ClipName, survey: Survey) -> None:
         made = self.work / "surveys" / survey.key
         if made.exists():
-            move_over(made, self.out / HOLES_FOLDER / survey_name(name))
+            move_over(made, self.out / HOLES_FOLDER / survey_name(name), self.out)
 
     def _finish_clip(self, name: ClipName, hashes: list[str]) -> None:
         record = self.book.record(name, self.surveys[survey_name(name)], hashes)

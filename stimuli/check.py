@@ -13,8 +13,7 @@ from pipeline.errors import InputError
 from protocols.hashing import sha256_bytes, sha256_file
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
-from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
-from stimuli.clip import SURVEY_NAME
+from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.contact import SHEET_NAME
 from stimuli.png import decode
 from stimuli.preview import preview_path

@@ -24,6 +24,7 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import create_method
 from protocols.hashing import sha256_bytes
 from protocols.recipes.warped_clips import ClipName
+from stimuli.batch_folder import SURVEY_NAME
 from stimuli.exr import save_colour
 from stimuli.fills import Fills
 from stimuli.footage import Footage, Shot
@@ -37,7 +38,6 @@ from stimuli.whole_file import write_whole
 
 ENCODERS = 2
 IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip
-SURVEY_NAME = "survey.json"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ here.
 
 from __future__ import annotations
 
-import shutil
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
@@ -31,6 +30,7 @@ from stimuli.batch_folder import (
     claim,
     move_over,
     remove_strangers,
+    remove_unfinished,
     sync,
 )
 from stimuli.derived import derive
@@ -158,7 +158,7 @@ class TakingBuilder(Builder, Generic[E]):
         return ("column", "values (stimuli)"), rows
 
     def _build(self, out: Path, executor: Executor, places: int, report: Report) -> Outcome[str]:
-        check_folder(out)
+        check_folder(out, [entry.name for entry in self.wanted])
         book = Book(self.protocol, self.display, out, self.drawn_by(executor))
         frames = self.recipe_of_all.frames
         total = len(self.wanted) * frames
@@ -181,7 +181,7 @@ class TakingBuilder(Builder, Generic[E]):
         missing = [entry for entry in self.wanted if entry.name not in records]
         manifest_path = out / MANIFEST_NAME
         if missing or book.is_stale(self._in_order(records)):
-            claim(out, [entry.name for entry in self.wanted])
+            claim(out, [entry.name for entry in self.wanted], keys.values())
             for record in records.values():
                 book.store(record)
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
@@ -215,7 +215,7 @@ class TakingBuilder(Builder, Generic[E]):
         if not manifest_path.exists():
             write_manifest(out, manifest)
             sync(out)
-        shutil.rmtree(out / BUILD_FOLDER, ignore_errors=True)
+        remove_unfinished(out)
         return Outcome(manifest, [entry.name for entry in missing], kept)
 
     @property
@@ -253,8 +253,8 @@ class TakingBuilder(Builder, Generic[E]):
                 while waiting and len(running) < places:
                     entry = waiting.popleft()
                     work = _work(out, keys[entry.name], entry)
-                    shutil.rmtree(work, ignore_errors=True)
-                    work.mkdir(parents=True)
+                    remove_unfinished(out, work)
+                    work.mkdir(parents=True, exist_ok=True)
                     running[self.submit(executor, entry, work)] = entry
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for job in done:

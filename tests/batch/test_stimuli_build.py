@@ -28,7 +28,7 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.manifest import check_manifest, read_manifest
-from stimuli.batch_folder import move_over, remove_strangers
+from stimuli.batch_folder import claim, move_over, remove_strangers
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.png import decode, is_whole
@@ -271,6 +271,7 @@ def test_a_frame_that_a_kill_cut_short_does_not_reach_the_clip(tmp_path):
     source.mkdir()
     (source / "000000.png").write_bytes(b"whole")
     (source / ".000000.png.3971.part").write_bytes(b"wh")
+    (source / ".000000.3971.tmp.exr").write_bytes(b"wh")
 
     move_over(source, target)
 
@@ -317,6 +318,16 @@ def snapshot(folder: Path) -> dict[str, bytes]:
         "holes/box__small/000099.png",
         ".build/mine.txt",
         ".build/debug/program",
+        f".build/clips/{'a' * 64}/thesis.txt",
+        f".build/clips/{'a' * 64}/box__small__telea/notes/000000.png",
+        f".build/surveys/{'a' * 64}/thesis.txt",
+        f".build/{'a' * 64}.npz",
+        ".build/records/thesis.txt",
+        ".thesis.7.part",
+        ".box__small__telea.7.part",
+        "box__small__telea/.thesis.7.part",
+        "holes/box__small/.thesis.7.part",
+        "box__small__telea/000000.exr",
     ],
 )
 def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, orders, inline, mine):
@@ -351,6 +362,66 @@ def test_a_folder_that_no_build_made_is_refused_whatever_its_names(orders, inlin
     with pytest.raises(StudyError, match="must be an empty folder or one that a build made"):
         build(orders, tmp_path, inline)
     assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["holiday", "my__own__frames"])
+@pytest.mark.parametrize("mine", ["{}/000000.png", "previews/{}.0123456789ab.webm"])
+def test_frames_of_a_folder_that_an_edited_manifest_names_stay(copy, orders, inline, name, mine):
+    raw = json.loads((copy / "manifest.json").read_text())
+    raw["clips"].append(raw["clips"][0] | {"name": name})
+    (copy / "manifest.json").write_text(json.dumps(raw))
+    (copy / mine.format(name)).parent.mkdir(exist_ok=True)
+    (copy / mine.format(name)).write_text("mine")
+    before = snapshot(copy)
+
+    with pytest.raises(StudyError, match="which no build recorded as its own") as told:
+        build(orders, copy, inline)
+    assert mine.format(name) in str(told.value)
+    assert snapshot(copy) == before
+
+
+def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, orders, inline):
+    raw = json.loads((copy / "manifest.json").read_text())
+    raw["clips"].append(raw["clips"][0] | {"name": "my__own__frames"})
+    (copy / "manifest.json").write_text(json.dumps(raw))
+    (copy / "holes/my__own").mkdir()
+    (copy / "holes/my__own/000000.png").write_text("mine")
+    before = snapshot(copy)
+
+    with pytest.raises(StudyError, match=r"holds holes/my__own/000000\.png, which no build"):
+        build(orders, copy, inline)
+    assert snapshot(copy) == before
+
+
+def test_work_under_a_hash_that_no_build_noted_stays(copy, orders, inline):
+    """What a killed build had begun, and noted, goes on beside it."""
+    claim(copy, [], ["b" * 64])
+    for key in ("a" * 64, "b" * 64):
+        (copy / f".build/clips/{key}").mkdir(parents=True)
+        (copy / f".build/clips/{key}/000000.png").write_text("mine")
+    before = snapshot(copy)
+
+    with pytest.raises(StudyError, match=f"holds .build/clips/{'a' * 64}/000000.png, which no"):
+        build(orders, copy, inline)
+    assert snapshot(copy) == before
+
+    shutil.rmtree(copy / f".build/clips/{'a' * 64}")
+    assert not build(orders, copy, inline).built
+    assert not (copy / ".build").exists()
+
+
+def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, orders, inline, monkeypatch):
+    (copy / "box__small__telea/000001.png").write_bytes(b"damaged")
+    real = stimuli.build.remove_strangers
+
+    def meanwhile(out: Path, names) -> None:
+        (out / ".build" / "clips" / "thesis.txt").write_text("mine")
+        real(out, names)
+
+    monkeypatch.setattr(stimuli.build, "remove_strangers", meanwhile)
+    build(orders, copy, inline)
+
+    assert snapshot(copy / ".build") == {"clips/thesis.txt": b"mine"}
 
 
 @pytest.mark.parametrize("noted", ["..", "../other", ".", "", "/"])
