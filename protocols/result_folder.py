@@ -21,7 +21,11 @@ _MARK, _NEW, _WAS = "unfinished.txt", "new", "was"
 
 @contextmanager
 def whole_folder(
-    out: Path, *, replace: bool | None = None, reads: Iterable[Path] = ()
+    out: Path,
+    *,
+    replace: bool | None = None,
+    reads: Iterable[Path] = (),
+    keeps: str | None = None,
 ) -> Iterator[Path]:
     """Give a working folder that becomes `out` when the block ends well, and vanishes else.
 
@@ -37,6 +41,8 @@ def whole_folder(
         Whether an earlier result is replaced. None: never, and the new folder gets no listing.
     reads : iterable of Path
         What the command reads, which must not lie in `out`.
+    keeps : str, optional
+        A folder within `out` that no listing names and that stays from result to result.
 
     Raises
     ------
@@ -44,10 +50,7 @@ def whole_folder(
         If `out` is a file, holds or is what the command reads, holds something else or the
         command itself, or its parent cannot be made.
     """
-    place = _place(out)
-    if place.exists():
-        _check_reads(out, place, reads)
-        _check_held(out, place, replace)
+    place = check_result(out, replace=replace, reads=reads, keeps=keeps)
     with ExitStack() as undo:
         _make_parents(out, place.parent, undo)
         _clear(place, "unfinished")
@@ -58,25 +61,43 @@ def whole_folder(
             if replace is not None:
                 _write_listing(work)
             if place.is_dir() and any(place.iterdir()):
-                _swap(out, place, work, replace)
+                _swap(out, place, work, replace, keeps)
             else:
                 work.rename(place)
         undo.pop_all()
     _clear(place, "old")  # a program killed between those two moves left the earlier result there
 
 
-def stranger(folder: Path, own: Mapping[str, str] | None = None) -> str | None:
-    """Return what `folder` holds that no result listed as its own, in words; None: nothing.
+def check_result(
+    out: Path,
+    *,
+    replace: bool | None = None,
+    reads: Iterable[Path] = (),
+    keeps: str | None = None,
+) -> Path:
+    """Refuse a folder as `whole_folder` does, before any work; return where it lies, without links.
 
-    Parameters
-    ----------
-    own : mapping, optional
-        Hashes of files by path within `folder`; left out: those of its `LISTING`.
+    Raises
+    ------
+    StudyError
+        As `whole_folder`.
     """
-    known = _listed(folder) if own is None else own
+    place = _place(out)
+    if place.exists():
+        _check_reads(out, place, reads)
+        _check_held(out, place, replace, keeps)
+    return place
+
+
+def stranger(folder: Path, keeps: str | None = None) -> str | None:
+    """Return what `folder` holds that its `LISTING` does not, in words; None: nothing.
+
+    `keeps` is a folder in it that is not looked at.
+    """
+    known = _listed(folder)
     for path in leaves(folder):
-        if not _is_own(path, folder, known):
-            name = path.relative_to(folder).as_posix()
+        name = path.relative_to(folder).as_posix()
+        if name.split("/")[0] != keeps and not _is_own(path, folder, known):
             if path.is_symlink():
                 return f"{name}, a symbolic link"
             if path.is_dir():
@@ -85,9 +106,9 @@ def stranger(folder: Path, own: Mapping[str, str] | None = None) -> str | None:
     return None
 
 
-def remove_listed(folder: Path, own: Mapping[str, str] | None = None) -> None:
+def remove_listed(folder: Path) -> None:
     """Remove the files that a result listed, as they were written, and folders that empty so."""
-    known = _listed(folder) if own is None else own
+    known = _listed(folder)
     remove_own(folder, lambda path: _is_own(path, folder, known))
 
 
@@ -158,17 +179,17 @@ def _check_reads(out: Path, place: Path, reads: Iterable[Path]) -> None:
             )
 
 
-def _check_held(out: Path, place: Path, replace: bool | None) -> None:
-    held_first = min(place.iterdir(), default=None)
+def _check_held(out: Path, place: Path, replace: bool | None, keeps: str | None) -> None:
+    held_first = min((entry.name for entry in place.iterdir() if entry.name != keeps), default=None)
     if held_first is None:
         return
     if replace is None or not _listed(place):
         raise StudyError(
-            f"{out}: must be empty or new (it holds {held_first.name}, and no list of what a"
+            f"{out}: must be empty or new (it holds {held_first}, and no list of what a"
             " command wrote here); choose another folder, or move away what you want to keep and"
             " delete this one yourself"
         )
-    if strange := stranger(place):
+    if strange := stranger(place, keeps):
         raise StudyError(
             f"{out}: must hold nothing but an earlier result (it holds {strange}, which is none of"
             " its own); move that away, or choose another folder"
@@ -199,20 +220,24 @@ def _remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _swap(out: Path, place: Path, work: Path, replace: bool | None) -> None:
+def _swap(out: Path, place: Path, work: Path, replace: bool | None, keeps: str | None) -> None:
     """Put a result in the place of an earlier one, which goes if it is still as it was."""
-    _check_held(out, place, replace)
+    _check_held(out, place, replace, keeps)
     with _hidden(place, "old") as old:
         was = old / _WAS
         place.rename(was)
         try:
-            if strange := stranger(was):
+            if strange := stranger(was, keeps):
                 raise StudyError(
                     f"{out}: must stay as it is while it is replaced (somebody put {strange}"
                     " there); move that away, and run this again"
                 )
+            if keeps and (was / keeps).exists():
+                (was / keeps).rename(work / keeps)
             work.rename(place)
         except BaseException:
+            if keeps and (work / keeps).exists():
+                (work / keeps).rename(was / keeps)
             was.rename(place)
             raise
 

@@ -16,6 +16,7 @@ from pipeline.errors import InputError
 from pipeline.gl.context import lent_context
 from pipeline.image_file import write_pixels
 from protocols.outside import page_bytes
+from protocols.result_folder import whole_folder
 from stimuli.batch_folder import survey_name
 from stimuli.clip import shot_of, take_survey
 from stimuli.footage import Footage
@@ -45,8 +46,8 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
 
     Raises
     ------
-    InputError, OSError
-        If `out` is not empty, or a scene cannot be opened.
+    StudyError, InputError, OSError
+        If `out` is not empty, or a scene cannot be opened; nothing is written then.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: must be a new or empty folder (something is in it)")
@@ -56,16 +57,16 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
     names = io.StringIO()
     table = csv.writer(names, lineterminator="\n")
     table.writerow(COLUMNS)
-    with lent_context() as ctx:
+    with whole_folder(out) as work, lent_context() as ctx:
         for clip in kinds:
             report(done, total, f"{clip.scene}, {clip.size}: finding the path")
             scenery = open_scenery(ctx, orders.scene(clip), orders.folder)
             place = Path(clip.scene) / clip.size
-            survey = take_survey(ctx, scenery, orders, clip, out / place / "mask")
+            survey = take_survey(ctx, scenery, orders, clip, work / place / "mask")
             shot = shot_of(orders, clip, survey.extent_m)
             footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
             for part in ("warped", "depth"):
-                (out / place / part).mkdir()
+                (work / place / part).mkdir()
             for frame in range(clips.frames):
                 warped = footage.warped(frame)
                 colour = np.where(warped.hole[..., None], np.float32(0), warped.colour)
@@ -74,8 +75,10 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
                     place / "mask" / f"{frame:06d}.png",
                     place / "depth" / f"{frame:06d}.exr",
                 )
-                write_whole(out / names_of[0], encode_frame(colour, clips.bit_depth))
-                write_pixels(out / names_of[2], warped.depth_m[..., None], ("Z",), types=("float",))
+                write_whole(work / names_of[0], encode_frame(colour, clips.bit_depth))
+                write_pixels(
+                    work / names_of[2], warped.depth_m[..., None], ("Z",), types=("float",)
+                )
                 send_back = Path("filled") / place / f"{frame:06d}.png"
                 paths = (path.as_posix() for path in (*names_of, send_back))
                 table.writerow((clip.scene, clip.size, frame, *paths))
@@ -83,11 +86,11 @@ def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], No
                 report(done, total, f"{clip.scene}, {clip.size}")
             footage.release()
             scenery.release()
-    write_whole(out / NAMES_FILE, names.getvalue().encode())
-    width, height = orders.render_px
-    readme = _README.read_text(encoding="utf-8").format(
-        clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
-        study=orders.protocol.study.name,
-    )  # fmt: skip
-    write_whole(out / README_FILE, page_bytes(readme))
+        write_whole(work / NAMES_FILE, names.getvalue().encode())
+        width, height = orders.render_px
+        readme = _README.read_text(encoding="utf-8").format(
+            clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
+            study=orders.protocol.study.name,
+        )  # fmt: skip
+        write_whole(work / README_FILE, page_bytes(readme))
     return total

@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.gl.context import describe
+from protocols.result_folder import whole_folder
 from stimuli import pictures
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
@@ -212,6 +213,7 @@ def _score(work: _Work, seen: Sequence[Seen], out: Path) -> Path:
         seen_wide,
         subjects_of_conditions,
     )
+    from stimuli.score.write import CACHE_FOLDER
 
     geometry, gaze_px, bits = work.looking.geometry, work.gaze_px, work.opened.bits
     truth_colour, around = work.opened.colour, geometry.wraps
@@ -219,28 +221,31 @@ def _score(work: _Work, seen: Sequence[Seen], out: Path) -> Path:
         truth_colour = around_gaze(truth_colour, gaze_px)
         geometry = scored_view((geometry.width_px, geometry.height_px))
     assert isinstance(geometry, FlatGeometry)
-    folder = out / "pictures"
-    folder.mkdir(parents=True, exist_ok=True)
     height, width = truth_colour.shape[:2]
-    truth = folder / "picture.png"
-    save_colour(truth, truth_colour, bits=bits)
-    tests = {}
-    for one in seen:
-        if one.choice.name == "reference" and len(seen) > 1:
-            continue  # it is what the others are compared with
-        path = folder / f"{one.choice.file_name}.png"
-        colour = around_gaze(one.colour, gaze_px) if around else one.colour
-        save_colour(path, colour, bits=bits)
-        tests[one.choice.label] = path
-    notes = (PANORAMA_NOTE,) if around else ()
-    subjects = subjects_of_conditions(work.name, truth, tests, (height, width), notes)
-    return score_conditions(
-        subjects,
-        seen_wide(width, height, width_deg(geometry)),
-        (width / 2, height / 2) if around else gaze_px,
-        out,
-        report=lambda done, total, what: work.progress(what, done, total),
-    )
+    with whole_folder(out, replace=True, keeps=CACHE_FOLDER) as results:
+        folder = results / "pictures"
+        folder.mkdir()
+        truth = folder / "picture.png"
+        save_colour(truth, truth_colour, bits=bits)
+        tests = {}
+        for one in seen:
+            if one.choice.name == "reference" and len(seen) > 1:
+                continue  # it is what the others are compared with
+            path = folder / f"{one.choice.file_name}.png"
+            colour = around_gaze(one.colour, gaze_px) if around else one.colour
+            save_colour(path, colour, bits=bits)
+            tests[one.choice.label] = path
+        notes = (PANORAMA_NOTE,) if around else ()
+        subjects = subjects_of_conditions(work.name, truth, tests, (height, width), notes)
+        page = score_conditions(
+            subjects,
+            seen_wide(width, height, width_deg(geometry)),
+            (width / 2, height / 2) if around else gaze_px,
+            results,
+            out / CACHE_FOLDER,
+            report=lambda done, total, what: work.progress(what, done, total),
+        )
+    return out / page.name
 
 
 def _animate(work: _Work, path: Path, longest_px: int) -> None:

@@ -269,19 +269,22 @@ def score_conditions(
     viewing: Viewing,
     gaze_px: tuple[float, float],
     out: Path,
+    cache: Path,
     *,
     report: Report | None = None,
 ) -> Path:
-    """Score them by the metrics that know a gaze, and write tables, plots and one page."""
+    """Score them by the metrics that know a gaze, and write tables, plots and one page.
+
+    What was measured before is in the folder `cache`.
+    """
     from stimuli.score.report import write_report
-    from stimuli.score.write import CACHE_FOLDER
 
     least = min(subjects.items[0].pair.width_px, subjects.items[0].pair.height_px)
     fit = [metric for metric in choose_metrics(METRICS_OF_FOVEATION) if metric.least_px <= least]
     if not fit:
         raise InputError(f"a picture to score must have at least 4 px an edge (has {least})")
     settings = Settings(tuple(fit), viewing, Gaze((gaze_px,)))
-    results = score(subjects, settings, cache=out / CACHE_FOLDER, workers=1, report=report)
+    results = score(subjects, settings, cache=cache, workers=1, report=report)
     return write_report(results, out)
 
 

@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from protocols.errors import StudyError
 from protocols.hashing import Json
 from protocols.outside import page_bytes, safe_cell
+from protocols.result_folder import check_result
 from protocols.revision import code_revision, package_version
 from stimuli.score.available import versions
 from stimuli.score.run import Results
@@ -23,37 +23,17 @@ CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
 JSON_NAME, HTML_NAME = "scores.json", "scores.html"
 BANDS_NAME = "bands.csv"
 LATEX_NAME, TABLES_CSV_NAME = "tables.tex", "tables.csv"
-_OURS = {
-    CACHE_FOLDER,
-    BANDS_NAME,
-    CSV_NAME,
-    FRAMES_NAME,
-    TABLES_NAME,
-    LATEX_NAME,
-    TABLES_CSV_NAME,
-    JSON_NAME,
-    HTML_NAME,
-    "figures",
-    "pictures",
-}
 
 
-def check_out(out: Path) -> None:
-    """Require a folder that is new, empty, or holds earlier scores.
+def check_out(out: Path, reads: Iterable[Path] = ()) -> None:
+    """Require a folder that is new, empty, or holds earlier scores, which will be replaced.
 
     Raises
     ------
     StudyError
         Naming what is in it.
     """
-    if out.exists() and not out.is_dir():
-        raise StudyError(f"{out}: must be a folder (this is a file)")
-    for entry in sorted(out.iterdir()) if out.is_dir() else ():
-        if entry.name not in _OURS:
-            raise StudyError(
-                f"{out}: must be an empty folder or one with earlier scores (it holds"
-                f" {entry.name}); choose another --out, or move that away"
-            )
+    check_result(out, replace=True, reads=reads, keeps=CACHE_FOLDER)
 
 
 def scores_csv(results: Results) -> str:

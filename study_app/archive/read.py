@@ -6,7 +6,6 @@ import errno
 import hashlib
 import io
 import os
-import shutil
 import stat
 import tempfile
 import zipfile
@@ -22,6 +21,7 @@ from protocols.journal_file import find_journals, read_journal
 from protocols.load import SECRET_SUFFIX, load_protocol, open_new, read_bytes
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import LIMITS_VARIABLE, check_within, check_zip, limit, reading
+from protocols.result_folder import whole_folder
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.archive.seal import is_sealed, unseal
 from study_app.sittings import Sitting
@@ -133,10 +133,8 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
     """
     if out.exists() or out.is_symlink():
         raise StudyError(f"{out}: must not exist yet; nothing is restored over what is there")
-    part = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        with _members(path, file) as (archive, index):
-            part.mkdir(parents=True)
+        with _members(path, file) as (archive, index), whole_folder(out) as part:
             for entry in index.files:
                 target = part / entry.path
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -144,14 +142,11 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
                 if found != (entry.bytes, entry.sha256):
                     raise StudyError(f"{path}: {entry.path} was changed; nothing was restored")
             _copied([index.to_bytes()], part / INDEX_NAME)
-        part.rename(out)
     except OSError as error:
         raise StudyError(
             f"{out}: the disk refused ({error.strerror}); nothing was restored. Make room, or"
             " choose another folder"
         ) from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return index
 
 

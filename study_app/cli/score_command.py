@@ -211,6 +211,7 @@ def _score(
     protocol: Path | None,
 ) -> None:
     from protocols.manifest import read_manifest
+    from protocols.result_folder import whole_folder
     from stimuli.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
     from stimuli.score.foveated import (
@@ -256,13 +257,14 @@ def _score(
             settings = Settings(chosen, viewing, at)
     if focus is not None:
         check_focus(focus, list(dict.fromkeys(item.method for item in subjects.items)))
+    reads = [path for path in (first, second, mask) if path is not None]
     if folder is not None:
         if folder.absolute().is_relative_to(first.absolute()):
             raise StudyError(
                 f"{folder}: must not lie in the folder of clips, where only clips belong; choose"
                 " another --out"
             )
-        check_out(folder)
+        check_out(folder, reads)
     console = PlainConsole(soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task("starting", total=None)
@@ -279,10 +281,12 @@ def _score(
         )
         page = None
         if folder is not None:
-            page = _write(
-                results, subjects, folder, first,
-                lambda what: progress.update(task, description=what), focus,
-            )  # fmt: skip
+            with whole_folder(folder, replace=True, reads=reads, keeps=CACHE_FOLDER) as work:
+                made = _write(
+                    results, subjects, work, first,
+                    lambda what: progress.update(task, description=what), focus,
+                )  # fmt: skip
+            page = folder / made.name
     _print_results(console, results, focus)
     if page is not None:
         console.print(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
