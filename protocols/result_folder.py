@@ -123,6 +123,7 @@ def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
         for emptied in (path, *path.parents):
             if emptied.is_relative_to(folder):
                 _remove_empty(emptied)
+    _remove_empty(folder)
 
 
 def _is_own(path: Path, folder: Path, known: Mapping[str, str]) -> bool:

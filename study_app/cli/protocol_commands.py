@@ -166,18 +166,22 @@ def copy(
         text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
         text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
         text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
-        _write_new(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
+        _write_toml(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
         say(f"{out}: {name}, as the study {own!r}. Change it, then:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")
 
 
-def _write_new(out: Path, text: str) -> None:
+def _write_toml(out: Path, text: str) -> None:
     if out.suffix != ".toml":
         raise StudyError(f"{out}: the new file must end in .toml")
+    _write_new(out, text, "choose a new name")
+
+
+def _write_new(out: Path, text: str, cure: str) -> None:
     try:
         write_new(out, text.encode())
     except FileExistsError:
-        raise StudyError(f"{out}: is never written over; choose a new name") from None
+        raise StudyError(f"{out}: is never written over; {cure}") from None
     except OSError as error:
         raise StudyError(f"{out}: must be writable ({error.strerror})") from None
 
@@ -254,12 +258,7 @@ def preregister(
         if out.suffix not in (".md", ".html"):
             raise StudyError(f"--out: must end in .md or .html (got {out})")
         text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
-        try:
-            write_new(out, text.encode())
-        except FileExistsError:
-            raise StudyError(
-                f"{out}: is never written over; a preregistration is made once. Choose a new name"
-            ) from None
+        _write_new(out, text, "a preregistration is made once. Choose a new name")
         say(out)
 
 
@@ -284,7 +283,7 @@ def upgrade(
                 f"--out: must lie in the folder of {protocol}, from where its display and its files"
                 f" are found (got {out}); move it with them afterwards"
             )
-        _write_new(out, text)
+        _write_toml(out, text)
         before, after = load_protocol(protocol), load_protocol(out)
         say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
         say(f"  metamerlab protocol check {shlex.quote(str(out))}")

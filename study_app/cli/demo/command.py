@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
+from protocols.result_folder import whole_folder
 from study_app.cli.errors import user_errors
 from study_app.cli.terminal import PlainConsole
 
@@ -97,8 +98,11 @@ def _pictures(out: Path, seed: int) -> None:
     from study_app.cli.demo.pictures import SHEET, fill_photographs
 
     console = PlainConsole(soft_wrap=True)
-    with console.status("warping and filling the motorcycle pair ..."):
-        made = fill_photographs(out, seed)
+    with (
+        console.status("warping and filling the motorcycle pair ..."),
+        whole_folder(out, replace=True) as work,
+    ):
+        made = fill_photographs(work, seed)
     height, width = made.size_px
     console.print(f"renderer: {made.renderer}")
     console.print(f"{width} x {height} px, holes {100 * made.hole_share:.1f} % of the frame")
