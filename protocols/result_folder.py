@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def whole_folder(
             work.mkdir()
             yield work
             if replace is not None:
-                _write_listing(work)
+                write_listing(work)
             if place.is_dir() and any(place.iterdir()):
                 _swap(out, place, work, replace, keeps)
             else:
@@ -94,22 +94,33 @@ def stranger(folder: Path, keeps: str | None = None) -> str | None:
 
     `keeps` is a folder in it that is not looked at.
     """
-    known = _listed(folder)
-    for path in leaves(folder):
+    for path in unlisted(folder):
         name = path.relative_to(folder).as_posix()
-        if name.split("/")[0] != keeps and not _is_own(path, folder, known):
+        if name.split("/")[0] != keeps:
             if path.is_symlink():
                 return f"{name}, a symbolic link"
             if path.is_dir():
                 return f"{name}, a folder"
-            return f"{name}, which was changed since" if name in known else name
+            return f"{name}, which was changed since" if name in _listed(folder) else name
     return None
 
 
-def remove_listed(folder: Path) -> None:
-    """Remove the files that a result listed, as they were written, and folders that empty so."""
+def unlisted(folder: Path, below: Path | None = None) -> Iterator[Path]:
+    """Yield every file, link and empty folder that is not as the `LISTING` of `folder` says.
+
+    `below` is the part of `folder` that is looked at; left out: all of it.
+    """
     known = _listed(folder)
-    remove_own(folder, lambda path: _is_own(path, folder, known))
+    return (path for path in leaves(below or folder) if not _is_own(path, folder, known))
+
+
+def remove_listed(folder: Path, below: Path | None = None) -> None:
+    """Remove the files that a result listed, as they were written, and folders that empty so.
+
+    `below` is the part of `folder` that goes; left out: all of it.
+    """
+    known = _listed(folder)
+    remove_own(below or folder, lambda path: _is_own(path, folder, known))
 
 
 def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
@@ -243,12 +254,18 @@ def _swap(out: Path, place: Path, work: Path, replace: bool | None, keeps: str |
             raise
 
 
-def _write_listing(folder: Path) -> None:
-    files = {
+def write_listing(folder: Path, without: Collection[Path] = ()) -> None:
+    """List the files of a result as its own, but for those of somebody else.
+
+    What stands of these in an earlier listing stays.
+    """
+    old = _listed(folder)
+    files = {name: sha256 for name, sha256 in old.items() if folder / name in without} | {
         path.relative_to(folder).as_posix(): sha256_file(path)
         for path in leaves(folder)
-        if not path.is_dir()
+        if path.is_file() and not path.is_symlink() and path not in without
     }
+    files.pop(LISTING, None)
     text = json.dumps({"format": 1, "files": files}, indent=1, sort_keys=True)
     (folder / LISTING).write_text(text + "\n", encoding="utf-8")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from attack import bombs, campaign, mutations
+from attack import bombs, campaign, mutations, outputs
 from attack.__main__ import main
 from attack.campaign import run_inputs
 from attack.mutations import mutated
@@ -105,6 +105,24 @@ def test_no_small_file_takes_the_machine_whatever_the_command(full):
     assert [(one.name, one.wrong) for one in met if one.wrong] == []
 
 
+SOME = [
+    *(("new-study", place) for place in ("mine", "link", "dot", "full")),
+    *(("copy", place) for place in ("mine", "full")),
+]
+
+
+def test_whatever_place_a_command_is_given_a_users_files_stay():
+    assert outputs.attack_outputs(SOME, 24) == (len(SOME), [])
+
+
+@pytest.mark.slow
+def test_whatever_place_any_command_is_given_a_users_files_stay(full):
+    """A few places of each command, always the same; with --full all of them."""
+    seed = time.time_ns() % 10**6 if full else 24
+    cases = outputs.CASES if full else Random(seed).sample(outputs.CASES, 30)
+    assert outputs.attack_outputs(cases, seed) == (len(cases), []), f"seed {seed}"
+
+
 # --- the tool itself ---------------------------------------------------------------------------
 
 
@@ -154,6 +172,41 @@ def test_a_reader_that_fails_is_found_out_and_its_input_kept(monkeypatch, tmp_pa
     assert [failure.kind for failure in result.failures] == [kind] * count
     assert len(list(tmp_path.iterdir())) == count
     assert (result.inputs, result.refused) == (count, 0)
+
+
+HARM = """
+import pathlib, shutil, sys
+out = pathlib.Path(sys.argv[-2]).resolve()
+{harm}
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "harm", "found"),
+    [
+        ("mine", "(out / 'thesis.txt').unlink()", "lost ['mine/thesis.txt']"),
+        ("dot", "(out / 'study.secret').write_text('')", "lost ['mine/study.secret']"),
+        ("link", "shutil.rmtree(out)", "lost ['mine'"),
+        ("input", "sys.exit(2)", "refused without a word"),
+        ("mine", "(out.parent / 'half').touch(); sys.exit('no')", "status 1: no"),
+        ("mine", "(out / 'half').touch(); print('no', file=sys.stderr); sys.exit(2)",
+         "refused, and changed ['mine/half']"),
+        ("mine", "(out.parent / '.mine.unfinished-abc').mkdir()", "left ['.mine.unfinished-abc']"),
+        ("mine", "1 / 0", "ZeroDivisionError"),
+        ("new", "print('no', file=sys.stderr); sys.exit(2)", "refused: no"),
+    ],
+)  # fmt: skip
+def test_a_command_that_harms_what_lies_at_its_place_is_found_out(monkeypatch, place, harm, found):
+    monkeypatch.setattr(outputs.forked, "METAMERLAB", HARM.format(harm=harm))
+    monkeypatch.setattr(outputs._Case, "_mine", lambda case: filled(case.folder / "mine"))
+    done, failures = outputs.attack_outputs([("import", place)], 1)
+    assert done == 1
+    assert found in failures[0]
+
+
+def filled(folder: Path) -> Path:
+    outputs._fill(folder, outputs.MINE)
+    return folder
 
 
 def test_a_traceback_names_our_innermost_line():

@@ -294,6 +294,16 @@ def test_sittings_with_older_clips_are_made_again_but_recorded_ones_are_refused(
         assert journal.read_bytes() == before
 
     journal.write_bytes(simulated)
+    mine = copy.out / "sessions" / "notes.txt"
+    mine.write_text("precious")
+    with pytest.raises(StudyError, match=r"it holds notes\.txt.*move that folder away"):
+        run_demo(copy, quiet_console())
+    again = CliRunner().invoke(app, ["demo", "--no-window", "--out", str(copy.out), "--fresh"])
+    assert again.exit_code == 2
+    assert "sessions/notes.txt" in " ".join(again.output.split())
+    assert (journal.read_bytes(), mine.read_text()) == (simulated, "precious")
+
+    mine.unlink()
     run_demo(copy, quiet_console())
     assert journal.read_bytes() != simulated  # another seed, other answers
 

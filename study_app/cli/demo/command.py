@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from protocols.errors import StudyError
-from protocols.result_folder import whole_folder
+from protocols.result_folder import remove_listed, stranger, whole_folder
 from study_app.cli.errors import user_errors
 from study_app.cli.terminal import PlainConsole
 
@@ -79,7 +78,13 @@ def demo(
                     f"--fresh: {out} must be the folder of a demonstration (it holds no"
                     f" {RECORD_NAME}); nothing was deleted"
                 )
-            shutil.rmtree(out)
+            if strange := stranger(out):
+                raise StudyError(
+                    f"--fresh: {out} must hold nothing but a demonstration (it holds {strange},"
+                    " which none listed as its own); nothing was deleted: move that away, or delete"
+                    " the folder yourself"
+                )
+            remove_listed(out)
         console = PlainConsole(soft_wrap=True)
         console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
@@ -100,7 +105,7 @@ def _pictures(out: Path, seed: int) -> None:
     console = PlainConsole(soft_wrap=True)
     with (
         console.status("warping and filling the motorcycle pair ..."),
-        whole_folder(out, replace=True) as work,
+        whole_folder(out) as work,
     ):
         made = fill_photographs(work, seed)
     height, width = made.size_px

@@ -102,7 +102,7 @@ def write_strip(
     """Write the chosen pictures and, last, what they are."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / STRIP_NAME).unlink(missing_ok=True)
-    for old in folder.glob("*.png"):
+    for old in folder.glob("[0-9][0-9]-*.png"):
         old.unlink()
     shots = []
     for place, flip in enumerate(flips):

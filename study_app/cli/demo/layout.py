@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from protocols.errors import StudyError
+from protocols.result_folder import remove_listed, unlisted
 from stimuli.whole_file import write_whole
 
 RECORD_NAME = "demo.json"
@@ -44,6 +45,24 @@ class Layout:
                     f"{self.out}: must be empty or made by 'metamerlab demo' (it holds {name}"
                     f" but no {RECORD_NAME}); choose another --out, or move it away"
                 )
+
+    def clear(self, folder: Path) -> None:
+        """Remove a part of what demonstrations made, to make it again.
+
+        Raises
+        ------
+        StudyError
+            If it holds what none listed as its own: a user's, or of a demonstration that was
+            killed.
+        """
+        if not folder.is_dir():
+            return
+        for theirs in unlisted(self.out, folder):
+            raise StudyError(
+                f"{folder}: must hold nothing but what a demonstration listed as its own (it holds"
+                f" {theirs.relative_to(folder)}); move that folder away, or choose another --out"
+            )
+        remove_listed(self.out, folder)
 
 
 class Record:

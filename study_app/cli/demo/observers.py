@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -107,8 +106,8 @@ class Observers:
                     " another --out"
                 )
             self.console.print("clips or options changed: the simulated sessions are made again")
-            shutil.rmtree(layout.sessions)
-        shutil.rmtree(layout.trial, ignore_errors=True)
+            layout.clear(layout.sessions)
+        layout.clear(layout.trial)
         for step in ("window", "virtual"):
             self.record.forget(step)
         self.record.done("sessions", key, 0.0)

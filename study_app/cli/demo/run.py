@@ -17,13 +17,14 @@ from protocols.hashing import sha256_file, sha256_json
 from protocols.journal_file import JOURNAL_NAME
 from protocols.load import load_display, load_protocol
 from protocols.manifest import Manifest
+from protocols.result_folder import unlisted, write_listing
 from protocols.revision import code_revision, package_version
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.executors import cores, local_processes
 from stimuli.orders import Orders
 from study_app.cli.demo import pictures, studies
-from study_app.cli.demo.layout import Layout, Record
+from study_app.cli.demo.layout import RECORD_NAME, Layout, Record
 from study_app.cli.demo.observers import Observers, Options
 from study_app.cli.demo.page import Facts, write_page
 from study_app.cli.demo.screen import require_screen
@@ -42,7 +43,11 @@ def run_demo(options: Options, console: Console) -> Layout:
         require_screen()
     layout = Layout(options.out)
     layout.prepare()
-    return _Demo(options, layout, console).run()
+    theirs = set(unlisted(options.out)) - {options.out / RECORD_NAME}
+    try:
+        return _Demo(options, layout, console).run()
+    finally:
+        write_listing(options.out, theirs)
 
 
 class _Demo:
@@ -179,8 +184,10 @@ class _Demo:
     def _studies(self, step: Step) -> None:
         key = code_revision()
         if not self.record.matches("studies", key):
-            shutil.rmtree(self.layout.studies, ignore_errors=True)
+            self.layout.clear(self.layout.studies)
         began_s = time.monotonic()
+        for name in studies.unfinished(self.layout.studies):
+            self.layout.clear(self.layout.studies / name)  # what an interruption left
         studies.show_studies(self.layout.studies, step)
         if not self.record.matches("studies", key):
             self.record.done("studies", key, time.monotonic() - began_s)

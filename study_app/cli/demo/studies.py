@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
@@ -56,7 +55,7 @@ def show_studies(folder: Path, step: Step) -> None:
 
     What is there is kept. Studies share the processors.
     """
-    missing = [name for name in STUDIES if not (folder / name / STRIP_NAME).is_file()]
+    missing = unfinished(folder)
     still = not (folder / GAZE_NAME).is_file()
     if not missing and not still:
         step.result = "kept"
@@ -73,6 +72,11 @@ def show_studies(folder: Path, step: Step) -> None:
     step.result = f"{len(STUDIES)} studies, {OBSERVERS} observers each"
 
 
+def unfinished(folder: Path) -> list[str]:
+    """Return the studies that are not there, or not whole."""
+    return [name for name in STUDIES if not (folder / name / STRIP_NAME).is_file()]
+
+
 def show_moving_gaze(path: Path, frames: int = FRAMES) -> None:
     """Write an animation: a photograph as a metamer for a gaze that wanders."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,8 +90,6 @@ def show_study(name: str, folder: Path, observers: int = OBSERVERS) -> None:
     """Simulate a shipped study and report it; last, draw one trial of it."""
     study, display = load_study(Path(name), None)
     sessions, report = folder / "sessions", folder / "report"
-    if folder.exists():
-        shutil.rmtree(folder)  # what an interrupted demonstration left
     folder.mkdir(parents=True)
     simulation = Simulation(study, display, gaze=STEADY, gaze_rate_hz=60.0)
     simulate_study(simulation, sessions, observers)

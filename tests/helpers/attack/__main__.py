@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from attack.bombs import BOMBS, MOST_CPU_S, MOST_MIB, run_bombs
@@ -18,6 +19,8 @@ from attack.builds import build_by_command, kill_builds
 from attack.campaign import Result, meet, run_inputs
 from attack.guesses import guess_studies
 from attack.kills import CASES, kill_sittings
+from attack.outputs import CASES as OUTPUTS
+from attack.outputs import attack_outputs
 from attack.planted import RATES_HZ, check_capture, check_timing
 from attack.readers import READERS, Reader, write_samples
 from built_study import write_small_study
@@ -77,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 _KINDS = {"inputs": 20_000, "kills": 180, "full_disks": 90, "builds": 10, "faults": 3000,
-          "captures": 3000, "guesses": 400, "bombs": len(BOMBS)}  # fmt: skip
+          "captures": 3000, "guesses": 400, "bombs": len(BOMBS), "outputs": len(OUTPUTS)}  # fmt: skip
 """What is done where nothing is asked for."""
 
 
@@ -123,6 +126,7 @@ _SAYS = {
         "captures": "captures of a screen with one thing amiss",
         "guesses": "guesses from public exports, who came when",
         "bombs": "small files that claim or unpack to much, each for a command",
+        "outputs": "odd places to write to, spread over all commands that write",
     }.items()
 }
 
@@ -190,6 +194,12 @@ def _captures(count: int, seed: int, until_s: float, on_capture: Count) -> dict[
     return _checks(lambda n: check_capture(f"{seed} {n}"), count, 1, until_s, on_capture)
 
 
+def _outputs(count: int, seed: int, until_s: float, on_case: Count) -> dict[str, Any]:
+    cases = Random(seed).sample(OUTPUTS, min(count, len(OUTPUTS)))
+    done, failures = attack_outputs(cases, seed, until_s=until_s, on_case=on_case)
+    return {"done": done, "commands": len({name for name, _ in cases}), "failures": failures}
+
+
 def _checks(
     check: Callable[[int], None], count: int, at_once: int, until_s: float, tell: Count
 ) -> dict[str, Any]:
@@ -224,6 +234,7 @@ _OTHERS = {
     "captures": _captures,
     "guesses": _guesses,
     "bombs": _bombs,
+    "outputs": _outputs,
 }
 
 
@@ -243,6 +254,8 @@ def table(figures: dict[str, Any]) -> str:
         "guesses": "guesses from public exports, who came when",
         "bombs": f"small files that claim or unpack to much, for commands ({MOST_MIB} MiB,"
         f" {MOST_CPU_S:.0f} s)",
+        "outputs": "odd places to write to, for"
+        f" {figures.get('outputs', {}).get('commands')} commands",
         "inputs": f"harmed files, for {len(readers)} readers",
     }
     for kind, what in says.items():

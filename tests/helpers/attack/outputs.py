@@ -10,6 +10,7 @@ import ctypes
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,17 +157,22 @@ def attack_outputs(
     cases: Sequence[tuple[str, str]],
     seed: int,
     *,
+    until_s: float = float("inf"),
     on_case: Callable[[], None] = lambda: None,
-) -> list[str]:
-    """Try cases of command and place; return what fell, a line each."""
-    failures = []
+) -> tuple[int, list[str]]:
+    """Try cases of command and place; return how many, and what fell, a line each."""
+    done, failures = 0, []
     with tempfile.TemporaryDirectory() as made:
         inputs = Path(made) / "inputs"
-        _write_inputs(inputs)
+        inputs.mkdir()
+        if {name for name, _ in cases} & {one.name for one in COMMANDS if "{i}" in one.words}:
+            _write_inputs(inputs)
         before = snapshot(inputs)
-        for number, (name, place) in enumerate(cases):
+        for name, place in cases:
+            if time.monotonic() > until_s:
+                break
             command = next(one for one in COMMANDS if one.name == name)
-            folder = Path(made) / f"case-{number}"
+            folder = Path(made) / "case"
             folder.mkdir()
             wrong = _Case(command, place, folder, inputs, Random(f"{seed} {name} {place}")).run()
             if snapshot(inputs) != before:
@@ -174,8 +180,9 @@ def attack_outputs(
             if wrong:
                 failures.append(f"{name}, {place}: {wrong}")
             shutil.rmtree(folder)
+            done += 1
             on_case()
-    return failures
+    return done, failures
 
 
 def snapshot(folder: Path) -> dict[str, bytes | str | None]:
@@ -325,12 +332,11 @@ class _Case:
 def _fill(folder: Path, names: Sequence[str]) -> None:
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text("precious")
+        (folder / name).write_text("precious\n")
 
 
 def _write_inputs(folder: Path) -> None:
     """Write what the commands read."""
-    folder.mkdir()
     write_samples(folder)
     rng = np.random.default_rng(5)
     (folder / "frames").mkdir()
