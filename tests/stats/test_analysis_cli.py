@@ -12,6 +12,7 @@ from undrawn_reports import undrawn
 
 from analysis.tasks import analysis_of
 from protocols.from_numbers import preferences_of
+from protocols.result_folder import LISTING
 from study_app.cli import app
 
 
@@ -37,7 +38,8 @@ def test_report_says_the_result_and_where_it_lies(sessions, reported):
     assert result.exit_code == 0, result.output
     assert "Metameric was chosen over Push-pull" in result.output
     assert f"report: {out / 'report.html'}" in result.output
-    assert sorted(path.name for path in out.iterdir()) == ["report.html", "results.json", "tables"]
+    names = [LISTING, "report.html", "results.json", "tables"]
+    assert sorted(path.name for path in out.iterdir()) == names
     again = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
     assert again.exit_code == 2
     assert "--replace" in again.output
@@ -57,6 +59,7 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
     assert result.exit_code == 0, result.output
     assert "5 SIMULATED sessions, 120 of 120 main decisions kept" in result.output
     assert {path.name for path in (tmp_path / "t").iterdir()} == {
+        LISTING,
         "answers.csv",
         "attempts.csv",
         "decisions.csv",
