@@ -93,7 +93,7 @@ def store_luminance(path: Path, fit: LuminanceFit) -> Display:
             text = pattern.sub(line, text, count=1)
         else:
             text = text.rstrip("\n") + f"\n{line}\n"
-    temporary = path.with_name(path.stem + ".part.toml")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.toml")
     try:
         with temporary.open("w", encoding="utf-8") as file:
             file.write(text)
