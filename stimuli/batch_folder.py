@@ -150,7 +150,8 @@ class _Own:
     """What builds recorded of a folder as their own: each file that they write, by its name.
 
     Of clips that only the manifest names, and that are not `wanted`, frames, masks and previews
-    must be those that were recorded: a manifest can be edited.
+    must be those that were recorded: a manifest can be edited. Of a wanted clip of several frames
+    one must be.
     """
 
     def __init__(self, out: Path, wanted: Iterable[str] = ()) -> None:
@@ -161,6 +162,7 @@ class _Own:
         self.surveys = _surveys(self.clips)
         self.exr = noted["exr"] | {n for n, clip in self._recorded.items() if _has_exr(clip)}
         self._keys = "|".join(noted["keys"]) if noted["keys"] else "[0-9a-f]{64}"
+        self._partly: dict[str, bool] = {}
         self._ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).is_dir()
 
     def has(self, path: Path) -> bool:
@@ -201,9 +203,18 @@ class _Own:
             return False
         if found["ending"] == "exr":
             return clip in self.exr
-        if recorded is None or clip in self._by_name:
+        if recorded is None or (clip in self._by_name and self._is_partly(recorded)):
             return True
         return self._is(path, recorded.frames_sha256[index])
+
+    def _is_partly(self, clip: Clip) -> bool:
+        """Return whether a frame of a clip is as recorded; of a single one nobody can tell."""
+        if clip.name not in self._partly:
+            frames = enumerate(clip.frames_sha256)
+            self._partly[clip.name] = len(clip.frames_sha256) == 1 or any(
+                self._is(Path(clip.frame_path(index)), sha256) for index, sha256 in frames
+            )
+        return self._partly[clip.name]
 
     def _has_mask(self, path: Path, name: str) -> bool:
         found, survey = _MASK.fullmatch(name), path.parent.name

@@ -380,6 +380,17 @@ def test_frames_of_a_folder_that_an_edited_manifest_names_stay(copy, orders, inl
     assert snapshot(copy) == before
 
 
+def test_frames_at_the_place_of_a_wanted_clip_that_is_none_of_them_stay(copy, orders, inline):
+    """The manifest names the folder, and every frame in it is another."""
+    for frame in (copy / "box__small__telea").glob("*.png"):
+        frame.write_text("mine")
+    before = snapshot(copy)
+
+    with pytest.raises(StudyError, match=r"holds box__small__telea/000000\.png, which no build"):
+        build(orders, copy, inline)
+    assert snapshot(copy) == before
+
+
 def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, orders, inline):
     raw = json.loads((copy / "manifest.json").read_text())
     raw["clips"].append(raw["clips"][0] | {"name": "my__own__frames"})

@@ -197,8 +197,12 @@ def test_power_law_readings_give_their_gamma_and_land_in_the_display_file(tmp_pa
     text = shipped("displays")["fhd27-60hz"].read_text(encoding="utf-8")
     path.write_text(text + "gamma = 1.0  # a guess\n", encoding="utf-8")
 
+    mine = tmp_path / "mine.part.toml"
+    mine.write_text("precious")
+
     display = store_luminance(path, fit)
 
+    assert mine.read_text() == "precious"
     assert (display.peak_cd_m2, display.gamma) == (
         pytest.approx(250.0),
         pytest.approx(2.2, abs=1e-4),

@@ -297,3 +297,20 @@ def test_folders_above_go_where_nothing_comes_of_it(tmp_path):
     with pytest.raises(RuntimeError), whole_folder(tmp_path / "a" / "b" / "out"):
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_result_keeps_goes_on_from_one_to_the_next(tmp_path):
+    out = tmp_path / "out"
+    (out / ".cache").mkdir(parents=True)
+    (out / ".cache" / "a.json").write_text("measured")
+
+    for _ in range(2):
+        again(out, keeps=".cache")
+
+    assert {path.name for path in out.iterdir()} == {".cache", "m.json", LISTING}
+    assert (out / ".cache" / "a.json").read_text() == "measured"
+    assert ".cache" not in (out / LISTING).read_text()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    (out / "thesis.txt").write_text("precious")
+    with pytest.raises(StudyError, match=r"thesis\.txt"):
+        again(out, keeps=".cache")
