@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -125,11 +126,9 @@ def test_a_folder_that_a_running_command_fills_is_named(frames, tmp_path):
 
 def gone() -> int:
     """Return the number of a process that is no more."""
-    child = os.fork()
-    if not child:
-        os._exit(0)
-    os.waitpid(child, 0)
-    return child
+    with subprocess.Popen(["true"]) as process:
+        process.wait()
+    return process.pid
 
 
 def test_what_a_killed_command_left_goes_and_the_next_goes_on(frames, tmp_path):

@@ -110,6 +110,7 @@ def test_what_a_killed_program_left_is_cleared_by_the_next_and_what_a_living_one
             living.kill()
 
 
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_result_killed_between_its_two_moves_is_cleared_once_there_is_a_new_one(tmp_path):
     """The earlier result lies in `.out.old-*` then, and goes when there is another."""
     out = earlier(tmp_path / "out")
