@@ -110,7 +110,6 @@ COMMANDS = (
     Command("show", "texture show planet --out {o} --size-px 64", [], ".png"),
     Command("render", "denoise render {i}/s.glb --out {o} --size-px 64", ["s.glb"], ".png"),
     Command("holes", "stimuli export-holes {i}/small.toml --out {o}", ["small.toml"]),
-    Command("pictures", "demo --pictures-only --out {o}"),
 )  # fmt: skip
 PLACES = (
     "new", "exists", "mine", "link", "input", "file", "dot", "inside", "read-only", "full",
