@@ -108,7 +108,7 @@ COMMANDS = (
     Command("look", "stimuli look {i}/s.glb --out {o} --views 2", ["s.glb"], ".png"),
     Command("panorama", "stimuli panorama {i}/s.glb --out {o} --height-px 16", ["s.glb"], ".png"),
     Command("show", "texture show planet --out {o} --size-px 64", [], ".png"),
-    Command("render", "denoise render {i}/s.glb --out {o} --size-px 64", ["s.glb"], ".png"),
+    Command("render", "denoise render castle --out {o} --size-px 64", [], ".png"),
     Command("holes", "stimuli export-holes {i}/small.toml --out {o}", ["small.toml"]),
 )  # fmt: skip
 PLACES = (
@@ -205,7 +205,10 @@ class _Case:
 
     def run(self) -> str | None:
         """Return what is wrong, in words."""
-        getattr(self, f"_at_{self.place.replace('-', '_')}")()
+        try:
+            getattr(self, f"_at_{self.place.replace('-', '_')}")()
+        except OSError as error:
+            return str(error)
         before = snapshot(self.folder)
         done = self._call(self.code)
         after = snapshot(self.folder)
@@ -250,6 +253,12 @@ class _Case:
         words = [word.format(o=self.out, i=self.inputs) for word in self.command.words.split()]
         return forked.run(*words, code=code, folder=self.here, timeout=TIMEOUT_S)
 
+    def _write_once(self) -> None:
+        """Write as a user would before, at a new place."""
+        done = self._call(forked.METAMERLAB)
+        if done.returncode:
+            raise OSError(f"refused a new place: {done.stderr[-300:]}")
+
     # --- the places -----------------------------------------------------------------------------
 
     def _at_new(self) -> None:
@@ -257,7 +266,7 @@ class _Case:
 
     def _at_exists(self) -> None:
         """Where the same command wrote before."""
-        self._call(forked.METAMERLAB)
+        self._write_once()
 
     def _at_mine(self) -> None:
         mine = self._mine()
@@ -268,7 +277,7 @@ class _Case:
         mine = self.folder / "mine"
         _fill(mine, MINE)
         if not self.command.ending:
-            self._call(forked.METAMERLAB)
+            self._write_once()
             made = Path(self.out)
             names = [path.relative_to(made) for path in made.rglob("*") if path.is_file()]
             _fill(mine, [str(name) for name in names if name.name != LISTING])
@@ -309,7 +318,7 @@ class _Case:
             self.here = Path(self.out)
             _fill(self.here, MINE)
         else:
-            self._call(forked.METAMERLAB)
+            self._write_once()
             self.here = Path(self.out)
         self.out = f"../{self.here.name}"
 
@@ -321,7 +330,7 @@ class _Case:
 
     def _at_full(self) -> None:
         """A disk that takes no file beyond some size, smaller than the largest that is written."""
-        self._call(forked.METAMERLAB)
+        self._write_once()
         out = Path(self.out)
         largest = max(path.stat().st_size for path in (out, *out.rglob("*")) if path.is_file())
         self.code = _LIMITED.format(limit=self.rng.randrange(largest))
