@@ -28,6 +28,7 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.own_stimuli import OwnStimuli
 from protocols.publish import schema_text
+from protocols.reference import bounds_in_words
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.units import NAME_PATTERN
@@ -55,7 +56,6 @@ WANTED_FPS = 30.0
 _WIDTH = 96
 PICTURE_PX = 128
 """Edge of the pictures that a study of `files` starts from."""
-_NO_BOUND = 2**62
 _TAGS = ("kind", "rule")
 _INPUTS = {
     "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
@@ -255,12 +255,7 @@ def _details(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
         return ["true | false"]
     if schema.get("pattern") == NAME_PATTERN:
         return ["lower-case words joined by dashes"]
-    signs = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
-    bounds = [
-        f"{sign} {schema[name]:g}"
-        for name, sign in signs.items()
-        if name in schema and schema[name] < _NO_BOUND
-    ]
+    bounds = bounds_in_words(schema)
     return [schema["unit"], *bounds] if "unit" in schema else bounds
 
 

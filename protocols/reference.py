@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
@@ -18,13 +18,13 @@ _BOUNDS = (
     ("exclusiveMaximum", "<"),
     ("maximum", "<="),
 )
+_NEAR_NOTHING, _MUCH = 0.01, 1000
 _SCALAR = "true or false, whole number, number, text"
 _TYPES = {
     f"text `{NAME_PATTERN}`": "name",
     f"text `{KEY_PATTERN}`": "key",
     "text `^[0-9a-f]{64}$`": "hash",
-    "whole number >= 0, <= 9.22337e+18": "seed",
-    "whole number > 0": "count",
+    "whole number >= 1": "count",
     "whole number >= 0": "number from 0",
     "degrees > 0, < 180": "angle",
     "share >= 0, <= 1": "share",
@@ -37,7 +37,6 @@ _MEANINGS = {
     f" {NAME_LENGTH} characters",
     "key": KEYS_IN_WORDS.removeprefix("a key: "),
     "hash": "SHA-256 in 64 hexadecimal digits",
-    "seed": "whole number from 0 to 2^63 - 1",
     "count": "whole number above 0",
     "share": "number from 0 to 1",
     "angle": "degrees, above 0 and below 180",
@@ -206,6 +205,21 @@ def _type(schema: dict[str, Any]) -> str:
     return written
 
 
+def bounds_in_words(schema: Mapping[str, Any]) -> list[str]:
+    """Return the bounds of a number that somebody may meet, such as ``<= 1`` of a share.
+
+    Of those that only keep mistakes out, a smallest one is said as ``> 0``, and none else.
+    """
+    bounds = []
+    for key, sign in _BOUNDS:
+        value = schema.get(key)
+        if value is None or abs(value) >= _MUCH:
+            continue
+        tiny = key == "minimum" and 0 < value <= _NEAR_NOTHING
+        bounds.append("> 0" if tiny else f"{sign} {value:g}")
+    return bounds
+
+
 def _written_out(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         name = str(schema["$ref"]).rpartition("/")[2]
@@ -239,7 +253,7 @@ def _written_out(schema: dict[str, Any]) -> str:
         "boolean": "true or false",
         "null": "none",
     }
-    bounds = [f"{sign} {schema[key]:g}" for key, sign in _BOUNDS if key in schema]
+    bounds = bounds_in_words(schema)
     said = _UNITS[schema["unit"]] if "unit" in schema else words.get(str(kind), "any value")
     pattern = f" `{schema['pattern']}`" if "pattern" in schema else ""
     return f"{said}{pattern}" + (f" {', '.join(bounds)}" if bounds else "")

@@ -79,8 +79,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(any(figures[kind]["failures"] for kind, count in counts.items() if count))
 
 
-_KINDS = {"inputs": 20_000, "kills": 180, "full_disks": 90, "builds": 10, "faults": 3000,
-          "captures": 3000, "guesses": 400, "bombs": len(BOMBS), "outputs": len(OUTPUTS)}  # fmt: skip
+_KINDS = {
+    "inputs": 20_000,
+    "kills": 180,
+    "full_disks": 90,
+    "builds": 10,
+    "faults": 3000,
+    "captures": 3000,
+    "guesses": 400,
+    "bombs": len(BOMBS),
+    "outputs": len(OUTPUTS),
+}
 """What is done where nothing is asked for."""
 
 
