@@ -25,9 +25,7 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
-    check_upright,
     from_integers,
-    may_be_lossy,
     read_pixels,
     three_channels,
     write_pixels,
@@ -121,9 +119,8 @@ def load_colour(
         grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
     """
     pixels = read_pixels(path)
-    data = three_channels(path, pixels)
+    data = three_channels(path, pixels, encoded=transfer is Transfer.ENCODED)
     if pixels.data.dtype.kind == "u":
-        check_upright(path, pixels)
         return from_integers(data)
     stored = stored_transfer(path, pixels.attributes)
     return _encoded(path, data, transfer or stored, clip)
@@ -227,41 +224,6 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
             "compression": "zip",
         },
     )
-
-
-def load_plane(path: Path) -> tuple[NDArray[np.float32], bool]:
-    """Read one channel as stored, such as a disparity map or a mask.
-
-    Returns
-    -------
-    plane : ndarray of float32, shape (H, W)
-        The stored numbers, unscaled.
-    integer : bool
-        Whether the file stores integers.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    InputError
-        If it is not a whole image of one channel, or of a format that loses numbers.
-    """
-    pixels = read_pixels(path)
-    lossy = may_be_lossy(path)
-    if lossy is not None:
-        raise InputError(
-            f"{path}: must hold exact numbers ({lossy} changes them, most at edges, where they"
-            " matter); save it anew as PNG, TIFF or OpenEXR from what it was made of"
-        )
-    data = pixels.data
-    if data.shape[-1] == 3 and (data == data[..., :1]).all():
-        data = data[..., :1]  # grey, stored as colour
-    if data.shape[-1] != 1:
-        raise InputError(
-            f"{path}: must have one channel (has {', '.join(pixels.channels)});"
-            " save it as a grey image"
-        )
-    return data[..., 0].astype(np.float32), data.dtype.kind == "u"
 
 
 def _encoded(

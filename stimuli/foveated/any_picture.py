@@ -17,12 +17,17 @@ from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.image_file import Pixels, count_pictures, from_integers, read_pixels
+from pipeline.image_file import (
+    Pixels,
+    check_picture,
+    count_pictures,
+    from_integers,
+    read_pixels,
+)
 from stimuli.channels import need
 from stimuli.exr import Transfer, stored_transfer
 from stimuli.exr_parts import read_parts
 
-_SRGB = ("srgb", "iec 61966", "iec61966")
 _GREY = ("Y", "L", "I")
 
 
@@ -91,6 +96,7 @@ def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
             f"{path}: stops and encoded are for files of floats, such as .exr and .hdr"
             " (this one holds encoded integers)"
         )
+    check_picture(path, pixels, ("Orientation", "pictures"), encoded=reading.encoded)
     notes: list[str] = []
     if integers and (count := count_pictures(path)) > 1:
         notes.append(f"holds {count} pictures: the first is taken")
@@ -113,9 +119,6 @@ def read_any(path: Path, reading: Reading | None = None) -> AnyPicture:
         over = shown if premultiplied else shown * alpha
         shown = np.clip(over + (1 - alpha) * np.float32(reading.background), 0, 1)
         notes.append(_transparent(reading))
-    profile = str(pixels.attributes.get("ICCProfile:profile_description", ""))
-    if profile and not any(name in profile.lower() for name in _SRGB):
-        notes.append(f"taken as sRGB, though its colour profile says {profile!r}")
     bits = 8 if pixels.data.dtype == np.uint8 else 16
     return AnyPicture(_upright(shown.astype(np.float32), pixels, notes), bits, tuple(notes))
 

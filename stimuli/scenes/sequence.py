@@ -16,8 +16,9 @@ from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.channels import Motion, Planes, find_motion, need, need_motion
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
+from stimuli.plane_file import along_axis
 from stimuli.scenes.follow import followed
-from stimuli.scenes.photo import PhotoScenery
+from stimuli.scenes.photo import PhotoScenery, centred
 
 ASSUMED_FOCAL = 1.0  # image widths, where the protocol does not say
 KEPT_PICTURES = 3  # of a sequence at a time
@@ -222,7 +223,12 @@ def _distance(stored: NDArray[np.float32], scene: ExrScene) -> NDArray[np.float3
     if scene.depth_is == "inverse":  # 0 is nothing there; what is no number stays none
         with np.errstate(divide="ignore"):
             return (np.float32(scene.depth_scale) / stored).astype(np.float32)
-    return (stored * np.float32(scene.depth_scale)).astype(np.float32)
+    depth_m = (stored * np.float32(scene.depth_scale)).astype(np.float32)
+    if scene.depth_is == "ray":
+        height, width = depth_m.shape
+        focal_px = scene.focal_px or ASSUMED_FOCAL * width
+        return along_axis(depth_m, centred(focal_px, width, height))
+    return depth_m
 
 
 def _encoded(light: NDArray[np.float64], transfer: str) -> NDArray[np.float32]:

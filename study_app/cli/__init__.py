@@ -12,8 +12,10 @@ from typing import Annotated
 
 import typer
 
+from pipeline.errors import print_notes
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
+from study_app.cli.terminal import say
 
 __all__ = ["SLOTS", "app", "main", "user_errors"]
 
@@ -81,6 +83,7 @@ def metamerlab(
 
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
+    print_notes(lambda line: say(line, file=sys.stderr))
     try:
         with user_errors():  # what is found while commands are imported: plug-ins that do not load
             app(prog_name="metamerlab")

@@ -13,6 +13,7 @@ from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
 from stimuli.one_picture import Nearer, from_depth, from_flow, from_the_side, read_pose
+from stimuli.plane_file import DepthIs
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from study_app.cli.terminal import say
@@ -40,6 +41,8 @@ class PictureOptions:
     flow: Path | None = None
     depth: Path | None = None
     depth_scale: float = 1.0
+    depth_is: DepthIs = "distance"
+    unknown: tuple[float, ...] | None = None
     nearer: Nearer = "fast"
     camera: str | None = None  # fx,fy,cx,cy
     pose: str | None = None
@@ -59,6 +62,7 @@ class PairOptions:
     offset_px: float = 0.0
     amount: float = 1.0
     to_left: bool = False
+    unknown: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,26 +131,25 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
 
 def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
     moved = (options.camera, options.pose, options.target_pose)
+    told = {
+        "depth_scale": options.depth_scale,
+        "depth_is": options.depth_is,
+        "unknown": options.unknown,
+    }
     if options.flow is not None:
         if any(part is not None for part in (*moved, options.parallax)):
             raise StudyError(
                 "--flow says where pixels go: --camera, --pose, --target-pose and --parallax do not"
                 " go with it"
             )
-        return from_flow(
-            path,
-            options.flow,
-            options.depth,
-            depth_scale=options.depth_scale,
-            nearer=options.nearer,
-        )
+        return from_flow(path, options.flow, options.depth, nearer=options.nearer, **told)
     if options.depth is not None and moved == (None, None, None):
         share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
         say(
             f"the camera moves sideways until what is near moves by {100 * abs(share):g} % of the"
             " width (--parallax; or give --camera and poses)"
         )
-        return from_the_side(path, options.depth, share, depth_scale=options.depth_scale)
+        return from_the_side(path, options.depth, share, **told)
     if options.depth is None or options.camera is None or options.target_pose is None:
         raise StudyError(
             "a picture needs --flow FILE or --depth FILE. With --depth alone the camera moves"
@@ -162,7 +165,7 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
         intrinsics_px=_intrinsics(options.camera),
         pose=pose,
         target_pose=read_pose(options.target_pose),
-        depth_scale=options.depth_scale,
+        **told,
     )
 
 
@@ -200,10 +203,13 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             baseline_m=options.baseline_m,
             offset_px=options.offset_px,
             mirrored=options.to_left,
+            unknown=options.unknown,
         )
         if options.right is not None:
             _check_pair(pair, options)
         return pair
+    if options.unknown is not None:
+        raise StudyError("--unknown is about the numbers of --disparity or --depth: give one")
     if path.exists():
         raise StudyError(
             f"{path}: must be an .exr file with colour, depth and flow, or come with"
@@ -234,3 +240,21 @@ def _channels(settings: tuple[str, ...]) -> Channels:
             )
         given[what] = (name,)
     return Channels(**given)
+
+
+def unknown_numbers(given: list[str] | None) -> tuple[float, ...] | None:
+    """Return the numbers of `--unknown`; none for ``none``, None where it is not given.
+
+    Raises
+    ------
+    StudyError
+        If it is neither a number nor ``none``, or both.
+    """
+    if given is None or given == ["none"]:
+        return None if given is None else ()
+    try:
+        return tuple(float(number) for number in given)
+    except ValueError:
+        raise StudyError(
+            f"--unknown must be a number as the file stores it, or none (got {', '.join(given)})"
+        ) from None
