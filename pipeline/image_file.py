@@ -222,6 +222,21 @@ def check_picture(
         check_statements(path, pixels.kind, _general(path, pixels), ("colour",), handled=handled)
 
 
+def check_header(
+    path: Path, kind: str, attributes: Mapping[str, Any], *, encoded: bool = False
+) -> None:
+    """Do what `check_picture` does, of a file of colour and numbers.
+
+    Raises
+    ------
+    InputError
+        If a statement is refused.
+    """
+    general = {name: attributes[name] for name in _ANY if name in attributes}
+    handled = COLOUR_SPACES if encoded else ()
+    check_statements(path, kind, general, ("colour", "numbers"), handled=handled)
+
+
 def check_numbers(path: Path, pixels: Pixels) -> float | None:
     """Refuse or note what a header says of its numbers; return the one that stands for "unknown".
 

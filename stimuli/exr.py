@@ -25,12 +25,14 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
+    Pixels,
+    count_pictures,
     from_integers,
     read_pixels,
     three_channels,
     write_pixels,
 )
-from stimuli.channels import Planes, find, need, need_motion
+from stimuli.channels import Layer, Planes, depth_layer, find, need, need_motion
 from stimuli.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
@@ -93,7 +95,11 @@ class WarpInput:
 
 
 def load_colour(
-    path: Path, *, transfer: Transfer | None = None, clip: bool = False
+    path: Path,
+    *,
+    transfer: Transfer | None = None,
+    clip: bool = False,
+    channels: Channels | None = None,
 ) -> NDArray[np.float32]:
     """Read encoded colour.
 
@@ -104,6 +110,8 @@ def load_colour(
         Of float files; by default what the file says, or `Transfer.LINEAR`.
     clip : bool
         Clip linear light to [0, 1] instead of refusing what a display cannot show.
+    channels : Channels, optional
+        Names of colour in an OpenEXR file of several layers.
 
     Returns
     -------
@@ -117,13 +125,23 @@ def load_colour(
     InputError
         If it is not a whole image, has other channels than red, green and blue (or one
         grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
+        Of an OpenEXR file, further channels are left out.
     """
     pixels = read_pixels(path)
+    if is_layered(path, pixels):
+        return _layered_colour(path, channels or Channels(), transfer, clip)
     data = three_channels(path, pixels, encoded=transfer is Transfer.ENCODED)
     if pixels.data.dtype.kind == "u":
         return from_integers(data)
     stored = stored_transfer(path, pixels.attributes)
     return _encoded(path, data, transfer or stored, clip)
+
+
+def is_layered(path: Path, pixels: Pixels) -> bool:
+    """Whether a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
+    if pixels.kind != "openexr":
+        return False
+    return not {*pixels.channels} <= {*"RGBAYL"} or count_pictures(path) > 1
 
 
 def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
@@ -170,15 +188,10 @@ def load_warp_input(
         flow that is not finite.
     """
     told = channels or Channels()
-    file = read_parts(path)
+    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
     planes = file.planes
-    colour = np.stack(
-        [
-            need(path, planes, key, _told(planes, names))
-            for key, names in (("r", told.red), ("g", told.green), ("b", told.blue))
-        ],
-        axis=-1,
-    )
+    layer = depth_layer(path, planes, _told(planes, told.depth))
+    colour = _light(path, planes, told, layer)
     stored = stored_transfer(path, file.attributes)
     colour = _encoded(path, colour, transfer or stored, clip)
     unit = str(file.attributes.get(_DEPTH_UNIT, "m"))
@@ -187,9 +200,9 @@ def load_warp_input(
     depth_m = need(path, planes, "depth", _told(planes, told.depth))
     check_depth(depth_m, f"{path}: depth")
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))
-    flow_px = need_motion(path, planes, told_motion).flow_px
+    flow_px = need_motion(path, planes, told_motion, layer=layer).flow_px
     check_flow(flow_px, f"{path}: flow")
-    target_m = find(planes, "target_depth", _told(planes, told.target_depth))
+    target_m = find(path, planes, "target_depth", _told(planes, told.target_depth))
     if target_m is not None:
         check_depth(target_m, f"{path}: depth")
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
@@ -226,6 +239,31 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
     )
 
 
+def _layered_colour(
+    path: Path, told: Channels, transfer: Transfer | None, clip: bool
+) -> NDArray[np.float32]:
+    """Colour of a file of several layers or parts, by the rules of `load_warp_input`."""
+    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
+    layer = depth_layer(path, file.planes, _told(file.planes, told.depth))
+    light = _light(path, file.planes, told, layer)
+    alpha = file.planes.get("A")
+    if alpha is not None and not (alpha == 1).all():
+        raise InputError(
+            f"{path}: must be opaque (its alpha channel is not 1 everywhere); put it on a"
+            " background first"
+        )
+    return _encoded(path, light, transfer or stored_transfer(path, file.attributes), clip)
+
+
+def _light(path: Path, planes: Planes, told: Channels, layer: Layer | None) -> NDArray[np.float32]:
+    """Red, green and blue as stored, shape (H, W, 3)."""
+    named = (("r", told.red), ("g", told.green), ("b", told.blue))
+    return np.stack(
+        [need(path, planes, key, _told(planes, names), layer=layer) for key, names in named],
+        axis=-1,
+    )
+
+
 def _encoded(
     path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
 ) -> NDArray[np.float32]:
@@ -253,7 +291,8 @@ def _encoded(
 
 def _told(planes: Planes, names: tuple[str, ...]) -> str | None:
     """The first of `names` that is there, or else the first; None where none is told."""
-    return next((name for name in names if name in planes), names[0] if names else None)
+    there = (name for name in names if planes.named(name) is not None)
+    return next(there, names[0] if names else None)
 
 
 def _linear(colour: NDArray[np.float32]) -> NDArray[np.float32]:

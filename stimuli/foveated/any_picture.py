@@ -24,8 +24,8 @@ from pipeline.image_file import (
     from_integers,
     read_pixels,
 )
-from stimuli.channels import need
-from stimuli.exr import Transfer, stored_transfer
+from stimuli.channels import depth_layer, need
+from stimuli.exr import Transfer, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
 _GREY = ("Y", "L", "I")
@@ -139,6 +139,14 @@ def _colour_and_alpha(
         if not (np.isfinite(plane) & (plane >= 0) & (plane <= 1)).all():
             raise InputError(f"{path}: alpha must lie in 0..1")
         alpha = None if (plane == 1).all() else plane[..., None].astype(np.float32)
+    if is_layered(path, pixels):
+        planes = read_parts(path).planes
+        layer = depth_layer(path, planes)
+        light = [need(path, planes, key, layer=layer) for key in "rgb"]
+        extra = [n for n, p in planes.items() if n != "A" and not any(p is one for one in light)]
+        if extra:
+            notes.append(f"channels that are no colour are left out: {', '.join(extra)}")
+        return np.stack(light, axis=-1), alpha
     if {"R", "G", "B"} <= set(names):
         extra = [name for name in names if name not in ("R", "G", "B", "A")]
         if extra:
@@ -148,9 +156,6 @@ def _colour_and_alpha(
     if len(rest) == 1 and rest[0] in _GREY:
         notes.append("grey: shown as equal red, green and blue")
         return np.repeat(data[..., names.index(rest[0]), None], 3, axis=-1), alpha
-    if path.suffix.lower() == ".exr":
-        planes = read_parts(path).planes
-        return np.stack([need(path, planes, key) for key in "rgb"], axis=-1), None
     raise InputError(
         f"{path}: must have the channels R, G, B or one grey (has {', '.join(names)});"
         " save it as a PNG in colour"

@@ -13,7 +13,7 @@ from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
-from stimuli.channels import Motion, Planes, find_motion, need, need_motion
+from stimuli.channels import Layer, Motion, Planes, depth_layer, find_motion, need, need_motion
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.plane_file import along_axis
@@ -131,7 +131,9 @@ class SequenceScenery:
     def _motion(self, frame: int) -> Motion:
         file = self._files[frame]
         motion = self._picture(frame).motion
-        return motion or motion_of(file, read_parts(file).planes, self._scene)
+        if motion is not None:
+            return motion
+        return motion_of(file, read_parts(file).planes, self._scene)
 
 
 def too_small(file_px: tuple[int, int], clip_px: tuple[int, int]) -> str:
@@ -171,12 +173,13 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
         If it is damaged, lacks colour or depth, or a value breaks the rules of
         `pipeline.frame`.
     """
-    planes = read_parts(path).planes
+    planes = read_parts(path, encoded=scene.transfer == "linear").planes
     given: dict[str, str] = {str(key): value for key, value in scene.channels.items()}
+    layer = depth_layer(path, planes, given.get("depth"))
 
     def plane(key: str) -> NDArray[np.float32]:
         cure = f'; name it in the protocol: channels = {{ {key} = "..." }}'
-        return need(path, planes, key, given.get(key), cure=cure)
+        return need(path, planes, key, given.get(key), layer=layer, cure=cure)
 
     light = np.stack([plane(key) for key in "rgb"], axis=-1)
     if not np.isfinite(light).all():
@@ -188,14 +191,15 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
     depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth")
     motion = None
-    if find_motion(planes, _motion_names(scene), style=scene.motion) is not None:
-        motion = motion_of(path, planes, scene)
+    names = _motion_names(scene)
+    if find_motion(path, planes, names, style=scene.motion, layer=layer) is not None:
+        motion = motion_of(path, planes, scene, layer)
     return Picture(
         SourceFrame(_encoded(light.clip(0, 1).astype(np.float64), scene.transfer), depth), motion
     )
 
 
-def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
+def motion_of(path: Path, planes: Planes, scene: ExrScene, layer: Layer | None = None) -> Motion:
     """Return a file's motion, as the scene says it is to be read.
 
     Raises
@@ -204,7 +208,8 @@ def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
         If there is none, or it is not finite.
     """
     cure = '; name both in the protocol: channels = { motion_x = "...", motion_y = "..." }'
-    motion = need_motion(path, planes, _motion_names(scene), style=scene.motion, cure=cure)
+    names = _motion_names(scene)
+    motion = need_motion(path, planes, names, style=scene.motion, layer=layer, cure=cure)
     flow_px = (motion.flow_px * np.float32(scene.motion_scale)).astype(np.float32)
     check_flow(flow_px, f"{path}: motion")
     return Motion(flow_px, motion.to_previous)

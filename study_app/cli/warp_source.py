@@ -95,7 +95,12 @@ def load(
     loaded = _load(source, file, pair, picture)
     if truth is None:
         return loaded
-    shown = load_colour(truth, transfer=Transfer.ENCODED if file.encoded else None, clip=file.clip)
+    shown = load_colour(
+        truth,
+        transfer=Transfer.ENCODED if file.encoded else None,
+        clip=file.clip,
+        channels=_channels(file.channels),
+    )
     check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
     return replace(loaded, truth=shown)
 
