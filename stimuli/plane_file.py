@@ -33,6 +33,7 @@ _APART = 1 / 16  # of an integer type's range, between a stand-in and the next n
 _APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
 _FLOAT_STAND_INS = (65504.0, 65520.0, 65535.0)
 _WRONG_ORDER = 0.5  # share of floats beyond any distance
+_ROUGH, _SMOOTHER = 0.05, 4.0  # mean step of integers, of their range; and how much less it was
 _SMALLEST, _LARGEST = 1e-12, 1e12  # of any distance, in whatever unit
 _FORMATS = "PNG of 16 bits, TIFF, OpenEXR, PGM, PFM, .npy or .npz"
 
@@ -219,24 +220,35 @@ def _highest(dtype: np.dtype[Any], units: float) -> tuple[float, ...]:
 
 
 def _check_byte_order(path: Path, stored: NDArray[Any]) -> None:
-    """Refuse floats that make sense only with their bytes in the other order."""
-    if stored.dtype.kind != "f":
+    """Refuse numbers that make sense only with their bytes in the other order."""
+    if stored.dtype.itemsize == 1:
         return
-
-    def absurd(values: NDArray[Any]) -> float:
-        with np.errstate(all="ignore"):
-            size = np.abs(values[np.isfinite(values) & (values != 0)].astype(np.float64))
-        if not size.size:
-            return 0.0
-        return float(((size < _SMALLEST) | (size > _LARGEST)).mean())
-
-    if absurd(stored) > _WRONG_ORDER and absurd(stored.byteswap()) < _WRONG_ORDER:
-        first = float(stored.flat[0])
+    if stored.dtype.kind == "f":
+        wrong = _absurd(stored) > _WRONG_ORDER > _absurd(stored.byteswap())
+    else:
+        rough = _roughness(stored)
+        wrong = rough > _ROUGH and _roughness(stored.byteswap()) < rough / _SMOOTHER
+    if wrong:
+        other = stored.byteswap()
         raise InputError(
             f"{path}: must hold its numbers in the byte order that it states (the first is"
-            f" {first:.3g}, and {float(stored.byteswap().flat[0]):.6g} with its bytes turned"
-            " round); write it again, with the order that its numbers have"
+            f" {stored.flat[0]:g}, and {other.flat[0]:g} with its bytes turned round); write it"
+            " again, with the order that its numbers have"
         )
+
+
+def _absurd(values: NDArray[Any]) -> float:
+    """Share of the numbers other than 0 that are no distance in any unit."""
+    with np.errstate(all="ignore"):
+        size = np.abs(values[np.isfinite(values) & (values != 0)].astype(np.float64))
+    return float(((size < _SMALLEST) | (size > _LARGEST)).mean()) if size.size else 0.0
+
+
+def _roughness(values: NDArray[Any]) -> float:
+    """Mean step along the rows, of the whole range."""
+    extent = float(values.max()) - float(values.min())
+    steps = np.abs(np.diff(values.astype(np.float64), axis=1))
+    return float(steps.mean()) / extent if extent > 0 and steps.size else 0.0
 
 
 def _read(path: Path) -> tuple[NDArray[Any], float | None]:

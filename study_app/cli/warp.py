@@ -26,7 +26,7 @@ from study_app.cli.one_picture import (
     panel_option,
     print_methods,
 )
-from study_app.cli.options import one_of
+from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
@@ -260,13 +260,7 @@ def warp(
     from stimuli.one_picture import NEARER
     from stimuli.pictures import check_steps_folder
     from stimuli.plane_file import DEPTH_IS
-    from study_app.cli.warp_source import (
-        FileOptions,
-        PairOptions,
-        PictureOptions,
-        load,
-        unknown_numbers,
-    )
+    from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
