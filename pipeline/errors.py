@@ -1,8 +1,8 @@
 """What the pipeline raises when its caller, or the machine, is at fault, and what it notes."""
 
-import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,13 @@ def print_notes(say: Callable[[str], None]) -> None:
             told.add(str(message))
             say(f"note: {message}")
 
-    if not sys.warnoptions:  # -W error makes errors of them, as of all others
-        warnings.simplefilter("always", FileNote)
+    warnings.simplefilter("always", FileNote)
     warnings.showwarning = show
+
+
+@contextmanager
+def notes_printed(say: Callable[[str], None]) -> Iterator[None]:
+    """Do what `print_notes` does for as long as the block lasts."""
+    with warnings.catch_warnings():
+        print_notes(say)
+        yield

@@ -231,12 +231,15 @@ def _hdr_format(value: Any, _all: Statements) -> str | None:
     return f"must hold RGB (its format is {str(value)[:40]}); convert it"
 
 
-def _hdr_numbers(default: float) -> Judge:
-    def judge(value: Any, _all: Statements) -> str | None:
-        given = [float(word) for word in str(value).split()]
-        return None if all(number == default for number in given) else f"its header says {value}"
+def _hdr_factor(value: Any, _all: Statements) -> str | None:
+    given = [float(word) for word in str(value).split()]
+    if all(number == 1 for number in given):
+        return None
+    return f"its exposure or colour correction ({value}) is not applied"
 
-    return judge
+
+def _hdr_gamma(value: Any, _all: Statements) -> str | None:
+    return None if float(value) == 1 else f"must hold light (its gamma is {value}); convert it"
 
 
 def _hdr_primaries(value: Any, _all: Statements) -> str | None:
@@ -417,8 +420,8 @@ ROWS: Final[tuple[Row, ...]] = (
     Row("openexr", _EXR_SILENT, "silent", "layout, camera, time, remarks of programs"),
     Row("hdr", "FORMAT", "refused", "XYZ in place of RGB", _hdr_format),
     Row("hdr", "EXPOSURE|COLORCORR", "noted", "exposure and colour correction: not applied",
-        _hdr_numbers(1.0)),
-    Row("hdr", "GAMMA", "refused", "a gamma other than 1", _hdr_numbers(1.0)),
+        _hdr_factor),
+    Row("hdr", "GAMMA", "refused", "a gamma other than 1", _hdr_gamma),
     Row("hdr", "PRIMARIES", "refused", "primaries other than Radiance's or Rec.709's",
         _hdr_primaries, ("colour",)),
     Row("hdr", "PRIMARIES", "silent", "primaries", None, ("numbers",)),
@@ -510,5 +513,7 @@ def table() -> str:
     lines = ["| format | statement | read as | is |", "| --- | --- | --- | --- |"]
     for row in ROWS:
         use = "both" if len(row.of) > 1 else row.of[0]
-        lines.append(f"| {row.kind} | {row.words} | {use} | {row.decision} |")
+        plain = row.decision != "silent" and re.fullmatch(r"[\w:| ]+", row.names)
+        names = ", ".join(f"`{name}`" for name in row.names.split("|")) + ": " if plain else ""
+        lines.append(f"| {row.kind} | {names}{row.words} | {use} | {row.decision} |")
     return "\n".join(lines)

@@ -71,9 +71,10 @@ def read_disparity(
         As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
     """
     stored, named = _read(path)
-    missing = _unknown(path, stored, named, unknown)
-    missing |= ~np.isfinite(stored) | (np.abs(stored.astype(np.float64)) >= EMPTY_DEPTH)
-    impossible = ~missing & (stored.astype(np.float64) / units_per_px + offset_px <= 0)
+    values = _doubles(stored)
+    missing = _unknown(stored, named, unknown)
+    missing |= ~np.isfinite(values) | (np.abs(values) >= EMPTY_DEPTH)
+    impossible = ~missing & (values / units_per_px + offset_px <= 0)
     if unknown is None:
         lowest = (-1.0, -units_per_px)
         missing |= _impossible_stand_in(path, stored, impossible, lowest)
@@ -86,8 +87,7 @@ def read_disparity(
             f" positive (got {value / units_per_px:g} px, stored as {value:g}, at {count} pixels);"
             f" if it stands for unknown, {_say(value)}; else, is the offset right?"
         )
-    pixels = np.where(missing, np.nan, stored.astype(np.float64) / units_per_px)
-    return pixels.astype(np.float32)
+    return np.where(missing, np.nan, values / units_per_px).astype(np.float32)
 
 
 def read_depth(
@@ -103,8 +103,8 @@ def read_depth(
         As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
     """
     stored, named = _read(path)
-    values = stored.astype(np.float64)
-    missing = _unknown(path, stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
+    values = _doubles(stored)
+    missing = _unknown(stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
     if unknown is None:
         impossible = ~missing & (values < 0 if is_a == "inverse" else values <= 0)
         found = np.unique(stored[impossible])
@@ -139,10 +139,9 @@ def along_axis(
 
 
 def _unknown(
-    path: Path, stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
+    stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
 ) -> NDArray[np.bool_]:
     """Where a number stands for "unknown" for sure: by its type, its header, or what was told."""
-    _check_byte_order(path, stored)
     numbers = [*(told or ()), *(() if named is None else (named,))]
     if zero and stored.dtype.kind in "iu":
         numbers.append(0)
@@ -237,10 +236,15 @@ def _check_byte_order(path: Path, stored: NDArray[Any]) -> None:
         )
 
 
+def _doubles(stored: NDArray[Any]) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore", over="ignore"):  # damaged floats may be signals
+        return stored.astype(np.float64)
+
+
 def _absurd(values: NDArray[Any]) -> float:
     """Share of the numbers other than 0 that are no distance in any unit."""
-    with np.errstate(all="ignore"):
-        size = np.abs(values[np.isfinite(values) & (values != 0)].astype(np.float64))
+    size = np.abs(_doubles(values))
+    size = size[np.isfinite(size) & (size != 0)]
     return float(((size < _SMALLEST) | (size > _LARGEST)).mean()) if size.size else 0.0
 
 
@@ -255,7 +259,9 @@ def _read(path: Path) -> tuple[NDArray[Any], float | None]:
     """Numbers as stored, and the one that the header names for "unknown"."""
     if path.suffix.lower() in NUMPY_FILES:
         with reading(path, "a numpy file of one array", InputError):
-            return _load_array(path), None
+            array = _load_array(path)
+        _check_byte_order(path, array)
+        return array, None
     pixels = read_pixels(path, stretched=False)
     named = check_numbers(path, pixels)
     data, names = pixels.data, pixels.channels
@@ -266,6 +272,7 @@ def _read(path: Path) -> tuple[NDArray[Any], float | None]:
     if data.shape[-1] == 3 and (data == data[..., :1]).all():
         data = data[..., :1]  # grey, stored as colour
     if data.shape[-1] == 1:
+        _check_byte_order(path, data[..., 0])
         return data[..., 0], named
     if names == ("R", "G", "B"):
         raise InputError(

@@ -256,11 +256,12 @@ def load_depth(
         raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
     stored = read_depth(path, scale, is_a=is_a, unknown=unknown)
     if np.isnan(stored).any():
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             inverse = (1 / stored).astype(np.float32)
             depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
     else:
-        depth = stored.astype(np.float32)
+        with np.errstate(over="ignore", under="ignore"):
+            depth = stored.astype(np.float32)
     check_depth(depth, f"{path}: depth")
     if is_a == "ray":
         height, width = depth.shape

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.errors import print_notes
+from pipeline.errors import notes_printed
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
 from study_app.cli.terminal import say
@@ -68,6 +68,7 @@ def _print_version(asked: bool) -> None:
 
 @app.callback()
 def metamerlab(
+    context: typer.Context,
     _version: Annotated[
         bool,
         typer.Option(
@@ -79,11 +80,11 @@ def metamerlab(
     ] = False,
 ) -> None:
     """Perceptual studies of image warping, hole filling and foveated pictures."""
+    context.with_resource(notes_printed(lambda line: say(line, file=sys.stderr)))
 
 
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
-    print_notes(lambda line: say(line, file=sys.stderr))
     try:
         with user_errors():  # what is found while commands are imported: plug-ins that do not load
             app(prog_name="metamerlab")
