@@ -165,8 +165,8 @@ def _bits(path: Path, name: str, attributes: Mapping[str, Any]) -> int | None:
         with path.open("rb") as file:
             bits, colour = file.read(_PNG_BITS + 2)[_PNG_BITS:]
         return None if colour == _PNG_PALETTE else bits
-    bits = attributes.get("oiio:BitsPerSample")
-    return None if bits is None else int(bits)
+    said = attributes.get("oiio:BitsPerSample")
+    return None if said is None else int(said)
 
 
 def _narrow(data: NDArray[Any], bits: int | None) -> NDArray[Any]:
@@ -174,7 +174,7 @@ def _narrow(data: NDArray[Any], bits: int | None) -> NDArray[Any]:
     if bits is None or bits >= 8 * data.dtype.itemsize:
         return data
     factor = np.iinfo(data.dtype).max / (2**bits - 1)
-    return np.rint(data / factor).astype(data.dtype)
+    return np.asarray(np.rint(data / factor), data.dtype)
 
 
 def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:

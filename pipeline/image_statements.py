@@ -353,6 +353,7 @@ ROWS: Final[tuple[Row, ...]] = (
         _profile_tone, ("colour",)),
     Row("any", "ICCProfile", "noted", "a colour profile other than sRGB", _profile, ("colour",)),
     Row("any", "ICCProfile( tone)?", "silent", "colour profile", None, ("numbers",)),
+    Row("any", "Exif:ColorSpace", "noted", "Adobe RGB by Exif", _jpeg_exif_space, ("colour",)),
     Row("any", "pictures", "refused", "several pictures: pages, frames, an animation",
         _several),
     Row("any", "deep", "refused", "deep pixels"),
@@ -383,7 +384,6 @@ ROWS: Final[tuple[Row, ...]] = (
         "silent", "density, Exif, XMP (see any), Adobe's transform, comments"),
     Row("jpeg", "APP2 ICC_PROFILE", "silent", "colour profile (see any)"),
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
-    Row("any", "Exif:ColorSpace", "noted", "Adobe RGB by Exif", _jpeg_exif_space, ("colour",)),
     Row("tiff", "262", "refused", "colour of kinds other than grey, RGB, palette, CMYK, YCbCr",
         _tiff_kind, ("colour",)),
     Row("tiff", "262", "refused", "a palette of colours; 0 as white", _tiff_palette, ("numbers",)),
@@ -509,11 +509,19 @@ def _judge(
 
 
 def table() -> str:
-    """The rows as a table in Markdown, for the page of docs."""
+    """The rows that are not silent as a table in Markdown, for the page of docs."""
     lines = ["| format | statement | read as | is |", "| --- | --- | --- | --- |"]
     for row in ROWS:
+        if row.decision == "silent":
+            continue
         use = "both" if len(row.of) > 1 else row.of[0]
-        plain = row.decision != "silent" and re.fullmatch(r"[\w:| ]+", row.names)
-        names = ", ".join(f"`{name}`" for name in row.names.split("|")) + ": " if plain else ""
+        names = "" if row.kind == "any" else _listed(row) + ": "
         lines.append(f"| {row.kind} | {names}{row.words} | {use} | {row.decision} |")
     return "\n".join(lines)
+
+
+def _listed(row: Row) -> str:
+    """A row's names as people write them."""
+    plain = row.names.replace("mDC[Vv]|cLL[Ii]", "mDCV|cLLI").replace("29[01]", "290|291")
+    tag = "tag " if row.kind == "tiff" else ""
+    return ", ".join(f"`{tag}{name}`" for name in plain.split("|"))

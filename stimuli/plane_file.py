@@ -107,8 +107,8 @@ def read_depth(
     missing = _unknown(stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
     if unknown is None:
         impossible = ~missing & (values < 0 if is_a == "inverse" else values <= 0)
-        found = np.unique(stored[impossible])
-        missing |= _impossible_stand_in(path, stored, impossible, found[:1])
+        held = np.unique(stored[impossible])[:1].tolist()
+        missing |= _impossible_stand_in(path, stored, impossible, held)
         _ask(path, stored, missing, (), 0.0, 1.0)
     if is_a == "inverse":
         with np.errstate(divide="ignore"):
@@ -133,9 +133,10 @@ def along_axis(
     fx_px, fy_px, cx_px, cy_px = intrinsics_px
     if not (fx_px > 0 and fy_px > 0):
         raise InputError(f"focal lengths must be greater than 0 (got {fx_px:g} and {fy_px:g})")
-    rows, columns = np.indices(depth_m.shape, sparse=True)
-    length = np.sqrt(1 + ((columns - cx_px) / fx_px) ** 2 + ((rows - cy_px) / fy_px) ** 2)
-    return (depth_m / length).astype(np.float32)
+    height, width = depth_m.shape
+    x = (np.arange(width) - cx_px) / fx_px
+    y = (np.arange(height)[:, None] - cy_px) / fy_px
+    return np.asarray(depth_m / np.sqrt(1 + x**2 + y**2), np.float32)
 
 
 def _unknown(

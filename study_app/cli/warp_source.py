@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,12 @@ class PictureOptions:
     pose: str | None = None
     target_pose: str | None = None
     parallax: float | None = None  # of what is near, in widths; without camera and poses
+
+
+class _DepthFile(TypedDict):
+    depth_scale: float
+    depth_is: DepthIs
+    unknown: tuple[float, ...] | None
 
 
 @dataclass(frozen=True)
@@ -136,7 +143,7 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
 
 def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
     moved = (options.camera, options.pose, options.target_pose)
-    told = {
+    told: _DepthFile = {
         "depth_scale": options.depth_scale,
         "depth_is": options.depth_is,
         "unknown": options.unknown,
