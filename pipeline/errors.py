@@ -6,9 +6,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+_NAMED = 5  # files that say the same
+
 
 class FileNote(UserWarning):
-    """What was decided about a user's file, and does not stop the work: ``PATH: what it says``."""
+    """What was decided about a user's file, and does not stop the work: ``PATH: text``."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        super().__init__(f"{path}: {text}")
+        self.text = text
 
 
 class InputError(ValueError):
@@ -28,20 +34,26 @@ class GLUnavailableError(RuntimeError):
 
 def note(path: Path, text: str) -> None:
     """Warn with a `FileNote` about a file."""
-    warnings.warn(FileNote(f"{path}: {text}"), stacklevel=3)
+    warnings.warn(FileNote(path, text), stacklevel=3)
 
 
 def print_notes(say: Callable[[str], None]) -> None:
-    """Print each `FileNote` of this process from now on by `say`, once, as ``note: ...``."""
-    told: set[str] = set()
+    """Print each `FileNote` of this process from now on by `say`, once, as ``note: ...``.
+
+    Of many files with one text, such as the frames of a folder, the first few are named.
+    """
+    told: dict[str, set[str]] = {}
     others = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-        if not issubclass(category, FileNote):
+        if not isinstance(message, FileNote):
             others(message, category, *rest, **more)
-        elif str(message) not in told:
-            told.add(str(message))
-            say(f"note: {message}")
+            return
+        files = told.setdefault(message.text, set())
+        if str(message) not in files and len(files) <= _NAMED:
+            files.add(str(message))
+            text = str(message) if len(files) <= _NAMED else f"of further files: {message.text}"
+            say(f"note: {text}")
 
     warnings.simplefilter("always", FileNote)
     warnings.showwarning = show

@@ -11,7 +11,7 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
-from pipeline.image_header import read_statements
+from pipeline.image_header import WALKERS, read_statements
 from pipeline.image_statements import COLOUR_SPACES, check_statements
 from pipeline.limits import check_values
 from pipeline.netpbm import read_netpbm
@@ -26,7 +26,7 @@ _WINDOWED = ("openexr", "rla")
 _LAYERED = ("openexr", "psd")  # further pictures are parts of the first, or layers
 _EXACT = ("png", "tiff", "openexr", "pnm", "bmp")
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
-_ANY = ("Orientation", "PixelAspectRatio", "ICCProfile", "Exif:ColorSpace")
+_ANY = ("Orientation", "PixelAspectRatio", "ICCProfile", "Exif:ColorSpace", "CICP")
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
@@ -270,6 +270,8 @@ def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
     found = {name: pixels.attributes[name] for name in _ANY if name in pixels.attributes}
     if "ICCProfile" in found:
         found["ICCProfile tone"] = found["ICCProfile"]
+    if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
+        found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
     if pixels.kind not in _LAYERED:
         found["pictures"] = count_pictures(path)
     return found

@@ -125,10 +125,10 @@ def _png_primaries(value: bytes, everything: Statements) -> str | None:
     return None if _overridden(everything) else _primaries(numbers[2:], numbers[:2])
 
 
-def _png_code_points(value: bytes, _all: Statements) -> str | None:
+def _code_points(value: Sequence[int], _all: Statements) -> str | None:
     if tuple(value[:4]) == (1, 13, 0, 1):
         return None
-    return _not_srgb(f"its cICP chunk says code points {', '.join(map(str, value[:4]))}")
+    return _not_srgb(f"its header says code points {', '.join(map(str, value[:4]))}")
 
 
 def _png_offset(value: bytes, _all: Statements) -> str | None:
@@ -162,6 +162,12 @@ def _tiff_sample_format(value: Any, _all: Statements) -> str | None:
     if value[0] in (1, 2, 3, 4):
         return None
     return "must hold real numbers (they are complex); write one real number a pixel"
+
+
+def _tiff_bits(value: Any, _all: Statements) -> str | None:
+    if value[0] != 24:
+        return None
+    return "must store numbers of 8, 16 or 32 bits (has 24, which are not read right); save it anew"
 
 
 def _tiff_white(value: Any, _all: Statements) -> str | None:
@@ -213,6 +219,12 @@ def _colour_space(value: Any, _all: Statements) -> str | None:
         f"must hold light with Rec.709 primaries (it says {text[:40]!r}); convert it, and save it"
         " as that"
     )
+
+
+def _other_space(value: Any, _all: Statements) -> str | None:
+    if re.search(r"srgb|rec\.?709|^$", str(value), re.I) and not _WIDE.search(str(value)):
+        return None
+    return _not_srgb(f"its colour space is {str(value)[:40]!r}")
 
 
 def _exr_lossy(value: Any, _all: Statements) -> str | None:
@@ -328,7 +340,7 @@ def _apart_from_srgb(profile: bytes) -> tuple[str, int | None, int | None]:
 
 
 _TIFF_SILENT = (
-    "25[4-9]|26[36]|269|27[0-3]|27[7-9]|28[0-5]|289|29[67]|305|306|31[5-7]|32[0-5]|33[0-46]|34[0-1]"
+    "25[4-79]|26[36]|269|27[0-3]|27[7-9]|28[0-5]|289|29[67]|305|306|31[5-7]|32[0-5]|33[0-46]|34[0-1]"
     "|347|51[2-9]|52[0-1]|529|53[0-1]|700|33432|33550|33723|33922|34264|34377|3473[5-7]|34853|34665"
     "|37724|50341|4027[0-9]|270|271|272|274"
 )
@@ -356,6 +368,10 @@ ROWS: Final[tuple[Row, ...]] = (
     Row("any", "Exif:ColorSpace", "noted", "Adobe RGB by Exif", _jpeg_exif_space, ("colour",)),
     Row("any", "pictures", "refused", "several pictures: pages, frames, an animation",
         _several),
+    Row("any", "CICP", "refused", "code points other than sRGB's", _code_points, ("colour",)),
+    Row("any", "colour space", "refused", "a colour space other than sRGB or linear Rec.709, of a"
+        " format that is not below", _other_space, ("colour",)),
+    Row("any", "CICP|colour space", "silent", "colour", None, ("numbers",)),
     Row("any", "deep", "refused", "deep pixels"),
     Row("any", "windows", "refused", "a data window smaller than the display window"),
     Row("any", "overscan", "noted", "a data window larger than the display window: cropped to it"),
@@ -368,7 +384,7 @@ ROWS: Final[tuple[Row, ...]] = (
     Row("png", "cHRM", "refused", "other primaries than Rec.709's, without sRGB, iCCP or cICP",
         _png_primaries, ("colour",)),
     Row("png", "cICP", "refused", "code points other than sRGB's (PQ, HLG, P3, ...)",
-        _png_code_points, ("colour",)),
+        _code_points, ("colour",)),
     Row("png", "gAMA|cHRM|cICP", "silent", "gamma, primaries, code points", None, ("numbers",)),
     Row("png", "vpAg|caNv|iDOT|dSIG|prVW|mk(BF|BS|BT|TS)", "silent", "remarks of programs"),
     Row("png", "mDC[Vv]|cLL[Ii]", "noted", "how bright its mastering display was"),
@@ -380,7 +396,8 @@ ROWS: Final[tuple[Row, ...]] = (
     Row("png", "acTL|fcTL|fdAT", "honoured", "animation (counted as pictures)"),
     Row("png", "sRGB|iCCP|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT|iTXt|zTXt|tEXt",
         "silent", "sRGB, iCCP, pHYs, eXIf (see any), significant bits, background, texts, time"),
-    Row("jpeg", r"APP0 JFIF|APP0 JFXX|APP1 Exif|APP1 http.*|APP14 Adobe.*|COM|APP13 Photoshop.*",
+    Row("jpeg", r"APP0 JF(IF|XX)|APP1 (Exif|http.*)|APP12 (Ducky|PictureInfo).*"
+        r"|APP13 (Photoshop|Adobe).*|APP14 Adobe.*|COM",
         "silent", "density, Exif, XMP (see any), Adobe's transform, comments"),
     Row("jpeg", "APP2 ICC_PROFILE", "silent", "colour profile (see any)"),
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
@@ -388,6 +405,7 @@ ROWS: Final[tuple[Row, ...]] = (
         _tiff_kind, ("colour",)),
     Row("tiff", "262", "refused", "a palette of colours; 0 as white", _tiff_palette, ("numbers",)),
     Row("tiff", "339", "refused", "complex numbers", _tiff_sample_format),
+    Row("tiff", "258", "refused", "numbers of 24 bits", _tiff_bits),
     Row("tiff", "338", "honoured", "alpha, associated or not"),
     Row("tiff", "318", "refused", "a white point other than D65", _tiff_white, ("colour",)),
     Row("tiff", "319", "refused", "primaries other than Rec.709's", _tiff_primaries, ("colour",)),
@@ -476,7 +494,7 @@ def check_statements(
             for row in rows:
                 _judge(path, row, value, statements, noted)
     if kind not in WALKERS:
-        noted[f"what a {kind} file says beside its pixels is not looked at"] = None
+        noted[f"what files of {kind} say beside their pixels is not looked at"] = None
     if unknown:
         listed = ", ".join(dict.fromkeys(unknown[:_LISTED]))
         more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""

@@ -31,6 +31,8 @@ Unknown = Sequence[float] | None
 _MANY = 1e-3  # share of the pixels from which a number may stand for something
 _APART = 1 / 16  # of an integer type's range, between a stand-in and the next number
 _APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
+_UNITS = "units_per_px (--units-per-px)"
+_FAR = 2.0  # widths of the picture; a single disparity from there on may be a stand-in
 _FLOAT_STAND_INS = (65504.0, 65520.0, 65535.0)
 _WRONG_ORDER = 0.5  # share of floats beyond any distance
 _ROUGH, _SMOOTHER = 0.05, 4.0  # mean step of integers, of their range; and how much less it was
@@ -80,13 +82,8 @@ def read_disparity(
         missing |= _impossible_stand_in(path, stored, impossible, lowest)
         _ask(path, stored, missing, (*lowest, -16.0), _APART_PX * units_per_px, units_per_px)
     impossible &= ~missing
-    if impossible.any() and (stored[impossible] == stored[impossible][0]).all():
-        value, count = float(stored[impossible][0]), int(impossible.sum())
-        raise InputError(
-            f"{path}: disparity must be greater than {-offset_px + 0.0:g} px, or the depth is not"
-            f" positive (got {value / units_per_px:g} px, stored as {value:g}, at {count} pixels);"
-            f" if it stands for unknown, {_say(value)}; else, is the offset right?"
-        )
+    if unknown is None:
+        _ask_about_impossible(path, values / units_per_px, missing, impossible, units_per_px)
     return np.where(missing, np.nan, values / units_per_px).astype(np.float32)
 
 
@@ -139,6 +136,39 @@ def along_axis(
     return np.asarray(depth_m / np.sqrt(1 + x**2 + y**2), np.float32)
 
 
+def _ask_about_impossible(
+    path: Path,
+    pixels: NDArray[np.float64],
+    missing: NDArray[np.bool_],
+    negative: NDArray[np.bool_],
+    units_per_px: float,
+) -> None:
+    """Refuse one single disparity that cannot be, with what would say that it stands for unknown.
+
+    Raises
+    ------
+    InputError
+        If all impossible disparities are equal: one below the least that can be, or, at many
+        pixels, one far beyond the picture's width.
+    """
+    width = pixels.shape[1]
+    far = ~missing & (pixels >= _FAR * width)
+    others = pixels[~missing & ~far]
+    lonely = far.sum() >= max(2, _MANY * pixels.size) and others.size and others.max() < width
+    for bad, rule, doubt in (
+        (negative, "greater than what makes depth infinite", "offset_px (--offset-px)"),
+        (far & lonely, f"less than the picture's width, {width} px", _UNITS),
+    ):
+        held = pixels[bad]
+        if held.size and (held == held[0]).all():
+            value = held[0] * units_per_px
+            raise InputError(
+                f"{path}: disparity must be {rule} (got {held[0]:g} px, stored as {value:g}, at"
+                f" {held.size} pixels); if it stands for unknown, {_say(value)}; else, is"
+                f" {doubt} right?"
+            )
+
+
 def _unknown(
     stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
 ) -> NDArray[np.bool_]:
@@ -178,37 +208,34 @@ def _ask(
     InputError
         With what would say what it is.
     """
-    known = np.unique(stored[~missing], return_counts=True)
-    values, counts = known[0].astype(np.float64), known[1]
-    if values.size < 2:
+    known = _doubles(stored[~missing])
+    if not known.size:
         return
-    many = counts >= max(2, _MANY * stored.size)
-    if many[0] and values[0] in lowest and values[1] - values[0] >= apart:
-        end = 0
+    low, high = float(known.min()), float(known.max())
+    above, below = known[known > low], known[known < high]
+    if low in lowest and above.size and above.min() - low >= apart:
+        value, count = low, known.size - above.size
     elif (
-        many[-1]
-        and values[-1] in _highest(stored.dtype, units)
-        and values[-1] - values[-2] > _gap(stored, values)
+        high in _highest(stored.dtype, units)
+        and below.size
+        and high - below.max()
+        > (below.max() - low if stored.dtype.kind == "f" else np.iinfo(stored.dtype).max * _APART)
     ):
-        end = -1
+        value, count = high, known.size - below.size
     else:
         return
+    if count < max(2, _MANY * stored.size):
+        return
     raise InputError(
-        f"{path}: each number must be known or said to be unknown ({counts[end]} pixels hold"
-        f" {values[end]:g}, far from all others: programs write it where they found nothing);"
-        f" if it stands for unknown, {_say(values[end])}; if it is a number like others, say so by"
-        " unknown = [] in a study, or --unknown none"
+        f"{path}: each number must be known or said to be unknown ({count} pixels hold {value:g},"
+        " far from all others: programs write it where they found nothing); if it stands for"
+        f" unknown, {_say(value)}; if it is a number like others, say so by unknown = [] in a"
+        " study, or --unknown none"
     )
 
 
 def _say(value: float) -> str:
     return f"say so by unknown = [{value:g}] in a study, or --unknown {value:g}"
-
-
-def _gap(stored: NDArray[Any], values: NDArray[np.float64]) -> float:
-    if stored.dtype.kind == "f":
-        return float(values[-2] - values[0])
-    return float(np.iinfo(stored.dtype).max * _APART)
 
 
 def _highest(dtype: np.dtype[Any], units: float) -> tuple[float, ...]:

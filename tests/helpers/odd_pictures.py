@@ -42,6 +42,15 @@ def tiff(path: Path, tags: dict[int, Any] | None = None, picture: Any = RGB, **h
     shown.save(path, "TIFF", tiffinfo=entries, **how)
 
 
+def raw_tiff(path: Path, bits: int, kind: int, data: bytes, size: tuple[int, int]) -> None:
+    """Write a TIFF of one channel byte by byte; `size` is width and height."""
+    tags = {256: size[0], 257: size[1], 258: bits, 259: 1, 262: 1, 273: 8, 277: 1, 278: size[1],
+            279: len(data), 339: kind}  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    head = b"II*\0" + struct.pack("<I", 8 + len(data))
+    path.write_bytes(head + data + struct.pack("<H", len(tags)) + entries + bytes(4))
+
+
 def retagged(path: Path, changes: dict[int, int]) -> None:
     """Change short tags of a TIFF in place."""
     raw = bytearray(path.read_bytes())

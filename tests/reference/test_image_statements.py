@@ -6,6 +6,7 @@ import re
 import struct
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import FileNote, InputError
-from pipeline.image_file import read_pixels
+from pipeline.image_file import read_pixels, three_channels
 from pipeline.image_statements import ROWS, Row, table
 from pipeline.methods.frames import FramesOnDisk
 from stimuli.exr import load_colour
@@ -139,6 +140,8 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
      odd.tiff, C),
     ("tiff", "262", "d.tif", retagged({262: 0}, odd.GREY), tiff({}, picture=odd.GREY), N),
     ("tiff", "262", "d.tif", palette(grey=False), palette(grey=True), N),
+    ("tiff", "258", "d.tif", lambda p: odd.raw_tiff(p, 24, 1, bytes(27), (3, 3)),
+     lambda p: odd.raw_tiff(p, 32, 1, bytes(36), (3, 3)), N),
     ("tiff", "318", "p.tif", tiff({318: (0.3457, 0.3585)}), tiff({318: (0.3127, 0.329)}), C),
     ("tiff", "319", "p.tif", tiff({319: (0.68, 0.32, 0.265, 0.69, 0.15, 0.06)}),
      tiff({319: REC709[:6]}), C),
@@ -179,7 +182,8 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("bmp", "pixels per metre", "p.bmp", lambda p: odd.bmp(p, per_metre=(2000, 1000)), odd.bmp, C),
     ("gif", "pixel aspect", "p.gif", lambda p: odd.gif(p, aspect=113), lambda p: odd.gif(p, 49), C),
 ]  # fmt: skip
-UNREADABLE = {("tiff", "339")}  # OpenImageIO opens no complex numbers at all
+# OpenImageIO opens no complex numbers, and no format that says these and can be written here.
+UNREADABLE = {("tiff", "339"), ("any", "CICP"), ("any", "colour space")}
 
 
 def row_of(kind: str, names: str, reader: Callable[[Path], Any]) -> Row:
@@ -230,6 +234,23 @@ def test_every_row_that_refuses_or_notes_has_a_sample():
 
 
 @pytest.mark.parametrize(
+    ("says", "refused"),
+    [({}, False), ({"CICP": (1, 13, 0, 1)}, False), ({"CICP": (9, 16, 0, 1)}, True),
+     ({"oiio:ColorSpace": "srgb_rec709_scene"}, False), ({"oiio:ColorSpace": "KodakLog"}, True)],
+)  # fmt: skip
+def test_what_openimageio_says_of_other_formats_counts(tmp_path, says, refused):
+    Image.fromarray(odd.RGB).save(tmp_path / "p.tga")
+    pixels = replace(read_pixels(tmp_path / "p.tga"), attributes=says)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FileNote)
+        if not refused:
+            three_channels(tmp_path / "p.tga", pixels)
+            return
+        with pytest.raises(InputError, match="must hold sRGB colour"):
+            three_channels(tmp_path / "p.tga", pixels)
+
+
+@pytest.mark.parametrize(
     ("file", "make", "said"),
     [
         ("p.png", png(b"inVe", b"what?"), "inVe"),
@@ -239,7 +260,7 @@ def test_every_row_that_refuses_or_notes_has_a_sample():
         ("p.exr", exr("invented", "unheard", b"what?"), "invented"),
         ("p.hdr", lambda p: odd.hdr(p, "INVENTED=1"), "INVENTED"),
         ("p.webp", lambda p: odd.webp(p, (b"INVE", b"what")), "INVE"),
-        ("p.tga", lambda p: Image.fromarray(odd.RGB).save(p), "a targa file says"),
+        ("p.tga", lambda p: Image.fromarray(odd.RGB).save(p), "files of targa say"),
     ],
 )
 def test_what_is_on_no_list_is_noted_by_every_reader(tmp_path, file, make, said):

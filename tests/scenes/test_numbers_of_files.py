@@ -283,6 +283,15 @@ def test_impossible_numbers_that_are_not_one_are_refused(tmp_path, left, truth_p
 # ---- what no picture can have
 
 
+def test_a_single_disparity_far_beyond_the_picture_is_asked_about(tmp_path, left, truth_px):
+    truth_px[:, :3] = 999
+    np.save(tmp_path / "a.npy", truth_px)
+
+    with pytest.raises(InputError, match=r"got 999 px.* --unknown 999; else, is units_per_px"):
+        load_pair(left, tmp_path / "a.npy")
+    assert not load_pair(left, tmp_path / "a.npy", unknown=(999,)).known[:, :3].any()
+
+
 def test_a_disparity_wider_than_the_picture_is_refused(tmp_path, left, truth_px):
     np.save(tmp_path / "a.npy", (16 * truth_px).astype(np.int16))
 
