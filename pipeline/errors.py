@@ -13,8 +13,12 @@ class FileNote(UserWarning):
     """What was decided about a user's file, and does not stop the work: ``PATH: text``."""
 
     def __init__(self, path: Path, text: str) -> None:
-        super().__init__(f"{path}: {text}")
+        super().__init__(path, text)
         self.text = text
+
+    def __str__(self) -> str:
+        """Name the file, then say what was decided."""
+        return "{}: {}".format(*self.args)
 
 
 class InputError(ValueError):

@@ -100,7 +100,10 @@ def _primaries(values: Sequence[float], white: Sequence[float]) -> str | None:
     if apart <= _PRIMARIES_APART:
         return None
     listed = ", ".join(f"{number:.4g}" for number in (*values, *white))
-    return _not_srgb(f"its header says primaries and white at {listed}, which are not Rec.709's")
+    return (
+        f"must have the primaries and white of Rec.709 and sRGB (its header says {listed}); convert"
+        " it to Rec.709 primaries, and save it as that"
+    )
 
 
 def _not_srgb(found: str) -> str:
@@ -352,8 +355,10 @@ _EXR_SILENT = (
     "|(effective|pin|entrance).*|capture.*|software.*|Software|HostComputer|DateTime|Exif:.*|File"
     "|Copyright|Artist|ImageDescription|Date|Time|Frame|FrameRange|Camera|RenderTime|Note|Marker"
     "|Memory|Hostname|Strip|SequencerStrip|BlenderMultiChannel|rgbCompat|ID|openexr:.*|metamerlab:.*"
-    "|(nuke|unreal|arnold|cryptomatte|exr|input|rman.*|vray|houdini|maya|blender|XResolution|YRes.*"
-    "|ResolutionUnit|smpte|cycles|karma|redshift|octane|corona|mitsuba|pbrt)([/.:].*)?"
+    "|Make|Model|Keywords|DocumentName|fovcot|textureformat|XResolution|YResolution|ResolutionUnit"
+    "|(nuke|unreal|arnold|cryptomatte|exr|input|rman|render|vray|houdini|maya|blender|smpte|cycles"
+    "|karma|redshift|octane|corona|mitsuba|pbrt)\\w*([/.:].*)?"
+    "|(oiio|jpeg|tiff|pnm|png|dpx|IPTC|GPS|XMP|xmp|photoshop|ICCProfile):.*"
 )
 COLOUR_SPACES: Final = ("oiio:ColorSpace", "colorInteropID", "colorSpace")
 """Of floats; they say what `Transfer` says."""

@@ -63,6 +63,19 @@ def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
         ) from None
 
 
+def check_depth_unit(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Refuse depth whose header says another unit than metres.
+
+    Raises
+    ------
+    InputError
+        With the unit.
+    """
+    unit = str(attributes.get(_DEPTH_UNIT, "m"))
+    if unit != "m":
+        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
+
+
 @dataclass(frozen=True)
 class Channels:
     """Names of a file's channels, in this project's units; what is empty is found by itself."""
@@ -194,9 +207,7 @@ def load_warp_input(
     colour = _light(path, planes, told, layer)
     stored = stored_transfer(path, file.attributes)
     colour = _encoded(path, colour, transfer or stored, clip)
-    unit = str(file.attributes.get(_DEPTH_UNIT, "m"))
-    if unit != "m":
-        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
+    check_depth_unit(path, file.attributes)
     depth_m = need(path, planes, "depth", _told(planes, told.depth))
     check_depth(depth_m, f"{path}: depth")
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))

@@ -154,7 +154,8 @@ def _ask_about_impossible(
     width = pixels.shape[1]
     far = ~missing & (pixels >= _FAR * width)
     others = pixels[~missing & ~far]
-    lonely = far.sum() >= max(2, _MANY * pixels.size) and others.size and others.max() < width
+    many = far.sum() >= max(2, _MANY * pixels.size)
+    lonely = bool(many and others.size and others.max() < width)
     for bad, rule, doubt in (
         (negative, "greater than what makes depth infinite", "offset_px (--offset-px)"),
         (far & lonely, f"less than the picture's width, {width} px", _UNITS),

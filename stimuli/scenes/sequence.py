@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.channels import Layer, Motion, Planes, depth_layer, find_motion, need, need_motion
+from stimuli.exr import Transfer, check_depth_unit, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.plane_file import along_axis
@@ -173,7 +174,15 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
         If it is damaged, lacks colour or depth, or a value breaks the rules of
         `pipeline.frame`.
     """
-    planes = read_parts(path, encoded=scene.transfer == "linear").planes
+    file = read_parts(path, encoded=scene.transfer == "linear")
+    planes = file.planes
+    if stored_transfer(path, file.attributes) is Transfer.ENCODED and scene.transfer != "linear":
+        raise InputError(
+            f"{path}: must hold light (its header says that it is encoded); say transfer ="
+            ' "linear", which takes it as it is'
+        )
+    if scene.depth_scale == 1:
+        check_depth_unit(path, file.attributes)
     given: dict[str, str] = {str(key): value for key, value in scene.channels.items()}
     layer = depth_layer(path, planes, given.get("depth"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import warnings
@@ -12,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import odd_pictures as odd
+import OpenImageIO as oiio  # noqa: N813
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms, ImageOps
 
 from pipeline.errors import FileNote, InputError
 from pipeline.image_file import read_pixels, three_channels
@@ -312,6 +314,81 @@ def test_light_converted_as_the_message_says_is_read_as_the_picture_it_was(tmp_p
 
     bright = wanted[0, :, 0] > 60  # darker light of 8 bits has too few steps
     assert np.abs(255 * found - wanted)[:, bright].max() <= 4
+
+
+def upright(bad: Path, good: Path) -> None:
+    ImageOps.exif_transpose(Image.open(bad)).save(good)
+
+
+def square(bad: Path, good: Path) -> None:
+    shown = Image.open(bad)
+    shown.resize((2 * shown.width, shown.height)).save(good)
+
+
+def converted(bad: Path, good: Path) -> None:
+    shown = Image.open(bad)
+    own = ImageCms.ImageCmsProfile(io.BytesIO(shown.info["icc_profile"]))
+    plain = ImageCms.profileToProfile(shown, own, ImageCms.createProfile("sRGB"))
+    plain.save(good, icc_profile=odd.profile())
+
+
+def first_alone(bad: Path, good: Path) -> None:
+    with Image.open(bad) as shown:
+        shown.convert("RGB").save(good)
+
+
+def whole(bad: Path, good: Path) -> None:
+    stored = read_exr(bad)
+    padded = np.pad(stored, ((1, 2), (2, 2), (0, 0)))
+    odd.write_exr(good, {name: padded[..., k] for k, name in enumerate("RGB")})
+
+
+def read_exr(path: Path) -> Any:
+    source = oiio.ImageInput.open(str(path))
+    return source.read_image("float")
+
+
+def rec709(bad: Path, good: Path) -> None:
+    """ACES AP0 to Rec.709, by the two sets of primaries; white is moved in XYZ, roughly."""
+    matrices = []
+    for numbers in (ACES, REC709):
+        x, y = np.array(numbers[:6:2]), np.array(numbers[1:6:2])
+        columns = np.stack([x / y, np.ones(3), (1 - x - y) / y])
+        white = np.array([numbers[6] / numbers[7], 1, (1 - sum(numbers[6:])) / numbers[7]])
+        matrices.append(columns * np.linalg.solve(columns, white))
+    change = np.linalg.solve(matrices[1], matrices[0])
+    light = (read_exr(bad) @ change.T).clip(0, 1).astype(np.float32)
+    odd.write_exr(good, {name: light[..., k] for k, name in enumerate("RGB")})
+
+
+@pytest.mark.parametrize(
+    ("file", "make", "advice", "cure", "size"),
+    [
+        ("p.jpg", lambda p: odd.jpeg(p, exif={274: 6}), "turn it and save it again", upright,
+         (8, 6)),
+        ("p.png", png(b"pHYs", struct.pack(">IIB", 1000, 2000, 1)), "resample it to square ones",
+         square, (6, 16)),
+        ("p.png", lambda p: odd.png(p, odd.icc_chunk(odd.profile(1.0))), "convert it to sRGB",
+         converted, (6, 8)),
+        ("p.tif", paged(3), "save the one that is meant", first_alone, (6, 8)),
+        ("p.gif", lambda p: odd.gif(p, frames=2), "save the one that is meant", first_alone,
+         (6, 8)),
+        ("p.exr", lambda p: odd.exr(p, window=(0, 0, 12, 9), data_at=(2, 1)),
+         "render or save it whole", whole, (9, 12)),
+        ("p.exr", exr("chromaticities", "chromaticities", floats(ACES)),
+         "convert it to Rec.709 primaries", rec709, (6, 8)),
+    ],
+)  # fmt: skip
+def test_what_a_message_advises_works_on_the_file_that_caused_it(
+    tmp_path, file, make, advice, cure, size
+):
+    make(tmp_path / file)
+    with pytest.raises(InputError, match=re.escape(advice)):
+        load_colour(tmp_path / file)
+
+    cure(tmp_path / file, tmp_path / f"good-{file}")
+
+    assert load_colour(tmp_path / f"good-{file}").shape == (*size, 3)
 
 
 def test_overscan_is_cut_to_the_display_window(tmp_path):

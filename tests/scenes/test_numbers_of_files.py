@@ -292,6 +292,16 @@ def test_a_single_disparity_far_beyond_the_picture_is_asked_about(tmp_path, left
     assert not load_pair(left, tmp_path / "a.npy", unknown=(999,)).known[:, :3].any()
 
 
+def test_a_plane_of_one_number_is_no_plane_of_unknown(tmp_path, left):
+    for value in (7.0, 999.0, -5.0, 65535.0):
+        np.save(tmp_path / "a.npy", np.full((HEIGHT, WIDTH), value))
+        if value == 7:
+            assert load_pair(left, tmp_path / "a.npy").known.all()
+            continue
+        with pytest.raises(InputError, match="disparity must be"):
+            load_pair(left, tmp_path / "a.npy")
+
+
 def test_a_disparity_wider_than_the_picture_is_refused(tmp_path, left, truth_px):
     np.save(tmp_path / "a.npy", (16 * truth_px).astype(np.int16))
 

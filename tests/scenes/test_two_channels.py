@@ -139,6 +139,20 @@ def test_a_truth_is_read_as_the_picture_is(tmp_path):
         load_colour(tmp_path / "clear.exr")
 
 
+def test_a_scene_hears_what_the_header_says_of_transfer_and_unit(tmp_path):
+    planes = {**colour("", 0.25), "Z": flat(2)}
+    odd.write_exr(tmp_path / "a.exr", planes, **{"metamerlab:transfer": "encoded"})
+    odd.write_exr(tmp_path / "b.exr", planes, **{"metamerlab:depth_unit": "mm"})
+    encoded_twice = scene().model_copy(update={"transfer": "srgb"})
+
+    assert load_picture(tmp_path / "a.exr", scene()).frame.colour[0, 0, 0] == 0.25
+    with pytest.raises(InputError, match='say transfer = "linear"'):
+        load_picture(tmp_path / "a.exr", encoded_twice)
+    with pytest.raises(InputError, match="depth must be in metres"):
+        load_picture(tmp_path / "b.exr", scene())
+    assert load_picture(tmp_path / "b.exr", scene(depth_scale=0.001)).frame.depth_m[0, 0] < 0.01
+
+
 def test_a_second_view_is_noted_and_not_taken(tmp_path):
     planes = {**colour("", 0.25), **colour("right.", 0.9)}
     odd.write_exr(tmp_path / "a.exr", planes)
