@@ -127,6 +127,19 @@ def test_case_20_the_command_says_once_what_it_took_for_unknown(files, tmp_path)
     assert error == f"note: {files / 'sgbm.npy'}: -16, at 1536 pixels, is taken for unknown\n"
 
 
+@pytest.mark.parametrize("right", [("--right", "right.png"), ()])
+def test_forgotten_units_are_told_and_the_cure_is_the_one_that_works(files, tmp_path, right):
+    given = [files / "left.png", tmp_path / "o.png", "--disparity", files / "int16.tiff",
+             "-m", "push-pull", *right[:1], *(files / name for name in right[1:])]  # fmt: skip
+    code, _, said = run(*given)
+    assert code == 2
+    assert "int16.tiff: a disparity must be less than the picture's width" in said
+    assert "without --right" not in said  # without it, this file is refused as well
+    if right:
+        assert "--units-per-px 16 fits" in said
+    assert HOLES in run(*given, "--units-per-px", 16)[1]
+
+
 def test_case_20_each_option_that_the_message_names_is_taken(files, tmp_path):
     given = (files / "left.png", tmp_path / "o.png", "--disparity", files / "sgbm.npy",
              "-m", "push-pull")  # fmt: skip

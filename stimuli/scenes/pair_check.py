@@ -69,7 +69,7 @@ class PairVerdict:
     def __str__(self) -> str:
         """Say what must hold and what was found."""
         if self.wide is not None:
-            return f"{self.wide}; {self.cause or 'is units_per_px right?'}"
+            return f"{self.wide}; {self.cause or 'is units_per_px (--units-per-px) right?'}"
         if self.agreeing is None:
             return "left and right could not be compared (too few pixels have texture)"
         cause = self.cause or (

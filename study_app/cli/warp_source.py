@@ -233,6 +233,8 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
 def _check_pair(pair: StereoPair, options: PairOptions) -> None:
     verdict = judge_pair(pair, units_per_px=options.units_per_px)
     said = str(verdict).replace("units_per_px = ", "--units-per-px ")
+    if verdict.wide is not None:
+        raise StudyError(f"{options.disparity}: {said}")
     if verdict.refused:
         raise StudyError(
             f"{options.right}: {said}; without --right the picture is warped unmeasured"
