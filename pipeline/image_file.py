@@ -10,19 +10,30 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, note
+from pipeline.image_header import WALKERS, read_statements
+from pipeline.image_statements import COLOUR_SPACES, check_statements
 from pipeline.limits import check_need, check_values
+from pipeline.netpbm import read_netpbm
 from protocols.outside import reading, visible_line
 
-_INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
+_NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
+"""Types that OpenImageIO hands out as stored when asked for them; asked for another, it stretches
+integers to shares of the largest one."""
 # OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
 _NO_TIME = "1970:01:01 00:00:00"
+_WINDOWED = ("openexr", "rla")
+_LAYERED = ("openexr", "psd")  # further pictures are parts of the first, or layers
+_EXACT = ("png", "tiff", "openexr", "pnm", "bmp")
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
 _NEEDS_ROOM = ("jpeg", "webp")
 """Formats whose libraries end the process, or never return, when the disk is full."""
 _HEAD = 2**16  # bytes that hold all of such a file but its pixels
+_ANY = ("Orientation", "PixelAspectRatio", "ICCProfile", "Exif:ColorSpace", "CICP")
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
+_PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
+_PNG_PALETTE = 3
 _ENDS = {".png": b"IEND\xaeB`\x82", ".tga": b"TRUEVISION-XFILE.\0"}
 
 
@@ -32,21 +43,31 @@ class Pixels:
 
     Parameters
     ----------
-    data : ndarray of uint8, uint16 or float32, shape (H, W, C)
-        Integers as stored; half and float, and whatever else, as float32.
+    data : ndarray, shape (H, W, C)
+        Integers and double as stored; half and float as float32.
     channels : tuple of str
         C names, such as ``R``, ``Z`` or ``flow.x``.
     attributes : mapping
-        The file's header.
+        The file's header, as OpenImageIO gives it.
+    kind : str
+        OpenImageIO's name of the format.
     """
 
     data: NDArray[Any]
     channels: tuple[str, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
+    kind: str = ""
 
 
-def read_pixels(path: Path) -> Pixels:
+def read_pixels(path: Path, *, stretched: bool = True) -> Pixels:
     """Read an image file of any format that OpenImageIO knows.
+
+    Parameters
+    ----------
+    path : Path
+    stretched : bool
+        Integers of a format with another maximum than the type's (PGM of 1000, PNG of 4 bits) are
+        brought to the type's range, as colour needs it; else they stay the numbers that they are.
 
     Raises
     ------
@@ -60,10 +81,10 @@ def read_pixels(path: Path) -> Pixels:
     with reading(
         path, "a whole image", InputError
     ):  # names and texts in its header may be no UTF-8
-        return _read_pixels(path)
+        return _read_pixels(path, stretched)
 
 
-def _read_pixels(path: Path, *, ours: bool = False) -> Pixels:
+def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> Pixels:
     config = oiio.ImageSpec()  # without one, PFM files come out upside down
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
@@ -75,13 +96,15 @@ def _read_pixels(path: Path, *, ours: bool = False) -> Pixels:
         spec = source.spec()
         if not ours:
             check_values(path, spec.width, spec.height, spec.nchannels)
+        check_flat(path, spec)
     except Exception:
         source.close()
         raise
     stored = str(spec.format) if not spec.channelformats else "float"
-    kind = stored if stored in _INTEGERS else "float"
+    kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)
     error = source.geterror()
+    name = source.format_name()
     source.close()
     if data is None or error:
         raise InputError(
@@ -90,7 +113,72 @@ def _read_pixels(path: Path, *, ours: bool = False) -> Pixels:
         )
     data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
     attributes = {item.name: item.value for item in spec.extra_attribs}
-    return Pixels(data, tuple(spec.channelnames), attributes)
+    if name == "pnm" and (plain := read_netpbm(path)) is not None:
+        if plain.is_float or not stretched:
+            data = plain.data
+    elif not stretched and data.dtype.kind == "u":
+        data = _narrow(data, _bits(path, name, attributes))
+    data = in_display_window(path, spec, name, data)
+    return Pixels(data, tuple(spec.channelnames), attributes, name)
+
+
+def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
+    """Refuse deep pixels, of which OpenImageIO returns what was in memory.
+
+    Raises
+    ------
+    InputError
+        If a pixel may hold any number of samples.
+    """
+    if spec.deep:
+        raise InputError(
+            f"{path}: must hold one value a pixel (it is deep: any number of samples); flatten it"
+        )
+
+
+def in_display_window(
+    path: Path, spec: oiio.ImageSpec, kind: str, data: NDArray[Any]
+) -> NDArray[Any]:
+    """Cut what lies around a picture's display window, which is the picture by OpenEXR's word.
+
+    Raises
+    ------
+    InputError
+        If a part of the display window is not stored.
+    """
+    if kind not in _WINDOWED:
+        return data
+    left, top = spec.full_x - spec.x, spec.full_y - spec.y
+    width, height = spec.full_width, spec.full_height
+    whole = f"{width} x {height} px"
+    if min(left, top) < 0 or left + width > spec.width or top + height > spec.height:
+        raise InputError(
+            f"{path}: must store its whole display window, {whole} (its data window has"
+            f" {spec.width} x {spec.height} px from column {-left}, row {-top}); render or save it"
+            " whole, without a crop or a render region"
+        )
+    if (spec.width, spec.height) == (width, height):
+        return data
+    note(path, f"cropped from {spec.width} x {spec.height} px to its display window, {whole}")
+    return np.ascontiguousarray(data[top : top + height, left : left + width])
+
+
+def _bits(path: Path, name: str, attributes: Mapping[str, Any]) -> int | None:
+    """How many bits a format stores a number in, where it says so."""
+    if name == "png":
+        with path.open("rb") as file:
+            bits, colour = file.read(_PNG_BITS + 2)[_PNG_BITS:]
+        return None if colour == _PNG_PALETTE else bits
+    said = attributes.get("oiio:BitsPerSample")
+    return None if said is None else int(said)
+
+
+def _narrow(data: NDArray[Any], bits: int | None) -> NDArray[Any]:
+    """Undo the stretch of a few bits to 8 or 16."""
+    if bits is None or bits >= 8 * data.dtype.itemsize:
+        return data
+    factor = np.iinfo(data.dtype).max / (2**bits - 1)
+    return np.asarray(np.rint(data / factor), data.dtype)
 
 
 def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:
@@ -122,35 +210,95 @@ def check_fits(path: Path, command: str) -> None:
         check_need(path, command, *size_px)
 
 
-def may_be_lossy(path: Path) -> str | None:
-    """Return the format of an image file whose numbers may be changed by compression, else None."""
-    source = oiio.ImageInput.open(str(path)) if path.is_file() else None
-    if source is None:
-        oiio.geterror()
-        return None
-    name = str(source.format_name())
-    source.close()
-    return name if name in _LOSSY else None
+def check_picture(
+    path: Path, pixels: Pixels, handled: Sequence[str] = (), *, encoded: bool = False
+) -> None:
+    """Refuse or note what a header says of its colour and no reader honours.
 
-
-def check_upright(path: Path, pixels: Pixels) -> None:
-    """Refuse a photograph that is stored as its camera was held, which nobody asks to be turned.
+    Parameters
+    ----------
+    handled : sequence of str
+        Statements that the caller deals with; see `pipeline.image_statements`.
+    encoded : bool
+        Floats were said to hold encoded colour.
 
     Raises
     ------
     InputError
-        If its Exif orientation is another than upright.
+        If a statement is refused, or the numbers are integers with a sign or of 32 bits.
     """
-    orientation = int(pixels.attributes.get("Orientation", _UPRIGHT))
-    if orientation != _UPRIGHT:
+    dtype = pixels.data.dtype
+    if dtype.kind in "iu" and dtype not in (np.uint8, np.uint16):
         raise InputError(
-            f"{path}: must be stored upright (its Exif orientation is {orientation}); turn it and"
-            " save it again"
+            f"{path}: a picture must hold 8 or 16 bits without a sign, or floats (holds {dtype}"
+            " numbers, of which no one knows what white is); save it as PNG"
         )
+    if encoded:
+        handled = (*handled, *COLOUR_SPACES)
+    if pixels.kind:  # there is a file
+        check_statements(path, pixels.kind, _general(path, pixels), ("colour",), handled=handled)
+
+
+def check_header(
+    path: Path, kind: str, attributes: Mapping[str, Any], *, encoded: bool = False
+) -> None:
+    """Do what `check_picture` does, of a file of colour and numbers.
+
+    Raises
+    ------
+    InputError
+        If a statement is refused.
+    """
+    general = {name: attributes[name] for name in _ANY if name in attributes}
+    handled = COLOUR_SPACES if encoded else ()
+    check_statements(path, kind, general, ("colour", "numbers"), handled=handled)
+
+
+def check_numbers(path: Path, pixels: Pixels) -> float | None:
+    """Refuse or note what a header says of its numbers; return the one that stands for "unknown".
+
+    Raises
+    ------
+    InputError
+        If a statement is refused, or the format changes numbers.
+    """
+    if pixels.kind in _LOSSY:
+        raise InputError(
+            f"{path}: must hold exact numbers ({pixels.kind} changes them, most at edges, where"
+            " they matter); save it anew as PNG, TIFF or OpenEXR from what it was made of"
+        )
+    if pixels.kind not in _EXACT:
+        raise InputError(
+            f"{path}: numbers are read from PNG, TIFF, OpenEXR, PGM and PFM (this is"
+            f" {pixels.kind}); save them as one of these"
+        )
+    check_statements(path, pixels.kind, _general(path, pixels), ("numbers",))
+    named = [part["42113"] for part in read_statements(path, pixels.kind) if "42113" in part]
+    try:
+        return float(named[0].strip(b"\0 ")) if named and pixels.kind == "tiff" else None
+    except ValueError:
+        raise InputError(
+            f"{path}: GDAL_NODATA must be a number (it says {named[0][:40]!r}); write it again"
+        ) from None
+
+
+def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
+    """What OpenImageIO says of a file in any format."""
+    found = {name: pixels.attributes[name] for name in _ANY if name in pixels.attributes}
+    if "ICCProfile" in found:
+        found["ICCProfile tone"] = found["ICCProfile"]
+    if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
+        found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
+    if pixels.kind not in _LAYERED:
+        found["pictures"] = count_pictures(path)
+    return found
 
 
 def count_pictures(path: Path) -> int:
     """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
+    for part in read_statements(path, "png"):
+        if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
+            return int.from_bytes(frames[:4], "big")
     source, count = oiio.ImageInput.open(str(path)), 0
     while source is not None and source.seek_subimage(count, 0):
         count += 1
@@ -161,15 +309,19 @@ def count_pictures(path: Path) -> int:
     return count
 
 
-def three_channels(path: Path, pixels: Pixels) -> NDArray[Any]:
+def three_channels(path: Path, pixels: Pixels, *, encoded: bool = False) -> NDArray[Any]:
     """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
 
     Raises
     ------
     InputError
-        If there are other channels, or an alpha channel that is not 1 everywhere.
+        If there are other channels, an alpha channel that is not 1 everywhere, or `check_picture`
+        refuses what the file says.
     """
+    check_picture(path, pixels, encoded=encoded)
     data, names = pixels.data, pixels.channels
+    if data.dtype == np.float64:
+        data = data.astype(np.float32)
     if names[-1:] == ("A",):
         opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
         if not (data[..., -1] == opaque).all():

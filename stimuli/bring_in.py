@@ -43,6 +43,7 @@ class PairFiles:
     focal_px: float | None = None
     baseline_m: float | None = None
     offset_px: float = 0.0
+    unknown: tuple[float, ...] | None = None
 
     @property
     def is_built_in(self) -> bool:
@@ -137,7 +138,7 @@ def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[Ow
         loaded = load_pair(
             pair.left, pair.disparity, pair.right, units_per_px=pair.units_per_px,
             focal_px=pair.focal_px, baseline_m=pair.baseline_m or ASSUMED_BASELINE_M,
-            offset_px=pair.offset_px,
+            offset_px=pair.offset_px, unknown=pair.unknown,
         )  # fmt: skip
         verdict = judge_pair(loaded, units_per_px=pair.units_per_px)
         if verdict.refused:
@@ -159,11 +160,14 @@ def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[Ow
                 pair, focal_px=loaded.focal_px, baseline_m=pair.baseline_m or ASSUMED_BASELINE_M
             )
     units = () if pair.units_per_px == 1 else (f"units_per_px = {pair.units_per_px:g}",)
+    told = pair.unknown or ()
+    unknown = () if pair.unknown is None else (f"unknown = [{', '.join(map(str, told))}]",)
     offset = () if pair.offset_px == 0 else (f"offset_px = {pair.offset_px:g}",)
     lines = (
         'kind = "stereo"',
         *(f"{side} = {quoted(file)}" for side, file in files.items()),
         *units,
+        *unknown,
         f"focal_px = {pair.focal_px:g}",
         f"baseline_m = {pair.baseline_m:g}",
         *offset,

@@ -39,7 +39,36 @@ from pipeline.errors import InputError
 EMPTY_DEPTH = 1e10
 """Stored depth from which on a pixel shows nothing: Blender writes 1e10 where others write inf."""
 
-Planes = Mapping[str, NDArray[np.float32]]
+Layer = tuple[str, str]
+"""A part of a file and a layer in it, by name; either may be empty."""
+
+
+class Planes(dict[str, NDArray[np.float32]]):
+    """Every channel of a file by name.
+
+    Attributes
+    ----------
+    parts : dict
+        The part that each channel is in, by the channel's name.
+    aliases : dict
+        Channels by further names, ``PART.CHANNEL``.
+    """
+
+    def __init__(self, planes: Mapping[str, NDArray[np.float32]] | None = None) -> None:
+        super().__init__(planes or {})
+        self.parts: dict[str, str] = {}
+        self.aliases: dict[str, NDArray[np.float32]] = {}
+
+    def named(self, name: str) -> NDArray[np.float32] | None:
+        """Return a channel by either of its names; None if there is none."""
+        return self.get(name, self.aliases.get(name))
+
+    def own_name(self, name: str) -> str:
+        """Return a channel's name in its part."""
+        part = self.parts.get(name, "")
+        return name.removeprefix(f"{part}.") if name in self.aliases else name
+
+
 Style = Literal["project", "nuke", "blender", "unreal"]
 
 
@@ -87,48 +116,80 @@ class Motion:
 
 
 KNOWN: dict[str, tuple[Known, ...]] = {
-    "r": (Known(r"R"), Known(r"[^.]+\.Combined\.R"), Known(r"FinalImage\.R")),
-    "g": (Known(r"G"), Known(r"[^.]+\.Combined\.G"), Known(r"FinalImage\.G")),
-    "b": (Known(r"B"), Known(r"[^.]+\.Combined\.B"), Known(r"FinalImage\.B")),
+    "r": (Known(r"R"), Known(r"(?P<layer>[^.]+)\.Combined\.R"), Known(r"(?P<layer>FinalImage)\.R")),
+    "g": (Known(r"G"), Known(r"(?P<layer>[^.]+)\.Combined\.G"), Known(r"(?P<layer>FinalImage)\.G")),
+    "b": (Known(r"B"), Known(r"(?P<layer>[^.]+)\.Combined\.B"), Known(r"(?P<layer>FinalImage)\.B")),
     "depth": (
         Known(r"Z"),
         Known(r"depth\.Z"),
-        Known(r"([^.]+\.)?Depth\.(Z|V)"),
-        Known(r"[^.]*MovieRenderQueue_WorldDepth\.R", 0.01),
+        Known(r"((?P<layer>[^.]+)\.)?Depth\.(Z|V)"),
+        Known(r"(?P<layer>[^.]*)MovieRenderQueue_WorldDepth\.R", 0.01),
     ),
     "target_depth": (Known(r"target\.Z"),),
 }
 MOTION: dict[Style, MotionStyle] = {
     "project": MotionStyle(r"flow\.x", r"flow\.y"),
     "nuke": MotionStyle(r"forward\.u", r"forward\.v", down=-1.0),
-    "blender": MotionStyle(r"([^.]+\.)?Vector\.Z", r"([^.]+\.)?Vector\.W", right=-1.0),
+    "blender": MotionStyle(
+        r"((?P<layer>[^.]+)\.)?Vector\.Z", r"((?P<layer>[^.]+)\.)?Vector\.W", right=-1.0
+    ),
     "unreal": MotionStyle(
-        r"[^.]*MovieRenderQueue_MotionVectors\.R",
-        r"[^.]*MovieRenderQueue_MotionVectors\.G",
+        r"(?P<layer>[^.]*)MovieRenderQueue_MotionVectors\.R",
+        r"(?P<layer>[^.]*)MovieRenderQueue_MotionVectors\.G",
         right=-1.0,
         zero=0.5,
         of_picture=True,
         to_previous=True,
     ),
 }
+OPTIONS = {
+    "r": "red",
+    "g": "green",
+    "b": "blue",
+    "depth": "depth",
+    "target_depth": "target_depth",
+    "motion_x": "flow_x",
+    "motion_y": "flow_y",
+}
+"""What `metamerlab warp --channel` calls the keys of a study's ``channels``."""
 
 
-def find(planes: Planes, key: str, given: str | None = None) -> NDArray[np.float32] | None:
+@dataclass(frozen=True)
+class _Fit:
+    """A channel that fits a question, or a pair of them, and what tells how it is meant."""
+
+    names: tuple[str, ...]
+    layer: Layer
+    factor: float = 1.0
+    style: MotionStyle | None = None
+
+
+def find(
+    path: Path, planes: Planes, key: str, given: str | None = None, *, layer: Layer | None = None
+) -> NDArray[np.float32] | None:
     """Return what `key` of `KNOWN` is in a file, in our unit; None if it is not there.
 
     Depth is inf where there is nothing.
 
-    `given` is a channel's name that was told, in our unit.
+    Parameters
+    ----------
+    given : str, optional
+        A channel's name that was told, in our unit.
+    layer : Layer, optional
+        Where several channels fit, the one of this layer is meant.
+
+    Raises
+    ------
+    InputError
+        If several different channels fit.
     """
-    plane, factor = None, 1.0
+    factor = 1.0
     if given is not None:
-        plane = planes.get(given)
+        plane = planes.named(given)
     else:
-        for known in KNOWN[key]:
-            name = _matching(planes, known.pattern)
-            if name is not None:
-                plane, factor = planes[name], known.factor
-                break
+        fit = _one(path, planes, _fits(planes, key), (key,), layer)
+        plane = None if fit is None else planes[fit.names[0]]
+        factor = 1.0 if fit is None else fit.factor
     if plane is None:
         return None
     if not key.endswith("depth"):
@@ -138,16 +199,22 @@ def find(planes: Planes, key: str, given: str | None = None) -> NDArray[np.float
 
 
 def need(
-    path: Path, planes: Planes, key: str, given: str | None = None, *, cure: str = ""
+    path: Path,
+    planes: Planes,
+    key: str,
+    given: str | None = None,
+    *,
+    layer: Layer | None = None,
+    cure: str = "",
 ) -> NDArray[np.float32]:
     """Return what `find` returns.
 
     Raises
     ------
     InputError
-        If it is not there; `cure` ends the message.
+        If it is not there, or several channels fit; `cure` ends the first message.
     """
-    found = find(planes, key, given)
+    found = find(path, planes, key, given, layer=layer)
     if found is None:
         wanted = given or " or ".join(readable(known.pattern) for known in KNOWN[key])
         raise InputError(
@@ -156,11 +223,33 @@ def need(
     return found
 
 
+def depth_layer(path: Path, planes: Planes, given: str | None = None) -> Layer | None:
+    """Return the layer that depth comes from, whose colour and motion go with it.
+
+    Raises
+    ------
+    InputError
+        If several different channels fit.
+    """
+    if given is None:
+        fit = _one(path, planes, _fits(planes, "depth"), ("depth",), None)
+        return None if fit is None else fit.layer
+    told = planes.named(given)
+    for fit in _fits(planes, "depth"):
+        if planes[fit.names[0]] is told:
+            return fit.layer
+    name = next((name for name, plane in planes.items() if plane is told), given)
+    layer, dot, _ = planes.own_name(name).partition(".")
+    return planes.parts.get(name, ""), layer if dot else ""
+
+
 def find_motion(
+    path: Path,
     planes: Planes,
     given: tuple[str | None, str | None] = (None, None),
     *,
     style: Style | None = None,
+    layer: Layer | None = None,
 ) -> Motion | None:
     """Return the motion of a file; None if it has none.
 
@@ -170,17 +259,31 @@ def find_motion(
         Names that were told; they are meant as `style` says, by default as this project's.
     style : optional
         Look for one program's channels only.
+    layer : Layer, optional
+        Where several pairs fit, the one of this layer is meant.
+
+    Raises
+    ------
+    InputError
+        If several different pairs fit.
     """
     if any(name is not None for name in given):
-        x, y = given
-        if x is None or y is None or x not in planes or y not in planes:
+        x, y = (None if name is None else planes.named(name) for name in given)
+        if x is None or y is None:
             return None
-        return _in_pixels(planes[x], planes[y], MOTION[style or "project"])
-    for chosen in MOTION.values() if style is None else (MOTION[style],):
-        x, y = _matching(planes, chosen.x), _matching(planes, chosen.y)
-        if x is not None and y is not None:
-            return _in_pixels(planes[x], planes[y], chosen)
-    return None
+        return _in_pixels(x, y, MOTION[style or "project"])
+    styles = MOTION.values() if style is None else (MOTION[style],)
+    fits = [
+        _Fit((x, y), where, style=chosen)
+        for chosen in styles
+        for x, where in _matching(planes, chosen.x)
+        for y, same in _matching(planes, chosen.y)
+        if where == same
+    ]
+    fit = _one(path, planes, fits, ("motion_x", "motion_y"), layer)
+    if fit is None or fit.style is None:
+        return None
+    return _in_pixels(planes[fit.names[0]], planes[fit.names[1]], fit.style)
 
 
 def need_motion(
@@ -189,6 +292,7 @@ def need_motion(
     given: tuple[str | None, str | None] = (None, None),
     *,
     style: Style | None = None,
+    layer: Layer | None = None,
     cure: str = "",
 ) -> Motion:
     """Return what `find_motion` returns.
@@ -196,9 +300,9 @@ def need_motion(
     Raises
     ------
     InputError
-        If it is not there; `cure` ends the message.
+        If it is not there, or several pairs fit; `cure` ends the first message.
     """
-    found = find_motion(planes, given, style=style)
+    found = find_motion(path, planes, given, style=style, layer=layer)
     if found is None:
         raise InputError(
             f"{path}: must have a channel {_lacking(planes, given)} for motion"
@@ -207,13 +311,52 @@ def need_motion(
     return found
 
 
+def _fits(planes: Planes, key: str) -> list[_Fit]:
+    return [
+        _Fit((name,), layer, known.factor)
+        for known in KNOWN[key]
+        for name, layer in _matching(planes, known.pattern)
+    ]
+
+
+def _one(
+    path: Path, planes: Planes, fits: list[_Fit], keys: tuple[str, ...], layer: Layer | None
+) -> _Fit | None:
+    """The one that is meant; the first, where all hold the same numbers."""
+    if len(fits) > 1 and layer is not None:
+        fits = [fit for fit in fits if fit.layer == layer] or fits
+    others = [
+        fit
+        for fit in fits[1:]
+        if fit.factor != fits[0].factor
+        or fit.style is not fits[0].style
+        or not all(
+            np.array_equal(planes[a], planes[b], equal_nan=True)
+            for a, b in zip(fit.names, fits[0].names, strict=True)
+        )
+    ]
+    if not others:
+        return fits[0] if fits else None
+    first = fits[0].names
+    options = " ".join(
+        f"--channel {OPTIONS[key]}={name}" for key, name in zip(keys, first, strict=True)
+    )
+    entries = ", ".join(f'{key} = "{name}"' for key, name in zip(keys, first, strict=True))
+    listed = "; ".join(" with ".join(fit.names) for fit in (fits[0], *others))
+    raise InputError(
+        f"{path}: must have one channel for {' and '.join(keys)} (these fit: {listed}); name the"
+        f" one that is meant (metamerlab warp: {options}; a study: channels = {{ {entries} }}), or"
+        " save it alone"
+    )
+
+
 def _lacking(planes: Planes, given: tuple[str | None, str | None]) -> str:
     """What would be enough, to be read by people: the other half where one is there."""
     if any(name is not None for name in given):
         return " and ".join(name or "of your naming" for name in given if name not in planes)
     pairs = [(style.x, style.y) for style in MOTION.values()]
     for pair in pairs:
-        there = [_matching(planes, pattern) is not None for pattern in pair]
+        there = [bool(_matching(planes, pattern)) for pattern in pair]
         if any(there):
             return readable(pair[there.index(False)]) if not all(there) else readable(pair[0])
     return " or ".join(f"{readable(x)} with {readable(y)}" for x, y in pairs)
@@ -221,7 +364,8 @@ def _lacking(planes: Planes, given: tuple[str | None, str | None]) -> str:
 
 def readable(pattern: str) -> str:
     """A pattern of `KNOWN` as people write it."""
-    for old, new in ((r"([^.]+\.)?", ""), (r"[^.]+", "*"), (r"[^.]*", "*"), ("\\", ""),
+    for old, new in ((r"((?P<layer>[^.]+)\.)?", ""), ("(?P<layer>FinalImage)", "FinalImage"),
+                     ("(?P<layer>[^.]+)", "*"), ("(?P<layer>[^.]*)", "*"), ("\\", ""),
                      ("(Z|V)", "Z")):  # fmt: skip
         pattern = pattern.replace(old, new)
     return pattern
@@ -237,5 +381,12 @@ def _in_pixels(x: NDArray[np.float32], y: NDArray[np.float32], style: MotionStyl
     return Motion(np.stack(planes, axis=-1).astype(np.float32), style.to_previous)
 
 
-def _matching(planes: Planes, pattern: str) -> str | None:
-    return next((name for name in planes if re.fullmatch(pattern, name)), None)
+def _matching(planes: Planes, pattern: str) -> list[tuple[str, Layer]]:
+    """Channels whose own name fits, with their layers."""
+    found = []
+    for name in planes:
+        match = re.fullmatch(pattern, planes.own_name(name))
+        if match is not None:
+            layer = match.groupdict().get("layer") or ""
+            found.append((name, (planes.parts.get(name, ""), layer)))
+    return found

@@ -25,15 +25,15 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
+    Pixels,
     check_fits,
-    check_upright,
+    count_pictures,
     from_integers,
-    may_be_lossy,
     read_pixels,
     three_channels,
     write_pixels,
 )
-from stimuli.channels import Planes, find, need, need_motion
+from stimuli.channels import Layer, Planes, depth_layer, find, need, need_motion
 from stimuli.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
@@ -62,6 +62,19 @@ def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
         raise InputError(
             f"{path}: {_TRANSFER} must be {' or '.join(Transfer)} (the header says {said[:40]!r})"
         ) from None
+
+
+def check_depth_unit(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Refuse depth whose header says another unit than metres.
+
+    Raises
+    ------
+    InputError
+        With the unit.
+    """
+    unit = str(attributes.get(_DEPTH_UNIT, "m"))
+    if unit != "m":
+        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
 
 
 @dataclass(frozen=True)
@@ -96,7 +109,11 @@ class WarpInput:
 
 
 def load_colour(
-    path: Path, *, transfer: Transfer | None = None, clip: bool = False
+    path: Path,
+    *,
+    transfer: Transfer | None = None,
+    clip: bool = False,
+    channels: Channels | None = None,
 ) -> NDArray[np.float32]:
     """Read encoded colour.
 
@@ -107,6 +124,8 @@ def load_colour(
         Of float files; by default what the file says, or `Transfer.LINEAR`.
     clip : bool
         Clip linear light to [0, 1] instead of refusing what a display cannot show.
+    channels : Channels, optional
+        Names of colour in an OpenEXR file of several layers.
 
     Returns
     -------
@@ -120,15 +139,24 @@ def load_colour(
     InputError
         If it is not a whole image, has other channels than red, green and blue (or one
         grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
+        Of an OpenEXR file, further channels are left out.
     """
     check_fits(path, "read")
     pixels = read_pixels(path)
-    data = three_channels(path, pixels)
+    if is_layered(path, pixels):
+        return _layered_colour(path, channels or Channels(), transfer, clip)
+    data = three_channels(path, pixels, encoded=transfer is Transfer.ENCODED)
     if pixels.data.dtype.kind == "u":
-        check_upright(path, pixels)
         return from_integers(data)
     stored = stored_transfer(path, pixels.attributes)
     return _encoded(path, data, transfer or stored, clip)
+
+
+def is_layered(path: Path, pixels: Pixels) -> bool:
+    """Whether a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
+    if pixels.kind != "openexr":
+        return False
+    return not {*pixels.channels} <= {*"RGBAYL"} or count_pictures(path) > 1
 
 
 def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
@@ -175,26 +203,19 @@ def load_warp_input(
         flow that is not finite.
     """
     told = channels or Channels()
-    file = read_parts(path)
+    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
     planes = file.planes
-    colour = np.stack(
-        [
-            need(path, planes, key, _told(planes, names))
-            for key, names in (("r", told.red), ("g", told.green), ("b", told.blue))
-        ],
-        axis=-1,
-    )
+    layer = depth_layer(path, planes, _told(planes, told.depth))
+    colour = _light(path, planes, told, layer)
     stored = stored_transfer(path, file.attributes)
     colour = _encoded(path, colour, transfer or stored, clip)
-    unit = str(file.attributes.get(_DEPTH_UNIT, "m"))
-    if unit != "m":
-        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
+    check_depth_unit(path, file.attributes)
     depth_m = need(path, planes, "depth", _told(planes, told.depth))
     check_depth(depth_m, f"{path}: depth")
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))
-    flow_px = need_motion(path, planes, told_motion).flow_px
+    flow_px = need_motion(path, planes, told_motion, layer=layer).flow_px
     check_flow(flow_px, f"{path}: flow")
-    target_m = find(planes, "target_depth", _told(planes, told.target_depth))
+    target_m = find(path, planes, "target_depth", _told(planes, told.target_depth))
     if target_m is not None:
         check_depth(target_m, f"{path}: depth")
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
@@ -231,40 +252,29 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
     )
 
 
-def load_plane(path: Path) -> tuple[NDArray[np.float32], bool]:
-    """Read one channel as stored, such as a disparity map or a mask.
-
-    Returns
-    -------
-    plane : ndarray of float32, shape (H, W)
-        The stored numbers, unscaled.
-    integer : bool
-        Whether the file stores integers.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    InputError
-        If it is not a whole image of one channel, or of a format that loses numbers.
-    """
-    check_fits(path, "read")
-    pixels = read_pixels(path)
-    lossy = may_be_lossy(path)
-    if lossy is not None:
+def _layered_colour(
+    path: Path, told: Channels, transfer: Transfer | None, clip: bool
+) -> NDArray[np.float32]:
+    """Colour of a file of several layers or parts, by the rules of `load_warp_input`."""
+    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
+    layer = depth_layer(path, file.planes, _told(file.planes, told.depth))
+    light = _light(path, file.planes, told, layer)
+    alpha = file.planes.get("A")
+    if alpha is not None and not (alpha == 1).all():
         raise InputError(
-            f"{path}: must hold exact numbers ({lossy} changes them, most at edges, where they"
-            " matter); save it anew as PNG, TIFF or OpenEXR from what it was made of"
+            f"{path}: must be opaque (its alpha channel is not 1 everywhere); put it on a"
+            " background first"
         )
-    data = pixels.data
-    if data.shape[-1] == 3 and (data == data[..., :1]).all():
-        data = data[..., :1]  # grey, stored as colour
-    if data.shape[-1] != 1:
-        raise InputError(
-            f"{path}: must have one channel (has {', '.join(pixels.channels)});"
-            " save it as a grey image"
-        )
-    return data[..., 0].astype(np.float32), data.dtype.kind == "u"
+    return _encoded(path, light, transfer or stored_transfer(path, file.attributes), clip)
+
+
+def _light(path: Path, planes: Planes, told: Channels, layer: Layer | None) -> NDArray[np.float32]:
+    """Red, green and blue as stored, shape (H, W, 3)."""
+    named = (("r", told.red), ("g", told.green), ("b", told.blue))
+    return np.stack(
+        [need(path, planes, key, _told(planes, names), layer=layer) for key, names in named],
+        axis=-1,
+    )
 
 
 def _encoded(
@@ -294,7 +304,8 @@ def _encoded(
 
 def _told(planes: Planes, names: tuple[str, ...]) -> str | None:
     """The first of `names` that is there, or else the first; None where none is told."""
-    return next((name for name in names if name in planes), names[0] if names else None)
+    there = (name for name in names if planes.named(name) is not None)
+    return next(there, names[0] if names else None)
 
 
 def _linear(colour: NDArray[np.float32]) -> NDArray[np.float32]:

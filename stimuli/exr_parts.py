@@ -13,79 +13,118 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import check_fits
+from pipeline.image_file import check_fits, check_flat, check_header, in_display_window
 from pipeline.limits import check_values
 from protocols.outside import reading, visible_line
+from stimuli.channels import Planes
 
 
 @dataclass(frozen=True)
 class Parts:
     """Every channel of a file by name, half and float alike, and its first part's header.
 
-    A channel of a part may be called by its own name or by ``PART.CHANNEL``.
+    A channel of a part may be called by its own name or by ``PART.CHANNEL``; where several parts
+    have a channel of that name, only by the second.
     """
 
-    planes: dict[str, NDArray[np.float32]]
+    planes: Planes
     attributes: Mapping[str, Any]
 
 
-def read_parts(path: Path) -> Parts:
+def read_parts(path: Path, *, encoded: bool = False) -> Parts:
     """Read an OpenEXR file; all its parts count as one picture.
+
+    Parameters
+    ----------
+    path : Path
+    encoded : bool
+        It was said to hold encoded colour.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     InputError
-        If it is not a whole image, or its parts differ in size.
+        If it is not a whole image, its parts differ in size, or its header says what no reader
+        honours (`pipeline.image_statements`).
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
     with reading(path, "a whole image", InputError):  # names in its header may be no UTF-8
         check_fits(path, "read")
-        return _read_parts(path)
+        return _read_parts(path, encoded)
 
 
-def _read_parts(path: Path) -> Parts:
+def _read_parts(path: Path, encoded: bool) -> Parts:
     source = oiio.ImageInput.open(str(path))
     if source is None:
         reason = visible_line(oiio.geterror())
         raise InputError(f"{path}: must be an image in OpenEXR format ({reason})")
-    planes: dict[str, NDArray[np.float32]] = {}
+    stored: list[tuple[str, str, NDArray[np.float32]]] = []  # of each channel: part, name, numbers
     attributes: dict[str, Any] = {}
-    size: tuple[int, int] | None = None
     try:
+        kind = source.format_name()
         part = values = 0
         while source.seek_subimage(part, 0):
             spec = source.spec()
             values += spec.width * spec.height * spec.nchannels
             check_values(path, values)
-            data: Any = source.read_image(part, 0, 0, spec.nchannels, "float")
-            if data is None or source.geterror():
-                raise InputError(
-                    f"{path}: must be a whole image; the file is damaged or was cut short:"
-                    " copy or make it again"
-                )
-            if size is not None and (spec.height, spec.width) != size:
-                raise InputError(
-                    f"{path}: its parts must have one size (got {size[1]}x{size[0]} and"
-                    f" {spec.width}x{spec.height})"
-                )
-            size = (spec.height, spec.width)
-            attributes = attributes or {item.name: item.value for item in spec.extra_attribs}
-            stored = np.asarray(data, np.float32).reshape(*size, spec.nchannels)
+            check_flat(path, spec)
             label = spec.get_string_attribute("oiio:subimagename") or spec.get_string_attribute(
                 "name"
             )
-            for index, name in enumerate(spec.channelnames):
-                plane = np.ascontiguousarray(stored[..., index])
-                planes.setdefault(name, plane)
-                if label:
-                    planes.setdefault(f"{label}.{name}", plane)
+            attributes = attributes or {item.name: item.value for item in spec.extra_attribs}
+            data = in_display_window(path, spec, kind, _part(path, source, spec, part))
+            if stored and data.shape[:2] != stored[0][2].shape:
+                height, width = stored[0][2].shape
+                raise InputError(
+                    f"{path}: its parts must have one size (got {width}x{height} and"
+                    f" {data.shape[1]}x{data.shape[0]})"
+                )
+            taken = {entry[0] for entry in stored}
+            label = label if label and label not in taken else f"part{part}"
+            stored += [
+                (label, name, np.ascontiguousarray(data[..., index]))
+                for index, name in enumerate(spec.channelnames)
+            ]
             part += 1
     finally:
         source.close()
-    return Parts(planes, attributes)
+    check_header(path, kind, attributes, encoded=encoded)
+    return Parts(_planes(stored), attributes)
+
+
+def _part(path: Path, source: Any, spec: oiio.ImageSpec, part: int) -> NDArray[np.float32]:
+    """Numbers of a part, shape (H, W, C); those of whole numbers as they are, not as shares."""
+    data: Any = source.read_image(part, 0, 0, spec.nchannels, "float")
+    whole = [
+        index
+        for index in range(spec.nchannels)
+        if str(spec.channelformats[index] if spec.channelformats else spec.format) == "uint"
+    ]
+    plain = [source.read_image(part, 0, index, index + 1, "uint") for index in whole]
+    if data is None or source.geterror() or any(plane is None for plane in plain):
+        raise InputError(
+            f"{path}: must be a whole image; the file is damaged or was cut short: copy or make it"
+            " again"
+        )
+    data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)
+    for index, plane in zip(whole, plain, strict=True):
+        data[..., index] = np.asarray(plane).reshape(spec.height, spec.width)
+    return np.asarray(data, np.float32)
+
+
+def _planes(stored: list[tuple[str, str, NDArray[np.float32]]]) -> Planes:
+    names = [name for _, name, _ in stored]
+    several = len({part for part, _, _ in stored}) > 1
+    planes = Planes()
+    for part, name, plane in stored:
+        full = f"{part}.{name}"
+        key = full if names.count(name) > 1 else name
+        planes[key] = planes.aliases[full] = plane
+        if several:
+            planes.parts[key] = part
+    return planes
 
 
 def frame_files(file: str, folder: Path) -> list[Path]:

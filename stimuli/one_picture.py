@@ -17,7 +17,8 @@ from pipeline.frame import SourceFrame, check_same_size
 from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
 from stimuli.flow_file import read_flo
-from stimuli.scenes.photo import load_depth
+from stimuli.plane_file import DepthIs, Unknown
+from stimuli.scenes.photo import centred, load_depth
 
 Nearer = Literal["fast", "none"]
 NEARER: Final[tuple[Nearer, ...]] = get_args(Nearer)
@@ -30,6 +31,8 @@ def from_flow(
     depth: Path | None = None,
     *,
     depth_scale: float = 1.0,
+    depth_is: DepthIs = "distance",
+    unknown: Unknown = None,
     nearer: Nearer = "fast",
 ) -> WarpInput:
     """Read a picture and its motion (`.flo`) into the next one.
@@ -38,8 +41,8 @@ def from_flow(
     ----------
     depth : Path, optional
         Depth of the picture, see `load_depth`.
-    depth_scale : float
-        Metres per unit of that file.
+    depth_scale, depth_is, unknown
+        As `load_depth` has them.
     nearer : {"fast", "none"}
         What stands in front where there is no depth: what moves faster, as seen from a moving
         camera, or nothing, so that all is equally far. Depths are in no unit then.
@@ -66,7 +69,7 @@ def from_flow(
         )
         flow_px = np.ascontiguousarray(flow_px[tuple(closest)])
     if depth is not None:
-        depth_m = load_depth(depth, depth_scale)
+        depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
         check_same_size(**{str(picture): colour, str(depth): depth_m})
     else:
         speed = np.linalg.norm(flow_px.astype(np.float64), axis=-1) * (nearer == "fast")
@@ -83,6 +86,8 @@ def from_depth(
     pose: NDArray[np.float64],
     target_pose: NDArray[np.float64],
     depth_scale: float = 1.0,
+    depth_is: DepthIs = "distance",
+    unknown: Unknown = None,
 ) -> WarpInput:
     """Read a picture with depth, and move it from one pose to another.
 
@@ -92,8 +97,8 @@ def from_depth(
         Of both cameras; the centre of the left top pixel is at (0, 0), as RGB-D data sets have it.
     pose, target_pose : ndarray of float64, shape (4, 4)
         World from camera, metres; see `read_pose`.
-    depth_scale : float
-        Metres per unit of the depth file.
+    depth_scale, depth_is, unknown
+        As `load_depth` has them.
 
     Raises
     ------
@@ -103,21 +108,21 @@ def from_depth(
         If a file is not what it must be, sizes differ, or a camera is not possible.
     """
     colour = load_colour(picture)
-    depth_m = load_depth(depth, depth_scale)
+    depth_m = load_depth(
+        depth, depth_scale, is_a=depth_is, unknown=unknown, intrinsics_px=intrinsics_px
+    )
     check_same_size(**{str(picture): colour, str(depth): depth_m})
-    height, width = depth_m.shape
-    fx_px, fy_px, cx_px, cy_px = intrinsics_px
-    cameras = [
-        # Our first pixel's centre is at (0.5, 0.5).
-        Camera(width, height, fx_px, fy_px, cx_px + 0.5, cy_px + 0.5, matrix)
-        for matrix in (pose, target_pose)
-    ]
-    flow_px, target_depth_m = flow_between(cameras[0], cameras[1], depth_m)
-    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
+    return _moved(colour, depth_m, intrinsics_px, pose, target_pose)
 
 
 def from_the_side(
-    picture: Path, depth: Path, parallax_share: float, *, depth_scale: float = 1.0
+    picture: Path,
+    depth: Path,
+    parallax_share: float,
+    *,
+    depth_scale: float = 1.0,
+    depth_is: DepthIs = "distance",
+    unknown: Unknown = None,
 ) -> WarpInput:
     """Read a picture with depth, and move its camera to the right by what a parallax asks for.
 
@@ -129,6 +134,8 @@ def from_the_side(
     parallax_share : float
         How far what is near (the depth that a twentieth of the picture is nearer than) moves to the
         left, in widths of the picture; negative: to the right.
+    depth_scale, depth_is, unknown
+        As `load_depth` has them.
 
     Raises
     ------
@@ -142,21 +149,34 @@ def from_the_side(
         raise InputError(
             f"the parallax must lie between -1 and 1 widths and not be 0 (got {parallax_share:g})"
         )
-    depth_m = load_depth(depth, depth_scale)
+    colour = load_colour(picture)
+    depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
+    check_same_size(**{str(picture): colour, str(depth): depth_m})
     near = depth_m[np.isfinite(depth_m)]
     if not near.size:
         raise InputError(f"{depth}: some depth must be finite (none is)")
-    height, width = depth_m.shape
     target = np.eye(4)
     target[0, 3] = parallax_share * float(np.percentile(near, 5))
-    return from_depth(
-        picture,
-        depth,
-        intrinsics_px=(width, width, (width - 1) / 2, (height - 1) / 2),
-        pose=np.eye(4),
-        target_pose=target,
-        depth_scale=depth_scale,
-    )
+    height, width = depth_m.shape
+    return _moved(colour, depth_m, centred(width, width, height), np.eye(4), target)
+
+
+def _moved(
+    colour: NDArray[np.float32],
+    depth_m: NDArray[np.float32],
+    intrinsics_px: tuple[float, float, float, float],
+    pose: NDArray[np.float64],
+    target_pose: NDArray[np.float64],
+) -> WarpInput:
+    height, width = depth_m.shape
+    fx_px, fy_px, cx_px, cy_px = intrinsics_px
+    cameras = [
+        # Our first pixel's centre is at (0.5, 0.5).
+        Camera(width, height, fx_px, fy_px, cx_px + 0.5, cy_px + 0.5, matrix)
+        for matrix in (pose, target_pose)
+    ]
+    flow_px, target_depth_m = flow_between(cameras[0], cameras[1], depth_m)
+    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
 
 
 def read_pose(text: str) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline import image_file
 from pipeline.errors import InputError
-from pipeline.image_file import check_upright, count_pictures, read_pixels, three_channels
+from pipeline.image_file import read_pixels, three_channels
 from pipeline.video_file import opened_video, stated_video_size_px
 from protocols.outside import reading
 
@@ -88,11 +88,6 @@ def read_picture(path: Path) -> Frame:
             f"{path}: must have 8 bits per channel (has {bits}); save it with 8 bits, so that what"
             " is shown is your choice"
         )
-    if count_pictures(path) > 1:
-        raise InputError(
-            f"{path}: must hold one picture (it holds several); save the one that is meant"
-        )
-    check_upright(path, pixels)
     return np.ascontiguousarray(three_channels(path, pixels))
 
 

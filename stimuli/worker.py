@@ -17,6 +17,7 @@ from pathlib import Path
 
 import moderngl
 
+from pipeline.errors import print_notes
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
@@ -104,6 +105,7 @@ def start_worker(threads_per_worker: int, parent: int) -> None:
         os._exit(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("LP_NUM_THREADS", str(threads_per_worker))
+    print_notes(lambda line: print(line, file=sys.stderr))
 
 
 def describe_renderer() -> RendererInfo:

@@ -254,6 +254,9 @@ class StereoScene(Grown, _PhotoScene):
     is 0 in integer files, not finite in float files."""
     units_per_px: Factor = 1.0
     """Value in the file for a disparity of one pixel."""
+    unknown: list[Number] | None = None
+    """Further numbers in the file that stand for unknown; `[]` if there are none. Default: what
+    looks like one is asked about."""
     focal_px: FocalPixels
     """Focal length."""
     baseline_m: Metres
@@ -263,10 +266,10 @@ class StereoScene(Grown, _PhotoScene):
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """Width of the mixed pixels along a silhouette. They become part of the hole."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("units_per_px",)
+    added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown")
 
 
-class RgbdScene(_PhotoScene):
+class RgbdScene(Grown, _PhotoScene):
     """A picture, a depth image of the same size, and the camera's focal length."""
 
     kind: Literal["rgbd"]
@@ -276,10 +279,17 @@ class RgbdScene(_PhotoScene):
     """The depth image."""
     depth_scale: Factor = 1.0
     """Metres per unit of the depth image."""
+    depth_is: Literal["distance", "inverse", "ray"] = "distance"
+    """`distance`: along the optical axis. `inverse`: 1 / distance. `ray`: along each pixel's
+    ray."""
+    unknown: list[Number] | None = None
+    """As for a stereo pair, of the depth image."""
     focal_px: FocalPixels
     """Focal length."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """As for a stereo pair. Use 0 for pictures rendered without anti-aliasing."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("depth_is", "unknown")
 
 
 class ExrScene(_PhotoScene):
@@ -299,8 +309,9 @@ class ExrScene(_PhotoScene):
     """Whose units and axes the motion uses. Default: recognised by the channel names."""
     motion_scale: Number = 1.0
     """Factor on the motion."""
-    depth_is: Literal["distance", "inverse"] = "distance"
-    """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender does."""
+    depth_is: Literal["distance", "inverse", "ray"] = "distance"
+    """`inverse`: the file holds 1 / distance, as Nuke's ScanlineRender does. `ray`: distance along
+    each pixel's ray."""
     depth_scale: Factor = 1.0
     """Metres per unit of depth. Unreal's centimetres are recognised."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"

@@ -17,12 +17,18 @@ from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.image_file import Pixels, check_fits, count_pictures, from_integers, read_pixels
-from stimuli.channels import need
-from stimuli.exr import Transfer, stored_transfer
+from pipeline.image_file import (
+    Pixels,
+    check_fits,
+    check_picture,
+    count_pictures,
+    from_integers,
+    read_pixels,
+)
+from stimuli.channels import depth_layer, need
+from stimuli.exr import Transfer, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
-_SRGB = ("srgb", "iec 61966", "iec61966")
 _GREY = ("Y", "L", "I")
 
 
@@ -93,6 +99,7 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
             f"{path}: stops and encoded are for files of floats, such as .exr and .hdr"
             " (this one holds encoded integers)"
         )
+    check_picture(path, pixels, ("Orientation", "pictures"), encoded=reading.encoded)
     notes: list[str] = []
     if integers and (count := count_pictures(path)) > 1:
         notes.append(f"holds {count} pictures: the first is taken")
@@ -115,9 +122,6 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
         over = shown if premultiplied else shown * alpha
         shown = np.clip(over + (1 - alpha) * np.float32(reading.background), 0, 1)
         notes.append(_transparent(reading))
-    profile = str(pixels.attributes.get("ICCProfile:profile_description", ""))
-    if profile and not any(name in profile.lower() for name in _SRGB):
-        notes.append(f"taken as sRGB, though its colour profile says {profile!r}")
     bits = 8 if pixels.data.dtype == np.uint8 else 16
     return AnyPicture(_upright(shown.astype(np.float32), pixels, notes), bits, tuple(notes))
 
@@ -138,6 +142,14 @@ def _colour_and_alpha(
         if not (np.isfinite(plane) & (plane >= 0) & (plane <= 1)).all():
             raise InputError(f"{path}: alpha must lie in 0..1")
         alpha = None if (plane == 1).all() else plane[..., None].astype(np.float32)
+    if is_layered(path, pixels):
+        planes = read_parts(path).planes
+        layer = depth_layer(path, planes)
+        light = [need(path, planes, key, layer=layer) for key in "rgb"]
+        extra = [n for n, p in planes.items() if n != "A" and not any(p is one for one in light)]
+        if extra:
+            notes.append(f"channels that are no colour are left out: {', '.join(extra)}")
+        return np.stack(light, axis=-1), alpha
     if {"R", "G", "B"} <= set(names):
         extra = [name for name in names if name not in ("R", "G", "B", "A")]
         if extra:
@@ -147,9 +159,6 @@ def _colour_and_alpha(
     if len(rest) == 1 and rest[0] in _GREY:
         notes.append("grey: shown as equal red, green and blue")
         return np.repeat(data[..., names.index(rest[0]), None], 3, axis=-1), alpha
-    if path.suffix.lower() == ".exr":
-        planes = read_parts(path).planes
-        return np.stack([need(path, planes, key) for key in "rgb"], axis=-1), None
     raise InputError(
         f"{path}: must have the channels R, G, B or one grey (has {', '.join(names)});"
         " save it as a PNG in colour"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from stimuli.scenes.stereo import StereoPair
+from stimuli.scenes.stereo import StereoPair, too_wide
 
 REFUSED_BELOW: Final = 0.5
 """Share of agreeing pixels. True pairs of Middlebury have 0.93 to 0.98, wrong ones at most 0.46."""
@@ -43,14 +43,19 @@ class PairVerdict:
         sees; None where too few have texture, or none is seen.
     cause : str, optional
         What is wrong, with its cure, where another reading of the same files agrees well.
+    wide : str, optional
+        A disparity leads farther than the picture is wide.
     """
 
     agreeing: float | None
     cause: str | None = None
+    wide: str | None = None
 
     @property
     def refused(self) -> bool:
         """Whether the files cannot be a pair as they are given."""
+        if self.wide is not None:
+            return True
         if self.agreeing is None:
             return False
         return self.agreeing < (EXPLAINED_BELOW if self.cause else REFUSED_BELOW)
@@ -58,10 +63,13 @@ class PairVerdict:
     @property
     def doubtful(self) -> bool:
         """Whether a person should look at it."""
-        return self.agreeing is None or self.agreeing < DOUBTED_BELOW or self.cause is not None
+        unsure = self.agreeing is None or self.agreeing < DOUBTED_BELOW
+        return unsure or self.cause is not None or self.wide is not None
 
     def __str__(self) -> str:
         """Say what must hold and what was found."""
+        if self.wide is not None:
+            return f"{self.wide}; {self.cause or 'is units_per_px (--units-per-px) right?'}"
         if self.agreeing is None:
             return "left and right could not be compared (too few pixels have texture)"
         cause = self.cause or (
@@ -93,12 +101,13 @@ def judge_pair(pair: StereoPair, *, units_per_px: float = 1.0) -> PairVerdict:
     if np.array_equal(pair.left, pair.right):
         return PairVerdict(0.0, "left and right are the same picture: name the other photograph")
     agreeing = _agreeing(pair, _rows(pair, _MOST))
-    if agreeing is None or agreeing >= DOUBTED_BELOW + 0.1:
+    wide = too_wide(pair.disparity_px)
+    if wide is None and (agreeing is None or agreeing >= DOUBTED_BELOW + 0.1):
         return PairVerdict(agreeing)
     readings = _readings(pair, _rows(pair, _MOST_AGAIN), units_per_px)
     better, cause = max(readings, key=lambda found: found[0])
-    fits = better >= max(DOUBTED_BELOW, agreeing + 0.05)
-    return PairVerdict(agreeing, cause if fits else None)
+    fits = better >= max(DOUBTED_BELOW, (agreeing or 0.0) + 0.05)
+    return PairVerdict(agreeing, cause if fits else None, wide)
 
 
 def _rows(pair: StereoPair, most: int) -> NDArray[np.intp]:

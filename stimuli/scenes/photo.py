@@ -19,9 +19,17 @@ from pipeline.camera import UPRIGHT, Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_same_size
 from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
-from stimuli.exr import load_colour, load_plane
+from stimuli.exr import load_colour
 from stimuli.paths import STILL, Pose
-from stimuli.scenes.stereo import BUILT_IN, StereoPair, built_in_pair, fill_unknown, load_pair
+from stimuli.plane_file import DepthIs, Unknown, along_axis, read_depth
+from stimuli.scenes.stereo import (
+    ASSUMED_FIELD_OF_VIEW,
+    BUILT_IN,
+    StereoPair,
+    built_in_pair,
+    fill_unknown,
+    load_pair,
+)
 
 
 @dataclass(frozen=True)
@@ -181,7 +189,7 @@ def read_pair(scene: StereoScene, folder: Path) -> StereoPair:
     return load_pair(
         folder / scene.left, folder / scene.disparity, folder / scene.right,
         units_per_px=scene.units_per_px, focal_px=scene.focal_px, baseline_m=scene.baseline_m,
-        offset_px=scene.offset_px,
+        offset_px=scene.offset_px, unknown=scene.unknown,
     )  # fmt: skip
 
 
@@ -191,9 +199,7 @@ def is_built_in(scene: StereoScene, folder: Path) -> bool:
 
 
 def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
-    """Open a picture and its depth; 0 in a depth image of integers is unknown.
-
-    Unknown depth becomes that of the farther neighbour in the row.
+    """Open a picture and its depth; see `load_depth`.
 
     Raises
     ------
@@ -203,34 +209,70 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
     if isinstance(scene.camera, StereoPath):
         raise InputError(f"{scene.name}: the stereo path needs a stereo pair (this is one picture)")
     colour = load_colour(folder / scene.rgb)
-    depth = load_depth(folder / scene.depth, scene.depth_scale)
+    height, width = colour.shape[:2]
+    depth = load_depth(
+        folder / scene.depth, scene.depth_scale, is_a=scene.depth_is, unknown=scene.unknown,
+        intrinsics_px=centred(scene.focal_px, width, height),
+    )  # fmt: skip
     check_same_size(**{scene.rgb: colour, scene.depth: depth})
     frame = SourceFrame(colour, depth)
     return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
 
 
-def load_depth(path: Path, scale: float) -> NDArray[np.float32]:
-    """Read depth, in metres once multiplied by `scale`.
+def load_depth(
+    path: Path,
+    scale: float,
+    *,
+    is_a: DepthIs = "distance",
+    unknown: Unknown = None,
+    intrinsics_px: tuple[float, float, float, float] | None = None,
+) -> NDArray[np.float32]:
+    """Read depth in metres along the optical axis, shape (H, W).
 
-    In a file of integers 0 is unknown: it becomes the depth of the farther neighbour in the row.
+    `stimuli.plane_file` says which numbers stand for "unknown": such a pixel takes the depth of the
+    farther neighbour in the row.
+
+    Parameters
+    ----------
+    path : Path
+        What `stimuli.plane_file.load_plane` reads.
+    scale : float
+        Metres per unit; for ``"inverse"``, what 1 stands for.
+    is_a : {"distance", "inverse", "ray"}
+        Distance along the axis, 1 / distance, or distance along the pixel's ray.
+    unknown : sequence of float, optional
+        Further stored numbers that stand for "unknown"; empty, if there are none.
+    intrinsics_px : (fx, fy, cx, cy), optional
+        Of the camera, for rays; by default the middle of a field of view of 53 degrees.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     InputError
-        If it is no image of one channel, or a depth is NaN or not positive.
+        If it holds other than one number a pixel, or a depth is not positive.
     """
     if not scale > 0:
         raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
-    stored, integers = load_plane(path)
-    depth = stored * np.float32(scale)
-    if integers:
-        with np.errstate(divide="ignore"):
-            inverse = np.where(depth > 0, 1 / depth, np.nan).astype(np.float32)
-        depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
+    stored = read_depth(path, scale, is_a=is_a, unknown=unknown)
+    if np.isnan(stored).any():
+        with np.errstate(divide="ignore", over="ignore"):
+            inverse = (1 / stored).astype(np.float32)
+            depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
+    else:
+        with np.errstate(over="ignore", under="ignore"):
+            depth = stored.astype(np.float32)
     check_depth(depth, f"{path}: depth")
+    if is_a == "ray":
+        height, width = depth.shape
+        focal_px = ASSUMED_FIELD_OF_VIEW * width
+        depth = along_axis(depth, intrinsics_px or centred(focal_px, width, height))
     return depth
+
+
+def centred(focal_px: float, width: int, height: int) -> tuple[float, float, float, float]:
+    """Intrinsics (fx, fy, cx, cy) of a camera that looks at the middle of its picture."""
+    return focal_px, focal_px, (width - 1) / 2, (height - 1) / 2
 
 
 def _resized(

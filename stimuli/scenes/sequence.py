@@ -13,11 +13,13 @@ from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
-from stimuli.channels import Motion, Planes, find_motion, need, need_motion
+from stimuli.channels import Layer, Motion, Planes, depth_layer, find_motion, need, need_motion
+from stimuli.exr import Transfer, check_depth_unit, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
+from stimuli.plane_file import along_axis
 from stimuli.scenes.follow import followed
-from stimuli.scenes.photo import PhotoScenery
+from stimuli.scenes.photo import PhotoScenery, centred
 
 ASSUMED_FOCAL = 1.0  # image widths, where the protocol does not say
 KEPT_PICTURES = 3  # of a sequence at a time
@@ -130,7 +132,9 @@ class SequenceScenery:
     def _motion(self, frame: int) -> Motion:
         file = self._files[frame]
         motion = self._picture(frame).motion
-        return motion or motion_of(file, read_parts(file).planes, self._scene)
+        if motion is not None:
+            return motion
+        return motion_of(file, read_parts(file).planes, self._scene)
 
 
 def too_small(file_px: tuple[int, int], clip_px: tuple[int, int]) -> str:
@@ -170,12 +174,21 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
         If it is damaged, lacks colour or depth, or a value breaks the rules of
         `pipeline.frame`.
     """
-    planes = read_parts(path).planes
+    file = read_parts(path, encoded=scene.transfer == "linear")
+    planes = file.planes
+    if stored_transfer(path, file.attributes) is Transfer.ENCODED and scene.transfer != "linear":
+        raise InputError(
+            f"{path}: must hold light (its header says that it is encoded); say transfer ="
+            ' "linear", which takes it as it is'
+        )
+    if scene.depth_scale == 1:
+        check_depth_unit(path, file.attributes)
     given: dict[str, str] = {str(key): value for key, value in scene.channels.items()}
+    layer = depth_layer(path, planes, given.get("depth"))
 
     def plane(key: str) -> NDArray[np.float32]:
         cure = f'; name it in the protocol: channels = {{ {key} = "..." }}'
-        return need(path, planes, key, given.get(key), cure=cure)
+        return need(path, planes, key, given.get(key), layer=layer, cure=cure)
 
     light = np.stack([plane(key) for key in "rgb"], axis=-1)
     if not np.isfinite(light).all():
@@ -187,14 +200,15 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
     depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth")
     motion = None
-    if find_motion(planes, _motion_names(scene), style=scene.motion) is not None:
-        motion = motion_of(path, planes, scene)
+    names = _motion_names(scene)
+    if find_motion(path, planes, names, style=scene.motion, layer=layer) is not None:
+        motion = motion_of(path, planes, scene, layer)
     return Picture(
         SourceFrame(_encoded(light.clip(0, 1).astype(np.float64), scene.transfer), depth), motion
     )
 
 
-def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
+def motion_of(path: Path, planes: Planes, scene: ExrScene, layer: Layer | None = None) -> Motion:
     """Return a file's motion, as the scene says it is to be read.
 
     Raises
@@ -203,7 +217,8 @@ def motion_of(path: Path, planes: Planes, scene: ExrScene) -> Motion:
         If there is none, or it is not finite.
     """
     cure = '; name both in the protocol: channels = { motion_x = "...", motion_y = "..." }'
-    motion = need_motion(path, planes, _motion_names(scene), style=scene.motion, cure=cure)
+    names = _motion_names(scene)
+    motion = need_motion(path, planes, names, style=scene.motion, layer=layer, cure=cure)
     flow_px = (motion.flow_px * np.float32(scene.motion_scale)).astype(np.float32)
     check_flow(flow_px, f"{path}: motion")
     return Motion(flow_px, motion.to_previous)
@@ -222,7 +237,12 @@ def _distance(stored: NDArray[np.float32], scene: ExrScene) -> NDArray[np.float3
     if scene.depth_is == "inverse":  # 0 is nothing there; what is no number stays none
         with np.errstate(divide="ignore"):
             return (np.float32(scene.depth_scale) / stored).astype(np.float32)
-    return (stored * np.float32(scene.depth_scale)).astype(np.float32)
+    depth_m = (stored * np.float32(scene.depth_scale)).astype(np.float32)
+    if scene.depth_is == "ray":
+        height, width = depth_m.shape
+        focal_px = scene.focal_px or ASSUMED_FOCAL * width
+        return along_axis(depth_m, centred(focal_px, width, height))
+    return depth_m
 
 
 def _encoded(light: NDArray[np.float64], transfer: str) -> NDArray[np.float32]:

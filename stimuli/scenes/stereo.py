@@ -7,22 +7,19 @@ b in metres, and the offset between the principal points in pixels.
 
 from __future__ import annotations
 
-import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_same_size
-from pipeline.limits import check_need, check_values
 from pipeline.warp.settings import WarpSettings
-from protocols.outside import check_zip, reading
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
-from stimuli.exr import WarpInput, load_colour, load_plane
+from stimuli.exr import WarpInput, load_colour
+from stimuli.plane_file import Unknown, read_disparity
 
 BUILT_IN: Final = ("motorcycle",)
 
@@ -147,6 +144,7 @@ def load_pair(
     baseline_m: float = ASSUMED_BASELINE_M,
     offset_px: float = 0.0,
     mirrored: bool = False,
+    unknown: Unknown = None,
 ) -> StereoPair:
     """Read a stereo pair with the disparity of its left view.
 
@@ -156,8 +154,8 @@ def load_pair(
         Colour images.
     disparity : Path
         An image of one channel (PNG, PGM, PFM, OpenEXR) or a numpy file (``.npy``, or
-        ``.npz`` with one array). Unknown pixels are 0 in files of integers and not finite
-        in files of floats; they are set as `fill_unknown` says.
+        ``.npz`` with one array). `stimuli.plane_file` says which numbers stand for "unknown";
+        these pixels are set as `fill_unknown` says.
     units_per_px : float
         What the file stores for a disparity of one pixel: 4 where it holds quarters of a
         pixel, 1 for pixels.
@@ -168,21 +166,27 @@ def load_pair(
         See the module's text.
     mirrored : bool
         `left` is the right photograph and `right` the left one; see `StereoPair`.
+    unknown : sequence of float, optional
+        Further stored numbers that stand for "unknown"; empty, if there are none.
 
     Raises
     ------
     FileNotFoundError
         If one of the files is missing.
     InputError
-        If a file is not what it must be, sizes differ, or no disparity is known.
+        If a file is not what it must be, sizes differ, no disparity is known, or, without a
+        right photograph to say why, one is wider than the picture.
     """
     if not 0 < units_per_px < np.inf:
         raise InputError(f"units_per_px must be greater than 0 and finite (got {units_per_px})")
     colour = load_colour(left)
-    stored, integer = _load_disparity(disparity)
-    check_same_size(**{str(left): colour, str(disparity): stored})
-    values = np.where(stored == 0, np.nan, stored) if integer else stored
-    filled, known = fill_unknown((values / units_per_px).astype(np.float32))
+    stored_px = read_disparity(
+        disparity, units_per_px=units_per_px, offset_px=offset_px, unknown=unknown
+    )
+    check_same_size(**{str(left): colour, str(disparity): stored_px})
+    filled, known = fill_unknown(stored_px)
+    if right is None and (wide := too_wide(filled)) is not None:
+        raise InputError(f"{disparity}: {wide}; is units_per_px (--units-per-px) right?")
     return StereoPair(
         left=colour,
         right=None if right is None else load_colour(right),
@@ -192,6 +196,20 @@ def load_pair(
         baseline_m=baseline_m,
         offset_px=offset_px,
         mirrored=mirrored,
+    )
+
+
+def too_wide(disparity_px: NDArray[np.float32]) -> str | None:
+    """Say that a disparity leads farther than the picture is wide; None where none does."""
+    width = disparity_px.shape[1]
+    wide = np.abs(disparity_px) >= width
+    if not wide.any():
+        return None
+    row, column = np.argwhere(wide)[0]
+    return (
+        f"a disparity must be less than the picture's width, {width} px (got"
+        f" {disparity_px[row, column]:g} px at row {row}, column {column}, and"
+        f" {int(wide.sum()) - 1} more such pixels)"
     )
 
 
@@ -239,54 +257,6 @@ def _carry(values: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np
     last = np.maximum.accumulate(column, axis=1)
     carried = np.take_along_axis(values, last.clip(min=0), axis=1)
     return np.where(last >= 0, carried, np.inf)
-
-
-def _load_disparity(path: Path) -> tuple[NDArray[np.float32], bool]:
-    if path.suffix.lower() not in (".npy", ".npz"):
-        return load_plane(path)
-    with reading(path, "a numpy file of one array", InputError):
-        array = _load_array(path)
-    if array.ndim != 2 or array.dtype.kind not in "fui":
-        raise InputError(
-            f"{path}: must hold numbers of shape (H, W) (has {array.dtype} of shape {array.shape})"
-        )
-    return array.astype(np.float32), array.dtype.kind in "ui"
-
-
-def _load_array(path: Path) -> NDArray[Any]:
-    """Return the one array of a numpy file, after a look at the size that it states."""
-    if not zipfile.is_zipfile(path):
-        with path.open("rb") as file:
-            _check_header(path, file)
-            file.seek(0)
-            return np.asarray(np.load(file, allow_pickle=False))
-    with path.open("rb") as file:
-        check_zip(path, file, InputError)
-        with zipfile.ZipFile(file) as packed:
-            for name in packed.namelist():
-                with packed.open(name) as member:
-                    _check_header(path, member)
-    with np.load(path, allow_pickle=False) as loaded:
-        return np.asarray(loaded[_only_key(path, loaded.files)])
-
-
-def _check_header(path: Path, file: IO[bytes]) -> None:
-    """Refuse an array by the size that it states."""
-    first = np.lib.format.read_magic(file) == (1, 0)
-    header = np.lib.format.read_array_header_1_0 if first else _later_header
-    shape = header(file)[0]
-    check_values(path, *shape)
-    check_need(path, "read", math.prod(shape), 1)
-
-
-def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:
-    return np.lib.format.read_array_header_2_0(file)
-
-
-def _only_key(path: Path, keys: list[str]) -> str:
-    if len(keys) != 1:
-        raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
-    return keys[0]
 
 
 def _from_bytes(image: NDArray[np.uint8]) -> NDArray[np.float32]:

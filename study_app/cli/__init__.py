@@ -12,10 +12,12 @@ from typing import Annotated
 
 import typer
 
+from pipeline.errors import notes_printed
 from protocols.errors import StudyError
 from protocols.outside import check_limits_variable
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
+from study_app.cli.terminal import say
 
 __all__ = ["SLOTS", "app", "main", "user_errors"]
 
@@ -68,6 +70,7 @@ def _print_version(asked: bool) -> None:
 
 @app.callback()
 def metamerlab(
+    context: typer.Context,
     _version: Annotated[
         bool,
         typer.Option(
@@ -79,6 +82,7 @@ def metamerlab(
     ] = False,
 ) -> None:
     """Perceptual studies of image warping, hole filling and foveated pictures."""
+    context.with_resource(notes_printed(lambda line: say(line, file=sys.stderr)))
     with user_errors():
         check_limits_variable(StudyError)
 

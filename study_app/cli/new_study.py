@@ -21,6 +21,7 @@ from protocols.own_stimuli import OwnScene, OwnStimuli
 from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
+from study_app.cli.options import unknown_numbers
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say
 
@@ -100,6 +101,14 @@ def new_study(
         list[float] | None,
         typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
     ] = None,
+    unknown: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="A number in the disparity files that stands for unknown, as it is stored; may be"
+            " repeated. none: no further number does.",
+        ),
+    ] = None,
     methods: Annotated[
         str | None,
         typer.Option(
@@ -137,7 +146,10 @@ def new_study(
             )
         screen = load_display(display)
         study_files(named, shown, screen, task)  # a mistake is told before anything is copied
-        pairs = _pairs(pair or [], units_per_px, focal_px, baseline_m, offset_px)
+        pairs = [
+            replace(made, unknown=unknown_numbers(unknown))
+            for made in _pairs(pair or [], units_per_px, focal_px, baseline_m, offset_px)
+        ]
         from stimuli.example_pictures import example_files
 
         with whole_folder(folder) as work:

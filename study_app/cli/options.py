@@ -49,3 +49,21 @@ def one_of(option: str, text: str, known: Collection[T]) -> T:
     raise StudyError(
         f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
     )
+
+
+def unknown_numbers(given: list[str] | None) -> tuple[float, ...] | None:
+    """Return the numbers of `--unknown`; none for ``none``, None where it is not given.
+
+    Raises
+    ------
+    StudyError
+        If it is neither a number nor ``none``, or both.
+    """
+    if given is None or given == ["none"]:
+        return None if given is None else ()
+    try:
+        return tuple(float(number) for number in given)
+    except ValueError:
+        raise StudyError(
+            f"--unknown must be a number as the file stores it, or none (got {', '.join(given)})"
+        ) from None

@@ -26,7 +26,7 @@ from study_app.cli.one_picture import (
     panel_option,
     print_methods,
 )
-from study_app.cli.options import one_of
+from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
@@ -107,14 +107,30 @@ def warp(
     depth: Annotated[
         Path | None,
         _picture_option(
-            help="Depth along the optical axis, an image of one channel; unknown is 0 in integers."
-            " Given alone, the camera moves sideways. Also useful with --flow."
+            help="Depth along the optical axis: .png, .tif, .pgm, .pfm, .exr, .npy or .npz; unknown"
+            " is 0 in integers, not a number in floats. Given alone, the camera moves sideways."
+            " Also useful with --flow."
         ),
     ] = None,
     depth_scale: Annotated[
         float,
         _picture_option(help="Metres per unit of --depth: 0.001 for millimetres."),
     ] = 1.0,
+    depth_is: Annotated[
+        str,
+        _picture_option(
+            help="What --depth holds: distance (along the optical axis), inverse (1 / distance) or"
+            " ray (distance along each pixel's ray)."
+        ),
+    ] = "distance",
+    unknown: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="A number in --depth or --disparity that stands for unknown, as it is stored; may"
+            " be repeated. none: no further number does.",
+        ),
+    ] = None,
     nearer: Annotated[
         str,
         _picture_option(
@@ -243,11 +259,15 @@ def warp(
     from pipeline.warp.settings import WarpSettings
     from stimuli.one_picture import NEARER
     from stimuli.pictures import check_steps_folder
+    from stimuli.plane_file import DEPTH_IS
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
         asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
         first = one_of("--nearer", nearer, NEARER)
+        held = one_of("--depth-is", depth_is, DEPTH_IS)
+        missing = unknown_numbers(unknown)
+        of_pair, of_picture = (None, missing) if depth is not None else (missing, None)
         choices = _choices(methods, settings, compare is not None)
         check_outputs(
             {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
@@ -260,9 +280,28 @@ def warp(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),
             PairOptions(
-                disparity, right, units_per_px, focal_px, baseline_m, offset_px, amount, to_left
+                disparity,
+                right,
+                units_per_px,
+                focal_px,
+                baseline_m,
+                offset_px,
+                amount,
+                to_left,
+                of_pair,
             ),
-            PictureOptions(flow, depth, depth_scale, first, camera, pose, target_pose, parallax),
+            PictureOptions(
+                flow,
+                depth,
+                depth_scale,
+                held,
+                of_picture,
+                first,
+                camera,
+                pose,
+                target_pose,
+                parallax,
+            ),
             truth,
         )
         settled = asked or loaded.settings

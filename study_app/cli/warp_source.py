@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
 from stimuli.one_picture import Nearer, from_depth, from_flow, from_the_side, read_pose
+from stimuli.plane_file import DepthIs
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from study_app.cli.terminal import say
@@ -41,11 +43,19 @@ class PictureOptions:
     flow: Path | None = None
     depth: Path | None = None
     depth_scale: float = 1.0
+    depth_is: DepthIs = "distance"
+    unknown: tuple[float, ...] | None = None
     nearer: Nearer = "fast"
     camera: str | None = None  # fx,fy,cx,cy
     pose: str | None = None
     target_pose: str | None = None
     parallax: float | None = None  # of what is near, in widths; without camera and poses
+
+
+class _DepthFile(TypedDict):
+    depth_scale: float
+    depth_is: DepthIs
+    unknown: tuple[float, ...] | None
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,7 @@ class PairOptions:
     offset_px: float = 0.0
     amount: float = 1.0
     to_left: bool = False
+    unknown: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,12 @@ def load(
     loaded = _load(source, file, pair, picture)
     if truth is None:
         return loaded
-    shown = load_colour(truth, transfer=Transfer.ENCODED if file.encoded else None, clip=file.clip)
+    shown = load_colour(
+        truth,
+        transfer=Transfer.ENCODED if file.encoded else None,
+        clip=file.clip,
+        channels=_channels(file.channels),
+    )
     check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
     return replace(loaded, truth=shown)
 
@@ -130,26 +146,25 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
 
 def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
     moved = (options.camera, options.pose, options.target_pose)
+    told: _DepthFile = {
+        "depth_scale": options.depth_scale,
+        "depth_is": options.depth_is,
+        "unknown": options.unknown,
+    }
     if options.flow is not None:
         if any(part is not None for part in (*moved, options.parallax)):
             raise StudyError(
                 "--flow says where pixels go: --camera, --pose, --target-pose and --parallax do not"
                 " go with it"
             )
-        return from_flow(
-            path,
-            options.flow,
-            options.depth,
-            depth_scale=options.depth_scale,
-            nearer=options.nearer,
-        )
+        return from_flow(path, options.flow, options.depth, nearer=options.nearer, **told)
     if options.depth is not None and moved == (None, None, None):
         share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
         say(
             f"the camera moves sideways until what is near moves by {100 * abs(share):g} % of the"
             " width (--parallax; or give --camera and poses)"
         )
-        return from_the_side(path, options.depth, share, depth_scale=options.depth_scale)
+        return from_the_side(path, options.depth, share, **told)
     if options.depth is None or options.camera is None or options.target_pose is None:
         raise StudyError(
             "a picture needs --flow FILE or --depth FILE. With --depth alone the camera moves"
@@ -165,7 +180,7 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
         intrinsics_px=_intrinsics(options.camera),
         pose=pose,
         target_pose=read_pose(options.target_pose),
-        depth_scale=options.depth_scale,
+        **told,
     )
 
 
@@ -203,10 +218,13 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             baseline_m=options.baseline_m,
             offset_px=options.offset_px,
             mirrored=options.to_left,
+            unknown=options.unknown,
         )
         if options.right is not None:
             _check_pair(pair, options)
         return pair
+    if options.unknown is not None:
+        raise StudyError("--unknown is about the numbers of --disparity or --depth: give one")
     if path.exists():
         raise StudyError(
             f"{path}: must be an .exr file with colour, depth and flow, or come with"
@@ -218,6 +236,8 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
 def _check_pair(pair: StereoPair, options: PairOptions) -> None:
     verdict = judge_pair(pair, units_per_px=options.units_per_px)
     said = str(verdict).replace("units_per_px = ", "--units-per-px ")
+    if verdict.wide is not None:
+        raise StudyError(f"{options.disparity}: {said}")
     if verdict.refused:
         raise StudyError(
             f"{options.right}: {said}; without --right the picture is warped unmeasured"

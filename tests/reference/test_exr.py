@@ -12,11 +12,11 @@ from stimuli.exr import (
     Transfer,
     WarpInput,
     load_colour,
-    load_plane,
     load_warp_input,
     save_colour,
     save_warp_input,
 )
+from stimuli.plane_file import load_plane
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
 # 0.5; the result is rounded once more.

@@ -103,7 +103,7 @@ def test_integer_files_are_scaled_and_zero_is_unknown(files):
 
 @pytest.mark.parametrize("name", ["d.npy", "d.npz", "d.pfm", "d.exr"])
 def test_float_files_of_every_kind_are_read_as_pixels(files, name):
-    values = np.arange(1, 25, dtype=np.float32).reshape(4, 6)
+    values = np.arange(1, 25, dtype=np.float32).reshape(4, 6) / 8
     if name.endswith("npy"):
         np.save(files / name, values)
     elif name.endswith("npz"):

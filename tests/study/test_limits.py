@@ -50,10 +50,10 @@ from stimuli.exr import load_colour, save_colour
 from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
+from stimuli.plane_file import load_plane
 from stimuli.png import decode
 from stimuli.read_file import read_frames, stated_size_px
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.stereo import _load_disparity
 from stimuli.score.viewing import read_gaze
 from stimuli.video import unpacked_video
 from study_app.cli import app
@@ -173,17 +173,17 @@ def test_numpy_files_are_looked_at_before_they_are_unpacked(tmp_path, monkeypatc
     (tmp_path / "cut.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:-30])
     (tmp_path / "bad.npy").write_bytes(b"\x93NUMPY\x01\x00v\x00{'descr': " + b" " * 200)
 
-    assert _load_disparity(tmp_path / "a.npy")[0].shape == (4, 5)
-    assert _load_disparity(tmp_path / "a.npz")[0].shape == (1000, 1000)
+    assert load_plane(tmp_path / "a.npy")[0].shape == (4, 5)
+    assert load_plane(tmp_path / "a.npz")[0].shape == (1000, 1000)
     for name in ("objects.npy", "cut.npz", "bad.npy"):
         with pytest.raises(InputError, match="must be a numpy file of one array"):
-            _load_disparity(tmp_path / name)
+            load_plane(tmp_path / name)
     monkeypatch.setenv(LIMITS_VARIABLE, "values=1000")
     with pytest.raises(InputError, match="at most 1,000 numbers"):
-        _load_disparity(tmp_path / "a.npz")
+        load_plane(tmp_path / "a.npz")
     monkeypatch.setenv(LIMITS_VARIABLE, "values=19")
     with pytest.raises(InputError, match="4 x 5"):
-        _load_disparity(tmp_path / "a.npy")
+        load_plane(tmp_path / "a.npy")
 
 
 def test_gzip_files_unpack_to_a_limit(tmp_path, monkeypatch):
@@ -322,7 +322,7 @@ def test_an_exr_header_that_says_what_no_colour_is_is_one_message(tmp_path):
 def test_arrays_without_numbers_are_refused(tmp_path, shape):
     np.save(tmp_path / "a.npy", np.zeros(shape, np.float32))
     with pytest.raises(InputError, match=r"must hold at least one number \(is \d x \d\)"):
-        _load_disparity(tmp_path / "a.npy")
+        load_plane(tmp_path / "a.npy")
 
 
 @pytest.mark.parametrize("place", ["1e300", "-1e7", "inf"])

@@ -49,16 +49,16 @@ from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
 from protocols.upgrade import upgraded_text
 from stimuli.denoised.unet import to_onnx
-from stimuli.exr import load_colour, load_plane, load_warp_input
+from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
 from stimuli.flow_file import read_flo, write_flo
 from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
+from stimuli.plane_file import load_plane
 from stimuli.png import decode
 from stimuli.read_file import read_frames, read_picture
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth
-from stimuli.scenes.stereo import _load_disparity
 from stimuli.score.viewing import open_viewing, read_gaze
 from study_app.archive.read import check, opened, restore
 from study_app.archive.write import Wanted, write_archive
@@ -165,8 +165,8 @@ READERS: tuple[Reader, ...] = (
     Reader("exr-parts", "w.exr", mutations.RAW, read_parts, _anything),
     Reader("exr-warp-input", "w.exr", mutations.RAW, load_warp_input, _lost),
     Reader("pfm", "d.pfm", mutations.PLAIN, load_plane, _anything),
-    Reader("numpy-npy", "d.npy", mutations.RAW, _load_disparity, _anything),
-    Reader("numpy-npz", "d.npz", mutations.ZIPPED, _load_disparity, _anything),
+    Reader("numpy-npy", "d.npy", mutations.RAW, load_plane, _anything),
+    Reader("numpy-npz", "d.npz", mutations.ZIPPED, load_plane, _anything),
     Reader("flow-flo", "f.flo", mutations.RAW, read_flo),
     Reader("compressed", "c.metamer", mutations.RAW, lambda p: decompress(read_compressed(p))),
     Reader("baked-texture", "t.moments", mutations.RAW, read_baked),

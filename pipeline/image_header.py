@@ -1,0 +1,222 @@
+"""What an image file's header says, statement by statement, also where OpenImageIO drops it."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+_MOST_BYTES = 1 << 22  # of one statement; a longer one is known by name alone
+_MOST = 100_000  # statements of a file
+_TIFF_TYPES = {1: "B", 2: "c", 3: "H", 4: "I", 5: "II", 6: "b", 7: "c", 8: "h", 9: "i", 10: "ii",
+               11: "f", 12: "d", 13: "I", 16: "Q", 17: "q", 18: "Q"}  # fmt: skip
+_BARE_SEGMENTS = {0x01, *range(0xD0, 0xD8)}  # of JPEG: no length follows
+_SCAN = 0xDA
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+
+Statements = Mapping[str, Any]
+
+
+def read_statements(path: Path, kind: str) -> list[Statements]:
+    """Return the statements of each part of a file's header; most kinds have one part.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        OpenImageIO's name of the format. Of formats that are not among `WALKERS`, there is no part.
+
+    Notes
+    -----
+    Damaged headers end early: whether a file is whole is for the reader of its pixels to say.
+    """
+    walker = WALKERS.get(kind)
+    if walker is None:
+        return []
+    parts: list[dict[str, Any]] = []
+    with path.open("rb") as file:
+        try:
+            for number, (part, name, value) in enumerate(walker(file)):
+                while len(parts) <= part:
+                    parts.append({})
+                parts[part].setdefault(name, value)
+                if number > _MOST:
+                    break
+        except (struct.error, ValueError, IndexError, OverflowError):
+            pass
+    return list(parts)
+
+
+def _png(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Chunks by name."""
+    if file.read(8) != _PNG_START:
+        return
+    while len(head := file.read(8)) == 8:
+        length, name = struct.unpack(">I4s", head)
+        yield 0, name.decode("latin-1"), _taken(file, length)
+        file.seek(4, 1)
+        if name == b"IEND":
+            return
+
+
+def _jpeg(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Segments: of applications by number and by what they begin with."""
+    file.seek(2)
+    while len(head := file.read(2)) == 2 and head[0] == 0xFF:
+        code = head[1]
+        if code == _SCAN:
+            return
+        if code in _BARE_SEGMENTS or code == 0xFF:
+            file.seek(-1 if code == 0xFF else 0, 1)
+            continue
+        (length,) = struct.unpack(">H", file.read(2))
+        data = _taken(file, length - 2)
+        if 0xE0 <= code <= 0xEF:
+            word = re.match(rb"[\x20-\x7e]*", data)
+            yield 0, f"APP{code - 0xE0} {(word[0] if word else b'')[:32].decode()}".strip(), data
+        elif code == 0xFE:
+            yield 0, "COM", data
+
+
+def _tiff(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Tags of the first page by number."""
+    head = file.read(16)
+    order = "<" if head[:2] == b"II" else ">"
+    big = struct.unpack(order + "H", head[2:4])[0] == 43
+    word, counted, size = ("Q", "Q", 8) if big else ("I", "H", 4)
+    file.seek(struct.unpack_from(order + word, head, 8 if big else 4)[0])
+    (count,) = struct.unpack(order + counted, file.read(8 if big else 2))
+    entries = file.read((12 + 2 * (size - 4)) * min(count, 65535))
+    step = 12 + 2 * (size - 4)
+    for start in range(0, len(entries), step):
+        tag, kind, number = struct.unpack_from(order + "HH" + word, entries, start)
+        form = _TIFF_TYPES.get(kind, "B")
+        length = struct.calcsize(order + form) * number
+        data = entries[start + 4 + size : start + step]
+        if length > size:
+            file.seek(struct.unpack(order + word, data)[0])
+            data = _taken(file, length)
+        yield 0, str(tag), _tiff_value(order, kind, form, number, data[:length])
+
+
+def _tiff_value(order: str, kind: int, form: str, number: int, data: bytes) -> Any:
+    if kind in (2, 7):
+        return data
+    values = struct.unpack_from(f"{order}{number * len(form)}{form[0]}", data)
+    if len(form) == 2:  # of a numerator and a denominator
+        return tuple(
+            top / bottom if bottom else 0.0
+            for top, bottom in zip(values[::2], values[1::2], strict=True)
+        )
+    return values
+
+
+def _openexr(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Attributes of each part by name."""
+    (flags,) = struct.unpack("<4xI", file.read(8))
+    part = 0
+    while True:
+        name = _word(file)
+        if not name:
+            part += 1
+            if not flags & 0x1000 or not _peek(file):
+                return
+            continue
+        kind = _word(file)
+        (length,) = struct.unpack("<i", file.read(4))
+        if length < 0:
+            return
+        yield part, name, _exr_value(kind, _taken(file, length))
+
+
+def _exr_value(kind: str, data: bytes) -> Any:
+    match kind:
+        case "string":
+            return data.decode("utf-8", "replace")
+        case "float" | "chromaticities" | "v2f" | "v3f":
+            return struct.unpack(f"<{len(data) // 4}f", data)
+        case "int" | "box2i":
+            return struct.unpack(f"<{len(data) // 4}i", data)
+        case "compression" | "envmap" | "lineOrder" | "deepImageState":
+            return data[0]
+    return data
+
+
+def _hdr(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Lines NAME=VALUE, and the line of the size."""
+    for _ in range(_MOST):
+        line = file.readline(4096).decode("latin-1").strip()
+        name, equals, value = line.partition("=")
+        if not line:
+            break
+        if equals and not line.startswith("#"):
+            yield 0, name.strip(), value.strip()
+    yield 0, "size", " ".join(re.findall(r"[-+][XY]", file.readline(4096).decode("latin-1")))
+
+
+def _webp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Chunks by name."""
+    file.seek(12)
+    while len(head := file.read(8)) == 8:
+        name, length = struct.unpack("<4sI", head)
+        yield 0, name.decode("latin-1").strip(), _taken(file, length)
+        file.seek(length % 2, 1)
+
+
+def _bmp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """The colour space of a header of version 4 or 5."""
+    head = file.read(74)
+    (size,) = struct.unpack_from("<I", head, 14)
+    if size >= 108:
+        yield 0, "bV4CSType", struct.unpack_from("<I", head, 70)[0].to_bytes(4, "big")
+    across, down = struct.unpack_from("<ii", head, 38)
+    yield 0, "pixels per metre", (across, down)
+
+
+def _gif(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    yield 0, "pixel aspect", file.read(13)[12]
+
+
+def _pnm(_file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+    """Nothing beside the pixels."""
+    yield from ()
+
+
+def _taken(file: BinaryIO, length: int) -> bytes:
+    """The bytes of a statement, or none of a long one."""
+    if length > _MOST_BYTES:
+        file.seek(length, 1)
+        return b""
+    return file.read(length)
+
+
+def _peek(file: BinaryIO) -> bool:
+    """Whether another part follows in a header of several."""
+    there = file.read(1)
+    file.seek(-len(there), 1)
+    return there not in (b"", b"\0")
+
+
+def _word(file: BinaryIO) -> str:
+    """Text up to a zero."""
+    found = b""
+    while (letter := file.read(1)) not in (b"", b"\0"):
+        found += letter
+        if len(found) > 255:
+            raise ValueError("a name that never ends")
+    return found.decode("utf-8", "replace")
+
+
+WALKERS: Final[Mapping[str, Callable[[BinaryIO], Iterator[tuple[int, str, Any]]]]] = {
+    "png": _png,
+    "jpeg": _jpeg,
+    "tiff": _tiff,
+    "openexr": _openexr,
+    "hdr": _hdr,
+    "webp": _webp,
+    "bmp": _bmp,
+    "gif": _gif,
+    "pnm": _pnm,
+}

@@ -1,0 +1,94 @@
+"""Netpbm's and PFM's numbers as they are stored: no maximum, and no scale, is applied to them.
+
+A PGM or PPM file states the largest number that it may hold, a PFM file a scale whose sign is the
+order of the bytes. Its amount is ignored, as Middlebury's own reader does: writers put anything
+there (pfmLib of its author, 1/255).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.limits import check_values
+
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_HEADER = re.compile(
+    rb"(P[2356fF])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"([-+.\deE]+)"
+)
+_HEADER_BYTES = 4096
+_CHANNELS = {"P3": 3, "P6": 3, "PF": 3}
+
+
+@dataclass(frozen=True)
+class Netpbm:
+    """Numbers of a file.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, uint16 or float32, shape (H, W, C)
+        As stored, the upper row first.
+    is_float : bool
+        It is a PFM file.
+    """
+
+    data: NDArray[Any]
+    is_float: bool
+
+
+def read_netpbm(path: Path) -> Netpbm | None:
+    """Return the numbers of a PGM, PPM or PFM file; None where it is none, or a bitmap.
+
+    Raises
+    ------
+    InputError
+        If it is cut short, or its numbers exceed the maximum that it states.
+    """
+    with path.open("rb") as file:
+        match = _HEADER.match(file.read(_HEADER_BYTES))
+        if match is None:
+            return None
+        kind, width, height = match[1].decode(), int(match[2]), int(match[3])
+        shape = height, width, _CHANNELS.get(kind, 1)
+        check_values(path, *shape)
+        file.seek(match.end() + (kind not in ("P2", "P3")))
+        body = file.read()
+    is_float = kind in ("Pf", "PF")
+    if not is_float and not match[4].isdigit():
+        return None
+    try:
+        largest = float(match[4])
+    except ValueError:
+        return None
+    dtype = _stored_type(is_float, largest)
+    if kind in ("P2", "P3"):
+        words = re.sub(rb"#[^\n]*", b"", body).split()
+        found = np.array([int(word) for word in words[: np.prod(shape)] if word.isdigit()], dtype)
+    else:
+        found = np.frombuffer(body[: dtype.itemsize * (len(body) // dtype.itemsize)], dtype)
+    if found.size < np.prod(shape):
+        raise InputError(
+            f"{path}: must be a whole image (it says {width} x {height} px, and ends before); the"
+            " file is damaged or was cut short: copy or make it again"
+        )
+    data = found[: np.prod(shape)].reshape(shape).astype(dtype.newbyteorder("="))
+    if is_float:
+        return Netpbm(np.ascontiguousarray(data[::-1]), True)
+    if data.max() > largest:
+        raise InputError(
+            f"{path}: must hold numbers up to {largest:g}, as its header says (holds {data.max()});"
+            " make it again"
+        )
+    return Netpbm(data, False)
+
+
+def _stored_type(is_float: bool, scale_or_largest: float) -> np.dtype[Any]:
+    if is_float:
+        return np.dtype("<f4" if scale_or_largest < 0 else ">f4")
+    return np.dtype(">u2" if scale_or_largest > 255 else "u1")

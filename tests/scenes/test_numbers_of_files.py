@@ -1,0 +1,421 @@
+"""Numbers of depth and disparity come as they are stored, and what stands for unknown is known."""
+
+from __future__ import annotations
+
+import re
+import struct
+import warnings
+import zlib
+
+import cv2
+import numpy as np
+import odd_pictures as odd
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from PIL import Image
+
+from pipeline.errors import FileNote, InputError
+from pipeline.image_file import read_pixels
+from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
+from stimuli.exr import load_colour
+from stimuli.exr_parts import read_parts
+from stimuli.plane_file import along_axis, load_plane
+from stimuli.scenes.pair_check import judge_pair
+from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
+from stimuli.scenes.sequence import load_picture
+from stimuli.scenes.stereo import load_pair
+
+HEIGHT, WIDTH = 40, 64
+CIRCLE = CirclePath(kind="circle")
+
+
+@pytest.fixture
+def truth_px():
+    """A square in front of a slope, all whole sixteenths of a pixel."""
+    disparity = np.tile(np.linspace(2, 5, WIDTH), (HEIGHT, 1))
+    disparity[10:30, 20:40] = 12
+    return np.rint(16 * disparity) / 16
+
+
+@pytest.fixture
+def left(tmp_path, rng):
+    Image.fromarray(rng.integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)).save(tmp_path / "left.png")
+    return tmp_path / "left.png"
+
+
+def tell(read, *arguments, **options):
+    """What is read, and the notes."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = read(*arguments, **options)
+    assert all(issubclass(one.category, FileNote) for one in caught), [str(c) for c in caught]
+    return found, [str(one.message) for one in caught]
+
+
+def pfm(path, plane, scale, order):
+    head = f"{'PF' if plane.ndim == 3 else 'Pf'}\n{plane.shape[1]} {plane.shape[0]}\n{scale}\n"
+    path.write_bytes(head.encode() + plane[::-1].astype(f"{order}f4").tobytes())
+
+
+# ---- read as stored
+
+
+@pytest.mark.parametrize("dtype", ["int8", "int16", "int32", "uint32", "float32", "float64"])
+def test_every_type_of_tiff_is_read_as_it_is_stored(tmp_path, dtype):
+    stored = np.arange(1, 13).reshape(3, 4).astype(dtype)
+    cv2.imwrite(str(tmp_path / "a.tiff"), stored)
+
+    plane, integer = load_plane(tmp_path / "a.tiff")
+
+    assert plane.dtype == stored.dtype
+    assert integer == (stored.dtype.kind in "iu")
+    np.testing.assert_array_equal(plane, stored)
+
+
+@pytest.mark.parametrize(
+    ("scale", "order"), [("-1.0", "<"), ("-0.003922", "<"), ("1", ">"), ("255.0", ">")]
+)
+def test_a_pfms_scale_is_its_byte_order_and_no_factor(tmp_path, scale, order):
+    stored = np.arange(12, dtype=np.float32).reshape(3, 4) / 3
+    pfm(tmp_path / "a.pfm", stored, scale, order)
+    pfm(tmp_path / "c.pfm", np.dstack([stored, stored / 2, stored / 4]), scale, order)
+
+    np.testing.assert_array_equal(load_plane(tmp_path / "a.pfm")[0], stored)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "c.pfm").data[..., 1], stored / 2)
+
+
+@pytest.mark.parametrize("largest", [9, 100, 200, 1000, 40_000, 65_535])
+@pytest.mark.parametrize("kind", ["P2", "P5"])
+def test_a_pgms_largest_number_is_no_factor_of_depth_and_white_of_a_picture(
+    tmp_path, largest, kind
+):
+    stored = np.array([[0, 1, largest // 2, largest]])
+    head = f"{kind}\n# by hand\n4 1\n{largest}\n".encode()
+    body = stored.astype("u1" if largest < 256 else ">u2").tobytes()
+    text = " ".join(map(str, stored[0])).encode()
+    (tmp_path / "a.pgm").write_bytes(head + (text if kind == "P2" else body))
+
+    np.testing.assert_array_equal(load_plane(tmp_path / "a.pgm")[0], stored)
+    assert load_colour(tmp_path / "a.pgm")[0, 3, 0] == 1
+
+
+def test_numbers_of_few_bits_stay_what_they_are(tmp_path):
+    stored = np.arange(16, dtype=np.uint8).reshape(4, 4)
+    rows = b"".join(b"\0" + bytes([row[0] << 4 | row[1], row[2] << 4 | row[3]]) for row in stored)
+    (tmp_path / "a.png").write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + odd.chunk(b"IHDR", struct.pack(">IIBBBBB", 4, 4, 4, 0, 0, 0, 0))
+        + odd.chunk(b"IDAT", zlib.compress(rows))
+        + odd.chunk(b"IEND", b"")
+    )
+    spec = oiio.ImageSpec(4, 4, 1, "uint16")
+    spec.attribute("oiio:BitsPerSample", 12)
+    out = oiio.ImageOutput.create(str(tmp_path / "a.tif"))
+    assert out.open(str(tmp_path / "a.tif"), spec)
+    out.write_image((stored.astype(np.uint16) * 273)[..., None])
+    out.close()
+
+    np.testing.assert_array_equal(load_plane(tmp_path / "a.png")[0], stored)
+    assert load_colour(tmp_path / "a.png")[3, 3, 0] == 1
+    twelve = load_plane(tmp_path / "a.tif")[0]
+    assert int(twelve[3, 3]) in (15 * 273 >> 4, (15 * 273 >> 4) + 1)
+
+
+def test_whole_numbers_of_openexr_are_no_shares(tmp_path):
+    stored = np.arange(1, 13, dtype=np.uint32).reshape(3, 4)
+    odd.write_exr(tmp_path / "a.exr", {"Z": stored}, kind="uint")
+
+    np.testing.assert_array_equal(load_plane(tmp_path / "a.exr")[0], stored)
+    np.testing.assert_array_equal(read_parts(tmp_path / "a.exr").planes["Z"], stored)
+
+
+@pytest.mark.parametrize("dtype", ["int16", "int32", "uint32"])
+def test_integers_that_have_no_white_are_no_picture(tmp_path, dtype):
+    cv2.imwrite(str(tmp_path / "a.tiff"), np.ones((3, 4), dtype))
+
+    with pytest.raises(InputError, match="a picture must hold 8 or 16 bits"):
+        load_colour(tmp_path / "a.tiff")
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.pfm", "a.tiff", "a.png"])
+def test_depth_takes_what_disparity_takes(tmp_path, left, truth_px, name):
+    stored = np.rint(100 * truth_px).astype(np.uint16)
+    if name == "a.npy":
+        np.save(tmp_path / name, stored)
+    elif name == "a.npz":
+        np.savez(tmp_path / name, depth=stored)
+    elif name == "a.pfm":
+        pfm(tmp_path / name, stored.astype(np.float32), "-1", "<")
+    else:
+        cv2.imwrite(str(tmp_path / name), stored)
+
+    depth = load_depth(tmp_path / name, 0.01)
+    pair = load_pair(left, tmp_path / name, units_per_px=100)
+
+    np.testing.assert_allclose(depth, stored / 100, rtol=1e-6)
+    np.testing.assert_allclose(pair.disparity_px, stored / 100, rtol=1e-6)
+
+
+# ---- unknown
+
+
+@pytest.mark.parametrize(
+    ("stored_as", "units", "stands"),
+    [("int16", 16, -16), ("int32", 1, -1), ("float32", 1, -1.0), ("float32", 1, np.inf),
+     ("float64", 16, -16.0), ("uint16", 16, 0), ("float32", 1, np.nan), ("float32", 1, 1e30)],
+)  # fmt: skip
+def test_what_can_only_stand_for_unknown_is_taken_for_it(
+    tmp_path, left, truth_px, stored_as, units, stands
+):
+    """The same unknown pixels told as NaN are the control."""
+    control = truth_px.copy()
+    stored = units * truth_px if units > 1 else np.rint(truth_px)
+    control = stored / units
+    control[:, :8] = np.nan
+    stored = stored.astype(stored_as)
+    stored[:, :8] = stands
+    np.save(tmp_path / "control.npy", control)
+    np.save(tmp_path / "a.npy", stored)
+    wanted = load_pair(left, tmp_path / "control.npy")
+
+    found, notes = tell(load_pair, left, tmp_path / "a.npy", units_per_px=units)
+
+    np.testing.assert_array_equal(found.known, wanted.known)
+    np.testing.assert_array_equal(found.disparity_px, wanted.disparity_px)
+    assert len(notes) == (stands in (-1, -16))
+    assert all(f"{stands:g}, at {8 * HEIGHT} pixels, is taken for unknown" in n for n in notes)
+
+
+@pytest.mark.parametrize(
+    ("stored_as", "units", "offset", "stands"),
+    [("uint16", 256, 0, 65535), ("uint16", 64, 0, 65520), ("uint16", 16, 0, 65520),
+     ("int16", 512, 0, 32767), ("uint8", 4, 0, 255), ("uint8", 4, 0, 240), ("int16", 16, 30, -16),
+     ("int16", 16, 0, -32), ("float32", 1, 0, -5.0), ("float32", 1200, 0, 65504.0)],
+)  # fmt: skip
+def test_what_may_stand_for_unknown_is_asked_about_and_each_answer_is_taken(
+    tmp_path, left, truth_px, stored_as, units, offset, stands
+):
+    stored = np.rint(units * truth_px).astype(stored_as)
+    control = (stored / units).astype(np.float32)
+    control[:, :8] = np.nan
+    stored[:, :8] = stands
+    np.save(tmp_path / "control.npy", control)
+    np.save(tmp_path / "a.npy", stored)
+    wanted = load_pair(left, tmp_path / "control.npy", offset_px=offset)
+    how = {"units_per_px": units, "offset_px": offset}
+
+    with pytest.raises(InputError, match=rf"--unknown {re.escape(f'{stands:g}')}"):
+        load_pair(left, tmp_path / "a.npy", **how)
+    found = load_pair(left, tmp_path / "a.npy", **how, unknown=(stands,))
+
+    np.testing.assert_array_equal(found.known, wanted.known)
+    np.testing.assert_array_equal(found.disparity_px, wanted.disparity_px)
+    if 0 < stands / units < WIDTH:  # it may be a number like others
+        assert load_pair(left, tmp_path / "a.npy", **how, unknown=()).known.all()
+
+
+def test_numbers_that_are_not_apart_are_numbers(tmp_path, left):
+    """A map that reaches its largest number without a gap."""
+    smooth = np.tile(np.linspace(1000, 65535, WIDTH).astype(np.uint16), (HEIGHT, 1))
+    cv2.imwrite(str(tmp_path / "a.png"), smooth)
+
+    assert load_pair(left, tmp_path / "a.png", units_per_px=1100).known.all()
+
+
+@pytest.mark.parametrize(
+    ("stored_as", "stands", "noted"),
+    [("float32", 0, True), ("float32", -1, True), ("float64", -9999, True), ("int16", 0, False),
+     ("int32", -1, True), ("float32", np.nan, False), ("float32", -np.inf, True)],
+)  # fmt: skip
+def test_unknown_depth_takes_the_farther_side_whatever_stands_for_it(
+    tmp_path, stored_as, stands, noted
+):
+    stored = np.full((6, 8), 2).astype(stored_as)
+    stored[:, 4:] = 5
+    stored[:, 3:5] = stands
+    np.save(tmp_path / "d.npy", stored)
+
+    depth, notes = tell(load_depth, tmp_path / "d.npy", 1.0)
+
+    np.testing.assert_allclose(depth, np.tile([2.0, 2, 2, 5, 5, 5, 5, 5], (6, 1)), rtol=1e-6)
+    assert bool(notes) == noted
+
+
+def test_depth_of_nothing_is_infinite(tmp_path):
+    np.save(tmp_path / "d.npy", np.array([[1.0, 1e10, np.inf, 3.4e38]], np.float32))
+
+    np.testing.assert_array_equal(load_depth(tmp_path / "d.npy", 0.5), [[0.5, *[np.inf] * 3]])
+
+
+def test_a_largest_number_of_depth_far_from_others_is_asked_about(tmp_path):
+    stored = np.full((30, 40), 2000, np.uint16)
+    stored[:10, :10], stored[0, 0] = 65535, 900
+    cv2.imwrite(str(tmp_path / "d.png"), stored)
+
+    with pytest.raises(InputError, match=r"unknown = \[65535\] in a study, or --unknown 65535"):
+        load_depth(tmp_path / "d.png", 0.001)
+    assert load_depth(tmp_path / "d.png", 0.001, unknown=(65535,)).max() == 2
+    assert load_depth(tmp_path / "d.png", 0.001, unknown=()).max() == np.float32(65.535)
+
+
+def test_gdals_number_for_unknown_is_honoured(tmp_path, left, truth_px):
+    stored = np.rint(16 * truth_px).astype(np.uint16)
+    stored[:, :8] = 777
+    odd.tiff(tmp_path / "a.tif", {42113: "777"}, stored)
+    odd.tiff(tmp_path / "b.tif", {42113: "nothing"}, stored)
+
+    found = load_pair(left, tmp_path / "a.tif", units_per_px=16)
+
+    assert not found.known[:, :8].any()
+    assert found.known[:, 8:].all()
+    with pytest.raises(InputError, match="GDAL_NODATA must be a number"):
+        load_pair(left, tmp_path / "b.tif", units_per_px=16)
+
+
+def test_impossible_numbers_that_are_not_one_are_refused(tmp_path, left, truth_px):
+    truth_px[0, :4] = -1, -2, -3, -4
+    np.save(tmp_path / "a.npy", truth_px)
+
+    with pytest.raises(InputError, match="is the offset right"):
+        load_pair(left, tmp_path / "a.npy")
+
+
+# ---- what no picture can have
+
+
+def test_a_single_disparity_far_beyond_the_picture_is_asked_about(tmp_path, left, truth_px):
+    truth_px[:, :3] = 999
+    np.save(tmp_path / "a.npy", truth_px)
+
+    with pytest.raises(InputError, match=r"got 999 px.* --unknown 999; else, is units_per_px"):
+        load_pair(left, tmp_path / "a.npy")
+    assert not load_pair(left, tmp_path / "a.npy", unknown=(999,)).known[:, :3].any()
+
+
+def test_a_plane_of_one_number_is_no_plane_of_unknown(tmp_path, left):
+    for value in (7.0, 999.0, -5.0, 65535.0):
+        np.save(tmp_path / "a.npy", np.full((HEIGHT, WIDTH), value))
+        if value == 7:
+            assert load_pair(left, tmp_path / "a.npy").known.all()
+            continue
+        with pytest.raises(InputError, match="disparity must be"):
+            load_pair(left, tmp_path / "a.npy")
+
+
+def test_a_disparity_wider_than_the_picture_is_refused(tmp_path, left, truth_px):
+    np.save(tmp_path / "a.npy", (16 * truth_px).astype(np.int16))
+
+    with pytest.raises(InputError, match=r"less than the picture's width, 64 px .*units_per_px"):
+        load_pair(left, tmp_path / "a.npy")
+    assert load_pair(left, tmp_path / "a.npy", units_per_px=16).known.all()  # the cure
+
+
+def test_it_is_refused_also_where_the_other_photograph_says_nothing(tmp_path, truth_px):
+    Image.fromarray(np.full((HEIGHT, WIDTH, 3), 90, np.uint8)).save(tmp_path / "flat.png")
+    Image.fromarray(np.full((HEIGHT, WIDTH, 3), 91, np.uint8)).save(tmp_path / "flat2.png")
+    truth_px[3, 3] = 2 * WIDTH
+    np.save(tmp_path / "a.npy", truth_px)
+
+    pair = load_pair(tmp_path / "flat.png", tmp_path / "a.npy", tmp_path / "flat2.png")
+    verdict = judge_pair(pair)
+
+    assert verdict.refused
+    assert "less than the picture's width, 64 px (got 128 px at row 3, column 3" in str(verdict)
+
+
+@pytest.mark.parametrize("stored_as", [">f4", ">f8", ">i2", ">u2"])
+def test_a_wrong_byte_order_is_told_without_a_warning(tmp_path, left, stored_as, rng):
+    slope = np.tile(np.linspace(300, 3000, WIDTH), (HEIGHT, 1)) + rng.uniform(0, 9, (HEIGHT, WIDTH))
+    right_order = slope.astype(stored_as)
+    wrong = right_order.view(right_order.dtype.newbyteorder("<"))
+    np.save(tmp_path / "a.npy", wrong)
+    np.save(tmp_path / "right.npy", right_order)
+
+    for read in (lambda: load_pair(left, tmp_path / "a.npy"), lambda: load_depth(
+        tmp_path / "a.npy", 0.001)):  # fmt: skip
+        with pytest.raises(InputError, match="byte order that it states"):
+            read()
+    np.testing.assert_allclose(
+        load_depth(tmp_path / "right.npy", 0.001), 0.001 * right_order.astype(float), rtol=1e-6
+    )
+
+
+# ---- a picture of numbers
+
+
+def test_a_colour_map_is_told_as_one_and_the_numbers_are_asked_for(tmp_path, left, truth_px):
+    mapped = cv2.applyColorMap((8 * truth_px).astype(np.uint8), cv2.COLORMAP_INFERNO)
+    cv2.imwrite(str(tmp_path / "a.png"), mapped)
+
+    with pytest.raises(InputError, match=r"numbers themselves .*ask whoever made it") as told:
+        load_pair(left, tmp_path / "a.png")
+    assert "save it as a grey" not in str(told.value)
+    np.save(tmp_path / "a.npy", truth_px)  # the cure
+    assert load_pair(left, tmp_path / "a.npy").known.all()
+
+
+def test_an_opaque_alpha_changes_nothing_and_a_format_that_changes_numbers_is_refused(tmp_path):
+    stored = np.arange(1, 13, dtype=np.uint8).reshape(3, 4)
+    opaque = np.full_like(stored, 255)
+    Image.fromarray(np.dstack([stored, opaque])).save(tmp_path / "a.png")
+    Image.fromarray(np.dstack([stored, stored])).save(tmp_path / "b.png")
+    Image.fromarray(stored).save(tmp_path / "a.gif")
+
+    np.testing.assert_array_equal(load_plane(tmp_path / "a.png")[0], stored)
+    with pytest.raises(InputError, match=r"one channel \(has Y, A\); write the one that is meant"):
+        load_plane(tmp_path / "b.png")
+    with pytest.raises(InputError, match=r"read from PNG, TIFF, OpenEXR, PGM and PFM .*gif"):
+        load_plane(tmp_path / "a.gif")
+
+
+# ---- what depth is
+
+
+def test_depth_along_the_ray_becomes_depth_along_the_axis():
+    """By hand: a wall at 2 m, and a pixel 3 to the right and 4 down at a focal length of 5."""
+    x, y = np.meshgrid(np.arange(9) - 4, np.arange(9) - 4)
+    along_ray = 2 * np.sqrt(1 + (x / 5) ** 2 + (y / 5) ** 2)
+
+    found = along_axis(along_ray.astype(np.float32), (5, 5, 4, 4))
+
+    np.testing.assert_allclose(found, 2, rtol=1e-6)
+    assert along_ray[8, 7] == pytest.approx(2 * np.sqrt(2))
+
+
+@pytest.mark.parametrize("kind", ["rgbd", "exr"])
+def test_a_scene_may_hold_depth_along_the_ray_or_its_inverse(tmp_path, kind):
+    height, width, focal = 30, 40, 25.0
+    x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    ray = (3 * np.sqrt(1 + (x / focal) ** 2 + (y / focal) ** 2)).astype(np.float32)
+    Image.fromarray(np.full((height, width, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    np.save(tmp_path / "ray.npy", ray)
+    np.save(tmp_path / "inverse.npy", np.float32(0.3) / np.full_like(ray, 3))
+    light = np.full_like(ray, 0.25)
+    odd.write_exr(tmp_path / "ray.exr", {"R": light, "G": light, "B": light, "Z": ray})
+
+    def depth_m(name, depth_is, scale):
+        shared = {"kind": kind, "name": "s", "camera": CIRCLE, "focal_px": focal,
+                  "depth_is": depth_is, "depth_scale": scale}  # fmt: skip
+        if kind == "exr":
+            return load_picture(tmp_path / "ray.exr", ExrScene(file="-", **shared)).frame.depth_m
+        scene = RgbdScene(rgb="c.png", depth=name, **shared)
+        return open_rgbd(scene, tmp_path)._frame.depth_m
+
+    np.testing.assert_allclose(depth_m("ray.npy", "ray", 1.0), 3, rtol=1e-6)
+    if kind == "rgbd":
+        np.testing.assert_allclose(depth_m("inverse.npy", "inverse", 0.3), 3, rtol=1e-6)
+
+
+def test_a_study_says_what_stands_for_unknown(tmp_path, left, truth_px):
+    stored = np.rint(256 * truth_px).astype(np.uint16)
+    stored[:, :8] = 65535
+    np.save(tmp_path / "a.npy", stored)
+    Image.open(left).transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(tmp_path / "right.png")
+    values = {"kind": "stereo", "name": "s", "left": "left.png", "right": "right.png",
+              "disparity": "a.npy", "units_per_px": 256, "focal_px": 64, "baseline_m": 0.1,
+              "camera": {"kind": "stereo"}}  # fmt: skip
+
+    with pytest.raises(InputError, match=r"unknown = \[65535\] in a study"):
+        read_pair(StereoScene(**values), tmp_path)
+    assert not read_pair(StereoScene(**values, unknown=[65535]), tmp_path).known[:, :8].any()
+    assert "unknown" not in StereoScene(**values).model_dump_json()  # hashes stay as they were
