@@ -108,7 +108,6 @@ COMMANDS = (
     Command("look", "stimuli look {i}/s.glb --out {o} --views 2", ["s.glb"], ".png"),
     Command("panorama", "stimuli panorama {i}/s.glb --out {o} --height-px 16", ["s.glb"], ".png"),
     Command("show", "texture show planet --out {o} --size-px 64", [], ".png"),
-    Command("render", "denoise render castle --out {o} --size-px 64", [], ".png"),
     Command("holes", "stimuli export-holes {i}/small.toml --out {o}", ["small.toml"]),
 )  # fmt: skip
 PLACES = (
