@@ -5,17 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import check_upright, count_pictures, read_pixels, three_channels
-from pipeline.limits import check_values
-from protocols.outside import reading
+from pipeline.video_file import VideoFrames
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
@@ -99,21 +96,21 @@ def read_picture(path: Path) -> Frame:
 def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
     """Return width and height of a stimulus as its header says, without decoding it.
 
-    Of a folder of frames, those of the first. None where they cannot be read: `read_frames` says
-    why.
+    Of a folder of frames, those of the first. None where a picture cannot be read: `read_frames`
+    says why.
+
+    Raises
+    ------
+    InputError
+        If a video cannot be read, or its header says what must be refused.
     """
     if fps is None:
         return image_file.stated_size_px(path)
     if path.is_dir():
         return next(map(image_file.stated_size_px, frame_files(path)), None)
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    try:
-        width, height = (
-            round(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        )
-    finally:
-        video.release()
-    return (width, height) if width > 0 and height > 0 else None
+    video = VideoFrames(path)
+    video.release()
+    return video.size_px
 
 
 def file_sha256(path: Path) -> str:
@@ -156,40 +153,19 @@ def _frames_of_folder(folder: Path, frames: int) -> Iterator[Frame]:
 
 
 def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
-    # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    video = VideoFrames(path)
     try:
-        if not video.isOpened():
-            raise InputError(
-                f"{path}: must be a video that OpenCV reads, or a folder of frames (it is neither,"
-                " or damaged)"
-            )
-        edges = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-        check_values(path, *(round(video.get(edge)) for edge in edges), 3)
-        stated = float(video.get(cv2.CAP_PROP_FPS))
-        if stated > 0 and abs(stated - fps) > RATE_TOLERANCE_SHARE * fps:
+        if video.fps and abs(video.fps - fps) > RATE_TOLERANCE_SHARE * fps:
             raise InputError(
                 f"{path}: must have {fps:g} frames per second, as the study says (it says"
-                f" {stated:g}); make it again at that rate, or change fps"
+                f" {video.fps:g}); make it again at that rate, or change fps"
             )
-        count = 0
-        while count <= frames:  # one more than wanted is enough to know
-            with reading(path, "a whole video", InputError):
-                done, frame = video.read()
-            if not done:
-                break
-            count += 1
-            yield _rgb(path, frame)
-        if count > frames:
-            raise _wrong_number(path, frames, max(count, int(video.get(cv2.CAP_PROP_FRAME_COUNT))))
+        for count, frame in enumerate(video, 1):
+            if count > frames:  # one more than wanted is enough to know
+                raise _wrong_number(path, frames, max(count, video.promised))
+            yield frame
     finally:
         video.release()
-
-
-def _rgb(path: Path, frame: NDArray[Any]) -> Frame:
-    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-        raise InputError(f"{path}: must be a colour video with 8 bits (got {frame.dtype} frames)")
-    return np.ascontiguousarray(frame[..., ::-1])
 
 
 def _wrong_number(path: Path, wanted: int, got: int) -> InputError:
