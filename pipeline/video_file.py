@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
-from pipeline.video_header.read import statements
+from pipeline.video_header.read import number_bytes, statements
 from pipeline.video_header.statements import Said, judged
 from protocols.outside import reading
 
@@ -96,6 +96,8 @@ class VideoFrames:
         # FFmpeg alone: OpenCV's other readers take numbered pictures for a sequence.
         with quiet_stderr():
             self._video = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+            if number_bytes(self._video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT) == b"BGRA":
+                self._video.set(cv2.CAP_PROP_CONVERT_RGB, 0)  # which would drop alpha unseen
         self._next = 0
         if not self._video.isOpened():
             raise InputError(
@@ -177,6 +179,10 @@ class VideoFrames:
         """Return the frame that was grabbed last."""
         with reading(self.path, "a whole video", InputError):
             done, frame = self._video.retrieve()
+        if done and frame.ndim == 3 and frame.shape[2] == 4:
+            if not (frame[..., 3] == 255).all():
+                judged(self.path, [Said("alpha", f"frame {self._next - 1} is transparent")])
+            frame = frame[..., :3]
         shape = (*self.size_px[::-1], 3)
         if not done or frame.dtype != np.uint8 or frame.shape != shape:
             found = f"{frame.dtype}, {_by(frame.shape)}" if done else "cannot be decoded"

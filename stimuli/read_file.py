@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,11 +94,17 @@ def read_picture(path: Path) -> Frame:
     return np.ascontiguousarray(three_channels(path, pixels))
 
 
-def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
-    """Return width and height of a stimulus as its header says, without decoding it.
+class Stated(NamedTuple):
+    """What the header of a stimulus says."""
 
-    Of a folder of frames, those of the first. None where a picture cannot be read: `read_frames`
-    says why.
+    size_px: tuple[int, int] | None
+    """Width and height; None where a picture cannot be read: `read_frames` says why."""
+    notes: Sequence[str] = ()
+    """What it says besides and is not followed."""
+
+
+def stated(path: Path, fps: float | None) -> Stated:
+    """Return what the header of a stimulus says, without decoding it; of a folder, of its first.
 
     Raises
     ------
@@ -105,12 +112,12 @@ def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
         If a video cannot be read, or its header says what must be refused.
     """
     if fps is None:
-        return image_file.stated_size_px(path)
+        return Stated(image_file.stated_size_px(path))
     if path.is_dir():
-        return next(map(image_file.stated_size_px, frame_files(path)), None)
+        return Stated(next(map(image_file.stated_size_px, frame_files(path)), None))
     video = VideoFrames(path)
     video.release()
-    return video.size_px
+    return Stated(video.size_px, video.notes)
 
 
 def file_sha256(path: Path) -> str:

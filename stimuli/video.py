@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,12 +67,17 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
 
 
 @contextmanager
-def folder_of_frames(path: Path) -> Iterator[Path]:
-    """Give a video's frames as a folder for as long as the block lasts; all else as it is."""
+def folder_of_frames(path: Path, tell: Callable[[str], None]) -> Iterator[Path]:
+    """Give a video's frames as a folder for as long as the block lasts; all else as it is.
+
+    `tell` is given each of its notes.
+    """
     if not is_video(path):
         yield path
         return
     with unpacked_video(path) as unpacked:
+        for note in unpacked.notes:
+            tell(f"note: {note}")
         yield unpacked.folder
 
 

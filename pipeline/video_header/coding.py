@@ -9,18 +9,21 @@ from pipeline.video_header.colours import MATRICES, UNSAID, colour
 from pipeline.video_header.statements import Said
 
 _DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
-_ALPHA: Final = (b"RGBA", b"BGRA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
+_ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
 _HIGH_PROFILES: Final = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
 _OF_JFIF: Final = 5
 _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
 def of_pixel_format(tag: bytes) -> Iterator[Said]:
-    """Yield what FFmpeg's four characters of a pixel format say of alpha and depth."""
+    """Yield what FFmpeg's four characters of a pixel format say of alpha and depth.
+
+    Of BGRA the reader sees each frame's alpha, and judges that.
+    """
     planes = tag if tag[1:2].isdigit() else tag[::-1]  # backwards: with the high byte first
     named = planes[:1] in (b"Y", b"G") and planes[1] in b"1234" and tag != b"Y41B"
     if tag in _ALPHA or (named and planes[1] in b"24"):
-        yield Said("alpha", "its pixels have transparency")
+        yield Said("alpha", "its pixels may be transparent")
     bits = planes[3] if named else 16 if tag in _DEEP else 8
     if 8 < bits <= 32:
         yield Said("more than 8 bits", f"{bits} bits a channel")

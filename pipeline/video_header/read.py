@@ -36,10 +36,13 @@ def statements(path: Path, video: cv2.VideoCapture) -> Iterator[Said]:
         across, down = video.get(cv2.CAP_PROP_SAR_NUM), video.get(cv2.CAP_PROP_SAR_DEN)
         if across > 0 and down > 0 and across != down:
             yield Said("pixel aspect", f"its pixels are {across:g}:{down:g}")
-        tag = int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF
-        yield from of_pixel_format(tag.to_bytes(4, "little"))
-        codec = int(video.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
-        yield from of_stream(codec.to_bytes(4, "little"), *_coded(path), matrix)
+        yield from of_pixel_format(number_bytes(video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
+        yield from of_stream(number_bytes(video, cv2.CAP_PROP_FOURCC), *_coded(path), matrix)
+
+
+def number_bytes(video: cv2.VideoCapture, key: int) -> bytes:
+    """Return a property of OpenCV that is four characters."""
+    return (int(video.get(key)) & 0xFFFFFFFF).to_bytes(4, "little")
 
 
 def _container(path: Path) -> Callable[[Path], Iterator[Said]]:
