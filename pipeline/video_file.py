@@ -165,8 +165,9 @@ class VideoFrames:
         return True
 
     def _off_the_rate(self, time_ms: float) -> Said:
-        before = (self._last_ms - self._first_ms) / max(self._next - 1, 1)
-        rate = 1000 / before if before > 0 else self.fps
+        last_ms, gaps = (self._last_ms, self._next - 1) if self._next > 1 else (time_ms, 1)
+        before_ms = (last_ms - self._first_ms) / gaps
+        rate = 1000 / before_ms if before_ms > 0 else self.fps
         rate = round(rate) if abs(round(rate) / rate - 1) < _NEAR_RATE_SHARE else round(rate, 3)
         after_s = (time_ms - self._first_ms) / 1000
         words = (

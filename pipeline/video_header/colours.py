@@ -21,6 +21,7 @@ _MAPPED = {16: "PQ", 18: "HLG"}
 _LIGHT = {8: "linear", 9: "log100", 10: "log316"}
 _NEAR = {5: "BT.470 BG", 6: "BT.601", 7: "SMPTE 240M"}
 _WIDE = {4: "470m", 8: "film", 9: "2020", 10: "smpte428", 11: "smpte431", 12: "smpte432"}
+_LEAST_GAMMA, _LARGEST_GAMMA = 1.7, 2.8
 _CODED = (8, 10, 12, 13)
 _ANEW = "export it anew, in sRGB"
 
@@ -51,3 +52,12 @@ def colour(primaries: int, transfer: int, matrix: int) -> Iterator[Said]:
         values = {"primaries": own, "transfer": kept, "to": kept}
         cure = values if primaries in _WIDE else {"cure": _ANEW}
         yield Said("other primaries", f"its primaries are number {primaries} of H.273", cure)
+
+
+def gamma(value: float) -> Said:
+    """Return what a gamma means: near a display's own it is noted, as of linear light refused."""
+    words = f"its gamma is {value:g}"
+    if _LEAST_GAMMA <= value <= _LARGEST_GAMMA:
+        return Said("gamma value", words)
+    linear = {"primaries": "709", "transfer": "linear", "to": _ENCODED[UNSAID]}
+    return Said("other transfer", words, linear if value == 1 else {"cure": _ANEW})

@@ -5,11 +5,17 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
-from pipeline.video_header.colours import UNSAID, colour
-from pipeline.video_header.mp4 import cropped, dolby_vision, shown_size, spherical, stereo
-from pipeline.video_header.statements import Said
+from pipeline.video_header.colours import UNSAID, colour, gamma
+from pipeline.video_header.mp4 import (
+    cropped,
+    dolby_vision,
+    shown_size,
+    spherical,
+    stereo,
+)
+from pipeline.video_header.statements import UPRIGHT, Said
 
 _SEGMENT, _INFO, _TRACKS, _CHAPTERS = 0x18538067, 0x1549A966, 0x1654AE6B, 0x1043A770
 _ANYWHERE = {0xEC, 0xBF}
@@ -22,7 +28,7 @@ _OF_INFO = {
     0x2AD7B1, 0x4489, 0x7BA9, 0x4D80, 0x5741, 0x4461, 0x73A4, 0x7384, 0x4444, 0x6924,
 }  # fmt: skip
 _OF_TRACK = {
-    0xD7, 0x73C5, 0x83, 0x88, 0x55AA, 0x55AB, 0x55AC, 0x55AD, 0x55AE, 0x55AF, 0x9C, 0x6DE7,
+    0xD7, 0x73C5, 0x83, 0x88, 0x55AA, 0x55AB, 0x55AC, 0x55AD, 0x55AE, 0x55AF, 0x9C, 0x23314F, 0x6DE7,
     0x6DF8, 0x23E383, 0x55EE, 0x536E, 0x22B59C, 0x22B59D, 0x86, 0x63A2, 0x258688, 0x7446, 0xAA,
     0x56AA, 0x56BB, 0x6624,
 }  # fmt: skip
@@ -39,7 +45,7 @@ _ALPHA: Final = {b"V_VP8": "libvpx", b"V_VP9": "libvpx-vp9"}
 """Decoders of FFmpeg that give the transparency, which its own do not."""
 _PROJECTIONS = {1: "equirect", 2: "c3x2"}
 
-Elements = Iterator[tuple[int, bytes]]
+Elements: TypeAlias = Iterator[tuple[int, bytes]]
 
 
 def statements(path: Path) -> Iterator[Said]:
@@ -76,16 +82,12 @@ def _track(track: bytes) -> Iterator[Said]:
                     yield Said("track that is switched off", "the video track is switched off")
             case 0x234E7A:
                 yield Said("interlacing", "it gives a duration of fields")
-            case 0x23314F:
-                if (speed := _float(data)) != 1:
-                    yield Said("playback speed", f"its time scale is {speed:g}",
-                               {"speed": 1 / speed if speed else 1})  # fmt: skip
             case 0xE0:
                 yield from _video(data, next(_all(track, 0x86), b""))
             case 0x6D80:
                 for encoding in _all(data, 0x6240):
                     if any(True for _ in _all(encoding, 0x5035)):
-                        yield Said("encryption", "")
+                        yield Said("encryption", "its frames are encrypted")
             case 0x41E4:
                 names = [d.to_bytes(4) for d in map(_number, _all(data, 0x41E7)) if d < 1 << 32]
                 for record in _all(data, 0x41ED):
@@ -115,7 +117,7 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
                     yield Said("alpha", "its track has transparency", {"decoder": decoder})
             case 0x2FB523:
-                yield Said("ICC profile, gamma value", f"its gamma of {_float(data):g}")
+                yield gamma(_float(data))
             case 0x55B0:
                 yield from _colour(data)
             case 0x7670:
@@ -152,7 +154,7 @@ def _projection(data: bytes) -> Iterator[Said]:
     yaw, pitch, roll = (_float(found.get(element, b"")) for element in (0x7673, 0x7674, 0x7675))
     if yaw or pitch or roll % 90:
         words = f"its pose is {yaw:g}, {pitch:g}, {roll:g} degrees"
-        yield Said("mirror image, other turn", words)
+        yield Said("mirror image, other turn", words, {"cure": UPRIGHT})
     elif roll:
         yield Said("turn by 90, 180 or 270 degrees", "")
 

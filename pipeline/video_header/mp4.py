@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeAlias
 
-from pipeline.video_header.colours import colour
-from pipeline.video_header.statements import NO_CURE, Said
+from pipeline.video_header.colours import colour, gamma
+from pipeline.video_header.statements import NO_CURE, UPRIGHT, Said
 
 _PADDING = "free skip wide"
 # Boxes that say nothing of the picture, or what FFmpeg follows.
@@ -31,10 +32,12 @@ _LIGHT = {"mdcv", "clli", "amve", "cclv", "SmDm", "CoLL"}
 _COPIES = (0, 0x40)  # graphics modes: copy, and copy with dither
 _SPHERICAL = bytes.fromhex("ffcc8263f8554a938814587a02521fdd")  # of Spherical Video V1, XML
 _TURNS = ((1, 0, 0, 1), (0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0))
+_MIRRORED = ((-1, 0, 0, 1), (1, 0, 0, -1), (0, 1, 1, 0), (0, -1, -1, 0))
 _STEREO = {1: "abl", 2: "sbsl"}
 _PROJECTIONS = {b"equi": "equirect", b"cbmp": "c3x2"}
 
-Boxes = Iterator[tuple[str, bytes]]
+Boxes: TypeAlias = Iterator[tuple[str, bytes]]
+Linear: TypeAlias = tuple[float, float, float, float]
 
 
 def statements(path: Path) -> Iterator[Said]:
@@ -68,7 +71,7 @@ def statements(path: Path) -> Iterator[Said]:
         yield Said("sound", "its sound")
 
 
-def _track(track: bytes, movie: tuple[float, ...]) -> Iterator[Said]:
+def _track(track: bytes, movie: Linear) -> Iterator[Said]:
     shown, entry, turned = (0.0, 0.0), (0, 0), False
     for box, data in _boxes(track):
         if box == "uuid" and data[:16] == _SPHERICAL:
@@ -126,19 +129,25 @@ def shown_size(
         yield Said("pixel aspect", words, {"aspect": f"{1 / aspect if turned else aspect:.6g}"})
 
 
-def _turn(track: tuple[float, ...], movie: tuple[float, ...], whole: bytes) -> Iterator[Said]:
+def _turn(track: Linear, movie: Linear, whole: bytes) -> Iterator[Said]:
     a, b, c, d = track
     e, f, g, h = movie
     both = (a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h)
+    words = f"its matrix is {', '.join(f'{value:g}' for value in both)}"
     scale = max(map(abs, both)) or 1.0
-    flat = not any(whole[at + 8 : at + 12] != b"\0\0\0\0" for at in (0, 12))
     turn = tuple(round(value / scale, 4) for value in both)
-    if not flat or turn not in _TURNS:
-        words = ", ".join(f"{value:g}" for value in both)
-        yield Said("mirror image, other turn", f"its matrix is {words}")
+    if any(whole[8:12] + whole[20:24]) or (turn not in _TURNS and turn not in _MIRRORED):
+        if both[0] > 0 < both[3] and not both[1] and not both[2]:
+            yield Said("pixel aspect", words, {"aspect": f"{both[0] / both[3]:.6g}"})
+        else:
+            yield Said("mirror image, other turn", words, {"cure": UPRIGHT})
+    elif turn in _MIRRORED:
+        yield Said("mirror image, other turn", words)
     elif turn != _TURNS[0]:
         degrees = 90 * _TURNS.index(turn)
         yield Said("turn by 90, 180 or 270 degrees", f"{180 if degrees == 180 else 90} degrees")
+    if scale != 1:
+        yield Said("display size", words)
 
 
 def _edits(data: bytes) -> Iterator[Said]:
@@ -146,19 +155,23 @@ def _edits(data: bytes) -> Iterator[Said]:
     count = min(int.from_bytes(data[4:8]), (len(data) - 8) // size)
     for number in range(count):
         length, start, speed = struct.unpack_from(form, data, 8 + number * size)
-        if start == -1 and length:
-            yield Said("late start" if number == 0 else "frame times", "an edit of no frames")
+        if start == -1 and number == 0:
+            yield Said("late start", f"{length} units of its clock before the first frame")
+        elif start == -1:  # FFmpeg goes wrong here
+            values = {"cure": "export it anew, without an edit of no frames"}
+            yield Said("frame times", "an edit of no frames between others", values)
         elif speed != 1 << 16:
             yield _speed(speed / (1 << 16))
 
 
 def _speed(speed: float) -> Said:
-    return Said("playback speed", f"its speed is {speed:g}", {"speed": speed or 1})
+    values = {"speed": speed} if speed > 0 else {"cure": "export it anew at its own speed"}
+    return Said("playback speed", f"its speed is {speed:g}", values)
 
 
 def _entry(coding: str, data: bytes) -> Iterator[Said]:
     if coding == "encv":
-        yield Said("encryption", "")
+        yield Said("encryption", "its frames are encrypted")
     width, height = struct.unpack(">HH", data[24:28])
     dolby: list[Said] = []
     for box, inner in _boxes(data[78:]):
@@ -166,9 +179,9 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
             case "colr" if inner[:4] in (b"nclx", b"nclc"):
                 yield from colour(*struct.unpack(">HHH", inner[4:10]))
             case "colr":
-                yield Said("ICC profile, gamma value", "its colour profile")
+                yield Said("ICC profile", "its colour profile")
             case "gama":
-                yield Said("ICC profile, gamma value", f"its gamma of {_fixed(inner, 0):g}")
+                yield gamma(_fixed(inner, 0))
             case "pasp":
                 across, down = struct.unpack(">II", inner[:8])
                 if across != down and across and down:
@@ -187,7 +200,7 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
                 names = [name for kind, name in _PROJECTIONS.items() if kind in inner]
                 yield spherical(names[0] if names else None, "a projection, 'sv3d'")
             case "sinf":
-                yield Said("encryption", "")
+                yield Said("encryption", "its frames are encrypted")
             case "chrm":
                 if inner[:2] not in (b"\0\0", b"\1\1"):
                     yield Said("chroma siting", f"chroma siting {inner[0]}, {inner[1]}")
@@ -291,5 +304,6 @@ def _fixed(data: bytes, at: int) -> float:
     return int.from_bytes(data[at : at + 4], signed=True) / (1 << 16)
 
 
-def _linear(data: bytes, at: int) -> tuple[float, ...]:
-    return tuple(_fixed(data, at + offset) for offset in (0, 4, 12, 16))
+def _linear(data: bytes, at: int) -> Linear:
+    a, b, c, d = (_fixed(data, at + offset) for offset in (0, 4, 12, 16))
+    return a, b, c, d

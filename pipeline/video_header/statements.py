@@ -13,6 +13,7 @@ from protocols.outside import visible_line
 HONOURED: Final = "honoured"
 REFUSED: Final = "refused"
 NOTED: Final = "noted"
+UPRIGHT: Final = "export it anew, upright"
 NO_CURE: Final = "export it anew, as one flat picture for both eyes"
 
 
@@ -45,7 +46,7 @@ _ALL, _MP4, _MKV = "all", "MP4, MOV", "Matroska, WebM"
 _BOTH = f"{_MP4}, {_MKV}"
 _TO_SRGB = (
     "-vf format=gbrp16,zscale=primariesin={primaries}:transferin={transfer}:primaries=709"
-    ":transfer={to},format=gbrp"
+    ":transfer={to}"
 )
 _TO_RGB = (
     "-vf zscale=primariesin={primaries}:primaries={primaries}:transferin={transfer}"
@@ -56,7 +57,7 @@ ROWS: Final = (
     Row(_ALL, "pixel aspect", REFUSED, "pixels that are not square, also by the track's size",
         "must have square pixels", "-vf \"scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1\""),
     Row(_ALL, "turn by 90, 180 or 270 degrees", HONOURED, "frames are turned upright"),
-    Row(_BOTH, "mirror image, other turn", REFUSED, "a matrix or pose that is no quarter turn",
+    Row(_BOTH, "mirror image, other turn", REFUSED, "a matrix or a pose that is no quarter turn",
         "must be stored upright, or be turned by 90, 180 or 270 degrees", ""),
     Row(_ALL, "clean aperture, crop", REFUSED, "less than the stored picture is to be shown",
         "must show all of its stored picture",
@@ -84,20 +85,22 @@ ROWS: Final = (
     Row(_BOTH, "primaries of BT.470 BG, BT.601, SMPTE 240M", NOTED, "taken as those of sRGB"),
     Row(_BOTH, "other primaries", REFUSED, "BT.2020, Display P3 and others, unless with PQ or HLG",
         "must have the primaries of BT.709 and sRGB", _TO_SRGB),
-    Row(_BOTH, "ICC profile, gamma value", NOTED, "not applied"),
+    Row(_MP4, "ICC profile", NOTED, "not applied"),
+    Row(_BOTH, "gamma value", NOTED, "from 1.7 to 2.8: values are shown as they are; any other is"
+        " refused as another transfer"),
     Row(_BOTH, "light levels of the mastering display", NOTED, "not used"),
     Row(_BOTH, "Dolby Vision", NOTED, "only the base layer is shown"),
     Row(_BOTH, "Dolby Vision without a base layer", REFUSED, "its colours need the other data",
         "must hold colours that can be shown without Dolby Vision", "export it as HDR10 or SDR"),
     Row(_ALL, "alpha", REFUSED, "transparency, by pixel format or track", "must be opaque",
-        "-vf format=gbrap,premultiply=inplace=1,format=gbrp"),
-    Row(_ALL, "more than 8 bits", NOTED, "rounded to 8 bits"),
+        "-vf format=gbrap,premultiply=inplace=1"),
+    Row(_ALL, "more than 8 bits", NOTED, "frames are rounded to 8 bits"),
     Row(_BOTH, "chroma siting", NOTED, "chroma is taken to lie on the left, as in MPEG-2"),
     Row(_ALL, "frame times", REFUSED, "frames that do not come at the file's rate: variable rates,"
         " gaps, times given twice", "must show its frames at one rate", "-vf fps={rate}"),
     Row(_MP4, "edit list", HONOURED, "frames outside the edits are left out"),
     Row(_ALL, "late start", NOTED, "shown from its first frame on"),
-    Row(_BOTH, "playback speed", REFUSED, "another speed than 1", "must play at its own speed",
+    Row(_MP4, "playback speed", REFUSED, "another speed than 1", "must play at its own speed",
         "-vf setpts=PTS/{speed},fps=source_fps"),
     Row("AVI", "two frame rates", NOTED, "that of the stream is taken"),
     Row(_ALL, "length", NOTED, "more frames promised than can be read"),
@@ -111,7 +114,8 @@ ROWS: Final = (
         "-vf v360=input={name}:output=flat:h_fov=90:v_fov=60"),
     Row(_ALL, "sound", NOTED, "not played"),
     Row(_BOTH, "other tracks", NOTED, "subtitles, time codes, data: not used"),
-    Row(_BOTH, "encryption", REFUSED, "", "must not be encrypted", "decrypt it first"),
+    Row(_BOTH, "encryption", REFUSED, "frames that need a key", "must not be encrypted",
+        "decrypt it first"),
     Row(_MKV, "ordered chapters", NOTED, "frames come in the order of the file"),
     Row(_MP4, "graphics mode", NOTED, "the picture replaces what lies behind it"),
     Row(_ALL, "titles, dates, authors, cover pictures", HONOURED, "they do not change frames"),
@@ -136,7 +140,7 @@ def judged(path: Path, said: Iterable[Said]) -> list[str]:
         if row.decision == REFUSED:
             raise InputError(f"{path}: {row.must} ({found}); {_cure(path, row, values)}")
         if row.decision == NOTED:
-            notes[f"{found}: {row.happens}" if found else row.happens] = None
+            notes[f"{found}: {row.happens}"] = None
     return list(notes)
 
 
@@ -144,7 +148,7 @@ def _cure(path: Path, row: Row, values: Mapping[str, object]) -> str:
     cure = str(values.get("cure", row.cure))
     if cure and not cure.startswith("-"):
         return cure
-    mended = path.with_name(f"{path.stem}-mended.mkv")
+    mended = path.with_name(f"{path.stem}-mended.mov")
     words = [
         "ffmpeg",
         str(values.get("decoder", "")),
@@ -152,5 +156,5 @@ def _cure(path: Path, row: Row, values: Mapping[str, object]) -> str:
         shlex.quote(str(path)),
         "-map 0:v:0 -map_metadata -1",
     ]
-    words += [cure.format_map({"aspect": "sar", **values}), "-c:v ffv1", shlex.quote(str(mended))]
+    words += [cure.format_map({"aspect": "sar", **values}), "-c:v ffv1 -pix_fmt bgr0", shlex.quote(str(mended))]
     return "this makes such a file: " + " ".join(filter(None, words))
