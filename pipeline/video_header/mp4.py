@@ -154,9 +154,9 @@ def _edits(data: bytes) -> Iterator[Said]:
     form, size = (">Qqi", 20) if data[0] else (">Iii", 12)
     count = min(int.from_bytes(data[4:8]), (len(data) - 8) // size)
     for number in range(count):
-        length, start, speed = struct.unpack_from(form, data, 8 + number * size)
+        _, start, speed = struct.unpack_from(form, data, 8 + number * size)
         if start == -1 and number == 0:
-            yield Said("late start", f"{length} units of its clock before the first frame")
+            yield Said("late start", "an edit of no frames at its start")
         elif start == -1:  # FFmpeg goes wrong here
             values = {"cure": "export it anew, without an edit of no frames"}
             yield Said("frame times", "an edit of no frames between others", values)

@@ -15,6 +15,10 @@ from pipeline.video_header.colours import UNSAID
 from pipeline.video_header.statements import Said
 from protocols.outside import reading
 
+_HEARD: Final = (b"h264", b"avc1", b"FMP4", b"mp4v")
+"""Codecs whose own words on colour are known here."""
+_Y_CB_CR: Final = (b"I42", b"444", b"422", b"Y42", b"Y3\x0b", b"Y3\x0a", b"Y3\x00")
+_SD_LINES: Final = 576
 _BY_CODING: Final = -1
 """OpenCV's format of frames that are not decoded."""
 
@@ -27,17 +31,32 @@ def statements(path: Path, video: cv2.VideoCapture) -> Iterator[Said]:
     InputError
         If its header is damaged.
     """
-    matrix = UNSAID
+    matrix, mapped = UNSAID, False
     with reading(path, "a video whose header is whole", InputError):
         for said in _container(path)(path):
-            if said.statement == "colour matrix and range" and matrix == UNSAID:
-                matrix = int(str(said.values["matrix"]))
+            matrix, mapped = _matrix(said, matrix), mapped or said.statement == "PQ, HLG"
             yield said
         across, down = video.get(cv2.CAP_PROP_SAR_NUM), video.get(cv2.CAP_PROP_SAR_DEN)
         if across > 0 and down > 0 and across != down:
             yield Said("pixel aspect", f"its pixels are {across:g}:{down:g}")
-        yield from of_pixel_format(number_bytes(video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
-        yield from of_stream(number_bytes(video, cv2.CAP_PROP_FOURCC), *_coded(path), matrix)
+        pixels = number_bytes(video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT)
+        # The reader sees the alpha of BGRA, but then OpenCV maps no light.
+        yield from of_pixel_format(b"RGBA" if mapped and pixels == b"BGRA" else pixels)
+        codec = number_bytes(video, cv2.CAP_PROP_FOURCC)
+        for said in of_stream(codec, *_coded(path), matrix):
+            matrix = _matrix(said, matrix)
+            yield said
+        lines = round(
+            min(video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        )
+        if matrix == UNSAID and pixels[:3] in _Y_CB_CR and codec in _HEARD and lines > _SD_LINES:
+            yield Said("no colour matrix", "it does not say its colour matrix")
+
+
+def _matrix(said: Said, known: int) -> int:
+    """Return the colour matrix, once something has said it."""
+    found = said.values.get("matrix", UNSAID)
+    return found if known == UNSAID and isinstance(found, int) else known
 
 
 def number_bytes(video: cv2.VideoCapture, key: int) -> bytes:

@@ -70,6 +70,8 @@ ROWS: Final = (
         "-vf bwdif=mode=send_frame:deint=interlaced,setfield=prog"),
     Row(_ALL, "colour matrix and range", HONOURED, "BT.709, BT.601, FCC, SMPTE 240M, BT.2020, RGB;"
         " limited or full. Where nothing is said: BT.601, limited"),
+    Row(_ALL, "no colour matrix", NOTED, "above 576 lines, by H.264 and MPEG-4: BT.601 is taken,"
+        " though some players take BT.709"),
     Row(_BOTH, "other colour matrix", REFUSED, "YCgCo, ICtCp and others",
         "must have a colour matrix that is read right: BT.709, BT.601, BT.2020 or RGB", _TO_RGB),
     Row(_BOTH, "colour matrix twice", REFUSED, "the container says another one than ProRes or"
@@ -149,12 +151,7 @@ def _cure(path: Path, row: Row, values: Mapping[str, object]) -> str:
     if cure and not cure.startswith("-"):
         return cure
     mended = path.with_name(f"{path.stem}-mended.mov")
-    words = [
-        "ffmpeg",
-        str(values.get("decoder", "")),
-        "-i",
-        shlex.quote(str(path)),
-        "-map 0:v:0 -map_metadata -1",
-    ]
-    words += [cure.format_map({"aspect": "sar", **values}), "-c:v ffv1 -pix_fmt bgr0", shlex.quote(str(mended))]
+    words = ["ffmpeg", str(values.get("decoder", "")), "-i", shlex.quote(str(path))]
+    words += ["-map 0:v:0 -map_metadata -1", cure.format_map({"aspect": "sar", **values})]
+    words += ["-c:v ffv1 -pix_fmt bgr0", shlex.quote(str(mended))]
     return "this makes such a file: " + " ".join(filter(None, words))
