@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from pipeline.video_header.statements import Said
@@ -30,6 +30,7 @@ def colour(primaries: int, transfer: int, matrix: int) -> Iterator[Said]:
     """Yield what three codes of H.273 say, without what is the default."""
     kept = _ENCODED.get(transfer, _ENCODED[UNSAID])
     own = _WIDE.get(primaries, "709")
+    values: Mapping[str, str]
     yield Said("colour matrix and range", "", {"matrix": matrix})
     if matrix not in MATRICES and matrix != UNSAID:
         values = {"primaries": own, "transfer": _LIGHT.get(transfer, kept)}
@@ -42,7 +43,7 @@ def colour(primaries: int, transfer: int, matrix: int) -> Iterator[Said]:
         name = "gamma 2.2, gamma 2.8, SMPTE 240M, xvYCC, BT.1361"
         yield Said(name, f"its transfer is {_NAMED[transfer]}")
     elif transfer not in _ENCODED:
-        values = {"primaries": own, "transfer": _LIGHT.get(transfer), "to": kept}
+        values = {"primaries": own, "transfer": _LIGHT.get(transfer, kept), "to": kept}
         cure = values if transfer in _LIGHT else {"cure": _ANEW}
         yield Said("other transfer", f"its transfer is number {transfer} of H.273", cure)
     if primaries in _NEAR:

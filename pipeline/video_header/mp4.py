@@ -119,7 +119,7 @@ def shown_size(
 ) -> Iterator[Said]:
     """Yield what another size than the stored one means: a display size, or another shape."""
     apart = max(abs(one - other) for one, other in zip(shown, stored, strict=True))
-    if not (all(shown) and all(stored)) or apart < 1:
+    if min(*shown, *stored) <= 0 or apart < 1:
         return
     words = f"to be shown as {shown[0]:g} x {shown[1]:g} px, stored as {stored[0]} x {stored[1]}"
     aspect = shown[0] * stored[1] / (shown[1] * stored[0])
