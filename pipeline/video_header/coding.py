@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from typing import Final
 
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
-from pipeline.video_header.statements import Said
+from pipeline.video_header.mp4 import stereo
+from pipeline.video_header.statements import UPRIGHT, Said
 
 _DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
 _ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
 _HIGH_PROFILES: Final = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
 _OF_JFIF: Final = 5
+_FRAME_PACKING, _ORIENTATION = 45, 47  # kinds of supplemental information
+_PACKINGS: Final = {3: "sbsl", 4: "abl"}
 _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
@@ -45,9 +48,11 @@ def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterat
     if name in (b"h264", b"avc1"):
         colours, fields = _h264(header)
         yield from colour(*colours)
+        yield from _enhancements(packet, 1)
         own = matrix if colours[2] == UNSAID else colours[2]
     elif name in (b"hevc", b"hev1", b"hvc1"):
         # Flags of progressive and of interlaced source, in the record or the parameter set.
+        yield from _enhancements(packet, 2)
         at = 6 if header[:1] == b"\1" else header.find(b"\0\0\1\x40\1") + 14
         fields = header[at : at + 1] != b"" and header[at] & 0xC0 == 0x40
     elif name in (b"mpg2", b"mpeg"):
@@ -131,6 +136,34 @@ def _h264(header: bytes) -> tuple[tuple[int, int, int], bool]:
     if not (bits.take(1) and bits.take(5) & 1):
         return unsaid, fields
     return (bits.take(8), bits.take(8), bits.take(8)), fields
+
+
+def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
+    """Yield what supplemental information of H.264 or HEVC says of the first picture.
+
+    OpenCV gives packets with start codes; heads of units have `head` bytes.
+    """
+    for unit in filter(None, packet.split(b"\0\0\1")):
+        kind = unit[0] & 31 if head == 1 else unit[0] >> 1 & 63
+        if kind != (6 if head == 1 else 39):
+            continue
+        data = unit[head:_HEADERS].replace(b"\0\0\3", b"\0\0")
+        while len(data) > 2:  # what is left, down to the stop bit
+            kind, data = _in_bytes_of_255(data)
+            size, data = _in_bytes_of_255(data)
+            bits, data = _Bits(data[:size]), data[size:]
+            if kind == _FRAME_PACKING and bits.golomb() >= 0 and not bits.take(1):
+                packing = bits.take(7)
+                yield stereo(_PACKINGS.get(packing), f"frame packing {packing}")
+            elif kind == _ORIENTATION and not bits.take(1) and bits.take(18):
+                values = {"cure": UPRIGHT}
+                yield Said("mirror image, other turn", "its frames are said to be turned", values)
+
+
+def _in_bytes_of_255(data: bytes) -> tuple[int, bytes]:
+    """Return a number that is the sum of bytes up to the first below 255, and what follows."""
+    full = len(data) - len(data.lstrip(b"\xff"))
+    return 255 * full + int.from_bytes(data[full : full + 1]), data[full + 1 :]
 
 
 def _skip_scaling(bits: _Bits, size: int) -> None:

@@ -251,9 +251,9 @@ def cropped(stored: tuple[int, int], shown: tuple[float, float, float, float]) -
 
 
 def _user(data: bytes) -> Iterator[Said]:
-    for box, _ in _boxes(data):
-        if not box.startswith("\xa9"):
-            yield from _unknown(box, "the user data", _OF_USER)
+    names = [box for box, _ in _boxes(data) if box[:1] != "\xa9" and box not in _OF_USER.split()]
+    if names:
+        yield Said("whatever else", f"boxes {', '.join(map(repr, names))} in the user data")
 
 
 def _unknown(box: str, where: str, known: str) -> Iterator[Said]:

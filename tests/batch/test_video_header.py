@@ -626,6 +626,11 @@ def test_the_cure_shows_what_the_file_meant(tmp_path, ending, place, change, rig
         (b"h264", "01f4000affe1001b67f4000a919b288f4d40420050000003001000000303c0f1225960", "",
          ["other transfer"]),
         (b"h264", "0000016764000aacd9447b0110000003001000000303c0f122596000000001", "", []),
+        # Supplemental information: side by side, another packing, a turn.
+        (b"h264", "", "00000001062d018103000080", ["stereo"]),
+        (b"hevc", "", "000000014e012d018103000080", ["stereo"]),
+        (b"h264", "", "00000001062f04100004c080", ["mirror image, other turn"]),
+        (b"h264", "", "000001062d01c0800000016588", []),
         # The profile's flags: progressive source, then interlaced source.
         (b"hevc", "0104080000009e08000000001ef000fcfff8f800000f04200001", "", []),
         (b"hevc", "0104080000004e08000000001ef000fcfff8f800000f04200001", "", ["interlacing"]),
