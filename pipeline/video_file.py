@@ -1,10 +1,12 @@
-"""Frames of a video file, read by their number."""
+"""Frames of a video file, in their order or by their number: the one reader of videos."""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +16,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
+from pipeline.video_header.read import number_bytes, statements
+from pipeline.video_header.statements import Said, judged
+from protocols.outside import reading
 
 _CONTAINERS: Final = (
     (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"), (0, b"OggS"), (0, b"\x00\x00\x01\xba"),
@@ -27,6 +32,10 @@ _LISTS: Final = (b"#EXTM3U", b"ffconcat", b"<MPD", b"c=IN IP")
 _HEAD: Final = 4096
 VIDEOS: Final = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 """What is taken for a video, by its ending; FFmpeg decides whether it is one."""
+LARGEST_SHIFT: Final = 0.5
+"""Frames that a frame may come early or late: it is still nearest to its own place."""
+_ROUNDING_MS: Final = 1.0  # of times in Matroska
+_NEAR_RATE_SHARE: Final = 0.03
 
 
 def is_video(path: Path) -> bool:
@@ -34,35 +43,23 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 
+# FFmpeg would write of every damaged frame to the terminal; OpenCV asks for this once.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+_ONE_AT_A_TIME = threading.Lock()
+
+
 @contextmanager
 def quiet_stderr() -> Iterator[None]:
-    """Keep what FFmpeg and OpenCV write straight to the descriptor from the terminal."""
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
-
-
-@contextmanager
-def opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
-    """Give a video as FFmpeg reads it, in OpenCV; it is closed when the block ends.
-
-    Raises
-    ------
-    InputError
-        If it is no video but a list of others, such as a playlist; if FFmpeg cannot read it; or if
-        a frame holds more numbers than the limit.
-    """
-    video = _capture(path)
-    try:
-        check_values(path, *_edges(video), 3)
-        yield video
-    finally:
-        video.release()
+    """Keep what OpenCV writes straight to the descriptor from the terminal, for a moment."""
+    with _ONE_AT_A_TIME:
+        kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nothing)
 
 
 def _capture(path: Path) -> cv2.VideoCapture:
@@ -90,50 +87,71 @@ def _edges(video: cv2.VideoCapture) -> tuple[int, int]:
     return width, height
 
 
-def stated_video_size_px(path: Path) -> tuple[int, int] | None:
-    """Return width and height as a video says; None where it cannot be read."""
-    try:
-        with opened_video(path) as video:
-            return _edges(video)
-    except (InputError, OSError):
-        return None
-
-
 class VideoFrames:
-    """A video whose frames are read by number; fast in their order.
+    """A video's frames, in their order or by their number; fast in their order.
+
+    Frames have 8 bits a channel, whatever the video holds.
 
     Attributes
     ----------
     size_px : (int, int)
         Width and height.
+    fps : float
+        Frames per second, as the file says; 0 if it says none.
+    promised : int
+        Frames that the file says it has; some files only estimate it.
+    notes : list of str
+        What a user should know of what the file says: see `pipeline.video_header`.
 
     Raises
     ------
     InputError
-        If FFmpeg, in OpenCV, cannot read it, or it has no frame.
+        If FFmpeg, in OpenCV, cannot read it, or it says what must be refused.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.fps = self._first_ms = self._last_ms = 0.0
         self._open()
+        number = self._video.get
         try:
             self.size_px = _edges(self._video)
             check_values(path, *self.size_px, 3)
-            with quiet_stderr():
-                while self._video.grab():  # what the head says of its length may be wrong
-                    self._next += 1
-            self._count = self._next
-            if not self._count:
-                raise InputError(f"{path}: must have frames (has none, or is damaged)")
-        finally:
-            self._video.release()
+            fps = number(cv2.CAP_PROP_FPS)
+            if np.isfinite(fps) and fps > 0:
+                self.fps = float(fps)
+            self.promised = int(number(cv2.CAP_PROP_FRAME_COUNT))
+            self.notes = judged(path, statements(path, self._video))
+        except Exception:
+            self.release()
+            raise
 
     def _open(self) -> None:
         self._video = _capture(self.path)
+        if number_bytes(self._video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT) == b"BGRA":
+            self._video.set(cv2.CAP_PROP_CONVERT_RGB, 0)  # which would drop alpha unseen
         self._next = 0
 
     def __len__(self) -> int:
+        """Count the frames, by going through them: the head's count may be wrong."""
         return self._count
+
+    @cached_property
+    def _count(self) -> int:
+        self._rewind()
+        while self._grab():
+            pass
+        count = self._next
+        self.release()
+        if not count:
+            raise InputError(f"{self.path}: must have frames (has none, or is damaged)")
+        return count
+
+    def __iter__(self) -> Iterator[NDArray[np.uint8]]:
+        """Yield every frame as `read` returns it."""
+        self._rewind()
+        while self._grab():
+            yield self._retrieve()
 
     def read(self, index: int) -> NDArray[np.uint8]:
         """Return one frame, (height, width, 3), encoded colour.
@@ -141,20 +159,67 @@ class VideoFrames:
         Raises
         ------
         InputError
-            If it cannot be read, or is not of 8 bits.
+            If it cannot be read, is of another size, or does not come when the rate says.
         """
         if index < self._next or not self._video.isOpened():
-            self._video.release()
-            self._open()
-        with quiet_stderr():
-            while self._next < index and self._video.grab():
-                self._next += 1
-            done, frame = self._video.read()
-        if not done or frame.dtype != np.uint8 or frame.ndim != 3:
-            raise InputError(f"{self.path}: frame {index} must be a colour frame that is whole")
-        self._next += 1
-        return np.ascontiguousarray(frame[..., ::-1], np.uint8)
+            self._rewind()
+        while self._next <= index:
+            if not self._grab():
+                raise InputError(f"{self.path}: must hold frame {index} (has {self._next} frames)")
+        return self._retrieve()
 
     def release(self) -> None:
         """Close the file."""
         self._video.release()
+
+    def _rewind(self) -> None:
+        self.release()
+        self._open()
+
+    def _grab(self) -> bool:
+        with reading(self.path, "a whole video", InputError):
+            if not self._video.grab():
+                return False
+            time_ms = float(self._video.get(cv2.CAP_PROP_POS_MSEC))
+        if self._next == 0:
+            self._first_ms = self._last_ms = time_ms
+        elif time_ms and self.fps:  # 0: not known, as at the end of some AVI files
+            shift = (time_ms - self._first_ms) * self.fps / 1000 - self._next
+            if abs(shift) > LARGEST_SHIFT + _ROUNDING_MS * self.fps / 1000:
+                judged(self.path, [self._off_the_rate(time_ms)])
+            self._last_ms = time_ms
+        self._next += 1
+        return True
+
+    def _off_the_rate(self, time_ms: float) -> Said:
+        last_ms, gaps = (self._last_ms, self._next - 1) if self._next > 1 else (time_ms, 1)
+        before_ms = (last_ms - self._first_ms) / gaps
+        rate = 1000 / before_ms if before_ms > 0 else self.fps
+        rate = round(rate) if abs(round(rate) / rate - 1) < _NEAR_RATE_SHARE else round(rate, 3)
+        after_s = (time_ms - self._first_ms) / 1000
+        words = (
+            f"frame {self._next} comes {after_s:.3f} s after the first; at {self.fps:g} a second it"
+            f" would be {self._next / self.fps:.3f} s"
+        )
+        return Said("frame times", words, {"rate": f"{rate:g}"})
+
+    def _retrieve(self) -> NDArray[np.uint8]:
+        """Return the frame that was grabbed last."""
+        with reading(self.path, "a whole video", InputError):
+            done, frame = self._video.retrieve()
+        if done and frame.ndim == 3 and frame.shape[2] == 4:
+            if not (frame[..., 3] == 255).all():
+                judged(self.path, [Said("alpha", f"frame {self._next - 1} is transparent")])
+            frame = frame[..., :3]
+        shape = (*self.size_px[::-1], 3)
+        if not done or frame.dtype != np.uint8 or frame.shape != shape:
+            found = f"{frame.dtype}, {_by(frame.shape)}" if done else "cannot be decoded"
+            raise InputError(
+                f"{self.path}: every frame must be a whole colour frame of {_by(shape[1::-1])} px"
+                f" (frame {self._next - 1}: {found})"
+            )
+        return np.ascontiguousarray(frame[..., ::-1], np.uint8)
+
+
+def _by(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import image_file
 from pipeline.errors import InputError
 from pipeline.image_file import read_pixels, three_channels
-from pipeline.video_file import opened_video, stated_video_size_px
-from protocols.outside import reading
+from pipeline.video_file import VideoFrames
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
@@ -91,17 +89,30 @@ def read_picture(path: Path) -> Frame:
     return np.ascontiguousarray(three_channels(path, pixels))
 
 
-def stated_size_px(path: Path, fps: float | None) -> tuple[int, int] | None:
-    """Return width and height of a stimulus as its header says, without decoding it.
+class Stated(NamedTuple):
+    """What the header of a stimulus says."""
 
-    Of a folder of frames, those of the first. None where they cannot be read: `read_frames` says
-    why.
+    size_px: tuple[int, int] | None
+    """Width and height; None where a picture cannot be read: `read_frames` says why."""
+    notes: Sequence[str] = ()
+    """What it says besides and is not followed."""
+
+
+def stated(path: Path, fps: float | None) -> Stated:
+    """Return what the header of a stimulus says, without decoding it; of a folder, of its first.
+
+    Raises
+    ------
+    InputError
+        If a video cannot be read, or its header says what must be refused.
     """
     if fps is None:
-        return image_file.stated_size_px(path)
+        return Stated(image_file.stated_size_px(path))
     if path.is_dir():
-        return next(map(image_file.stated_size_px, frame_files(path)), None)
-    return stated_video_size_px(path)
+        return Stated(next(map(image_file.stated_size_px, frame_files(path)), None))
+    video = VideoFrames(path)
+    video.release()
+    return Stated(video.size_px, video.notes)
 
 
 def file_sha256(path: Path) -> str:
@@ -144,29 +155,19 @@ def _frames_of_folder(folder: Path, frames: int) -> Iterator[Frame]:
 
 
 def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
-    with opened_video(path) as video:
-        stated = float(video.get(cv2.CAP_PROP_FPS))
-        if stated > 0 and abs(stated - fps) > RATE_TOLERANCE_SHARE * fps:
+    video = VideoFrames(path)
+    try:
+        if video.fps and abs(video.fps - fps) > RATE_TOLERANCE_SHARE * fps:
             raise InputError(
                 f"{path}: must have {fps:g} frames per second, as the study says (it says"
-                f" {stated:g}); make it again at that rate, or change fps"
+                f" {video.fps:g}); make it again at that rate, or change fps"
             )
-        count = 0
-        while count <= frames:  # one more than wanted is enough to know
-            with reading(path, "a whole video", InputError):
-                done, frame = video.read()
-            if not done:
-                break
-            count += 1
-            yield _rgb(path, frame)
-        if count > frames:
-            raise _wrong_number(path, frames, max(count, int(video.get(cv2.CAP_PROP_FRAME_COUNT))))
-
-
-def _rgb(path: Path, frame: NDArray[Any]) -> Frame:
-    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-        raise InputError(f"{path}: must be a colour video with 8 bits (got {frame.dtype} frames)")
-    return np.ascontiguousarray(frame[..., ::-1])
+        for count, frame in enumerate(video, 1):
+            if count > frames:  # one more than wanted is enough to know
+                raise _wrong_number(path, frames, max(count, video.promised))
+            yield frame
+    finally:
+        video.release()
 
 
 def _wrong_number(path: Path, wanted: int, got: int) -> InputError:

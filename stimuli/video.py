@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
-from pipeline.video_file import VideoFrames, is_video, opened_video, quiet_stderr
-from protocols.outside import reading
+from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from stimuli.png import encode_bytes
 from stimuli.whole_file import whole_path
 
@@ -34,62 +33,54 @@ class Unpacked:
     folder: Path
     fps: float
     frames: int
-    promised: int
-    """Frames that the file says it has; some files only estimate it."""
-
-    @property
-    def notes(self) -> list[str]:
-        """What a user should know of it."""
-        if self.promised <= self.frames + 1:
-            return []
-        return [
-            f"of {self.promised} frames that the video should have, {self.frames} could be read:"
-            " was it cut short?"
-        ]
+    notes: list[str]
+    """What a user should know of it."""
 
 
 @contextmanager
 def unpacked_video(path: Path) -> Iterator[Unpacked]:
     """Give a video's frames as a folder that is gone when the block ends.
 
-    Frames have 8 bits a channel, whatever the video holds.
-
     Raises
     ------
     InputError
-        If FFmpeg, in OpenCV, cannot read it, or it has no frame or no rate.
+        As `VideoFrames` raises it, or if there is no frame or no rate.
     """
+    video = VideoFrames(path)
     with tempfile.TemporaryDirectory(prefix="metamerlab-frames-") as made:
         folder = Path(made) / path.stem  # scores are told by names of folders
         folder.mkdir()
-        with opened_video(path) as video:
-            fps = float(video.get(cv2.CAP_PROP_FPS))
-            promised = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-            count = 0
-            while True:
-                with reading(path, "a whole video", InputError), quiet_stderr():
-                    done, frame = video.read()
-                if not done:
-                    break
-                if frame.dtype != np.uint8 or frame.ndim != 3:
-                    raise InputError(f"{path}: must be a colour video (got {frame.dtype} frames)")
-                shown = np.ascontiguousarray(frame[..., ::-1], np.uint8)
-                (folder / f"{count:06d}.png").write_bytes(encode_bytes(shown))
-                count += 1
-        if not count or not (np.isfinite(fps) and fps > 0):
+        count = 0
+        try:
+            for count, frame in enumerate(video, 1):
+                (folder / f"{count - 1:06d}.png").write_bytes(encode_bytes(frame))
+        finally:
+            video.release()
+        if not count or not video.fps:
             raise InputError(
-                f"{path}: must have frames and a rate (has {count} at {fps:g} a second)"
+                f"{path}: must have frames and a rate (has {count} at {video.fps:g} a second)"
             )
-        yield Unpacked(folder, fps, count, promised)
+        notes = list(video.notes)
+        if video.promised > count + 1:
+            notes.append(
+                f"of {video.promised} frames that the video should have, {count} could be read:"
+                " was it cut short?"
+            )
+        yield Unpacked(folder, video.fps, count, notes)
 
 
 @contextmanager
-def folder_of_frames(path: Path) -> Iterator[Path]:
-    """Give a video's frames as a folder for as long as the block lasts; all else as it is."""
+def folder_of_frames(path: Path, tell: Callable[[str], None]) -> Iterator[Path]:
+    """Give a video's frames as a folder for as long as the block lasts; all else as it is.
+
+    `tell` is given each of its notes.
+    """
     if not is_video(path):
         yield path
         return
     with unpacked_video(path) as unpacked:
+        for note in unpacked.notes:
+            tell(f"note: {note}")
         yield unpacked.folder
 
 

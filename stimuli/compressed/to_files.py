@@ -70,7 +70,7 @@ def compress_file(
     tell, settings = say or (lambda _: None), settings or Settings()
     if compare is not None and (source.is_dir() or is_video(source)):
         raise InputError("--compare takes one picture, not frames or a video; give it a frame")
-    with folder_of_frames(source) as folder:
+    with folder_of_frames(source, tell) as folder:
         frames = _frames(folder, tell)
     height, width = frames[0].shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
+from pipeline.errors import InputError
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.schema import StudyProtocol
 from stimuli.png import encode_bytes
-from stimuli.read_file import file_sha256, read_frames, stated_size_px, wrong_size
+from stimuli.read_file import Stated, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import Estimate
 from stimuli.recipes.taken import RESERVED, TakingBuilder
 from stimuli.sources import source_sha256
@@ -21,7 +22,7 @@ from stimuli.worker import RendererInfo
 
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
-"""How many files of another size are named one by one."""
+"""How many files with a wrong header are named one by one."""
 _SOURCES = ("stimuli.read_file", "stimuli.png")
 
 
@@ -36,26 +37,52 @@ class FileBuilder(TakingBuilder[FileEntry]):
         self.recipe = protocol.stimuli
 
     def problems(self) -> list[Problem]:
-        """Return names that folders of the batch have already, and files of another size.
+        """Return names that folders of the batch have already, and files whose header is wrong.
 
         Only headers are read, and missing files are left to whoever needs them.
         """
-        return [*self._reserved(), *self._wrong_sizes()]
+        return [*self._reserved(), *self._wrong_headers()]
 
-    def _wrong_sizes(self) -> Iterator[Problem]:
-        size_px, fps = (self.recipe.width_px, self.recipe.height_px), self.recipe.fps
-        wrong = 0
+    def notes(self) -> list[Problem]:
+        """Return what headers say and is not followed, each with the first file that says it."""
+        files: dict[str, list[str]] = {}
+        for entry in self.recipe.entries:
+            header = self._headers.get(entry.name)
+            for note in header.notes if isinstance(header, Stated) else ():
+                files.setdefault(note, []).append(entry.file)
+        return [
+            Problem(said[0] + (f" and {len(said) - 1} more" if len(said) > 1 else ""), note)
+            for note, said in files.items()
+        ]
+
+    def _wrong_headers(self) -> Iterator[Problem]:
+        size_px, wrong = (self.recipe.width_px, self.recipe.height_px), 0
         for index, entry in enumerate(self.recipe.entries):
-            path = self.folder / entry.file
-            got = stated_size_px(path, fps) if path.exists() else None
-            if got is None or got == size_px:
+            header = self._headers.get(entry.name, Stated(None))
+            if isinstance(header, InputError):
+                said = str(header)
+            elif header.size_px is None or header.size_px == size_px:
                 continue
+            else:
+                said = f"{self.folder / entry.file}: {wrong_size(size_px, header.size_px)}"
             wrong += 1
             if wrong <= _TOLD:
-                place = self.recipe.place(index, "file")
-                yield Problem(place, f"{path}: {wrong_size(size_px, got)}")
+                yield Problem(self.recipe.place(index, "file"), said)
         if wrong > _TOLD:
-            yield Problem("stimuli", f"{wrong - _TOLD} more files are of another size")
+            yield Problem("stimuli", f"{wrong - _TOLD} more files are of another size, or refused")
+
+    @cached_property
+    def _headers(self) -> dict[str, Stated | InputError]:
+        """What the header of every file that is here says, or why it is refused, by name."""
+        found: dict[str, Stated | InputError] = {}
+        for entry in self.recipe.entries:
+            path = self.folder / entry.file
+            try:
+                if path.exists():
+                    found[entry.name] = stated(path, self.recipe.fps)
+            except InputError as error:
+                found[entry.name] = error
+        return found
 
     def _reserved(self) -> list[Problem]:
         return [
@@ -119,7 +146,9 @@ class FileBuilder(TakingBuilder[FileEntry]):
         return map(encode_bytes, read_frames(path, size_px, recipe.frames, recipe.fps))
 
     def record(self, entry: FileEntry, key: str, hashes: tuple[str, ...]) -> Clip:
-        recipe = self.recipe
+        recipe, header = self.recipe, self._headers.get(entry.name)
+        notes = header.notes if isinstance(header, Stated) else ()
+        noted = {"noted": "; ".join(notes)} if notes else {}
         return Clip(
             name=entry.name,
             condition=dict(entry.condition),
@@ -128,7 +157,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
             fps=recipe.frame_hz,
             bit_depth=8,
             seed=0,
-            parameters={"file": entry.file, "preview": self._has_previews},
+            parameters={"file": entry.file, "preview": self._has_previews, **noted},
             cache_key=key,
             frames_sha256=hashes,
         )

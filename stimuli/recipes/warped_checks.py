@@ -67,7 +67,8 @@ def look_at_fills(orders: Orders) -> Findings:
         place = f"stimuli.methods[{orders.protocol.warped.methods.index(method)}]"
         try:
             if kind == "frames":
-                _check_frames(orders, clip)
+                for note in _check_frames(orders, clip):
+                    found.doubtful.append(Problem(place, note))
             elif kind == "onnx":
                 _check_network(orders, clip)
         except ModuleNotFoundError as error:
@@ -81,7 +82,8 @@ def look_at_fills(orders: Orders) -> Findings:
     return found
 
 
-def _check_frames(orders: Orders, clip: ClipName) -> None:
+def _check_frames(orders: Orders, clip: ClipName) -> list[str]:
+    """Return what the header of a video of frames says besides, or refuse the frames."""
     path = orders.method(clip).registry_name.partition(":")[2]
     unknown = set(re.findall(r"\{(.*?)\}", path)) - {"scene", "size", "frame"}
     if unknown or FRAME in str(Path(path).parent):
@@ -110,6 +112,9 @@ def _check_frames(orders: Orders, clip: ClipName) -> None:
             f"{frames.first}: must be {orders.render_px[0]} x {orders.render_px[1]} px as the"
             f" warped frame (is {size_px[0]} x {size_px[1]})"
         )
+    if frames.video is None:
+        return []
+    return [f"{frames.path}: {note}" for note in frames.video.notes]
 
 
 def _check_network(orders: Orders, clip: ClipName) -> None:

@@ -35,8 +35,8 @@ class WarpedClipBuilder(Builder):
         ]
 
     def notes(self) -> list[Problem]:
-        """Return pairs that agree less than they should, and what does not apply to sequences."""
-        return self._scenes.doubtful
+        """Return pairs that agree less than they should, and what files say and is not followed."""
+        return [*self._scenes.doubtful, *self._fills.doubtful]
 
     def lacking(self) -> list[Problem]:
         """Return folders of frames and networks that are not here."""

@@ -16,7 +16,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_bar
-from study_app.cli.terminal import PlainConsole
+from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
     from protocols.manifest import Manifest
@@ -183,6 +183,8 @@ def _as_folder(gone: ExitStack, path: Path | None) -> tuple[Path | None, float |
     if path is None or not is_video(path):
         return path, None
     unpacked = gone.enter_context(unpacked_video(path))
+    for note in unpacked.notes:
+        say(f"note: {path.name}: {note}")
     return unpacked.folder, unpacked.fps
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from video_patch import SEGMENT, TRACK, TRACKS, VIDEO, element, patched, without
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
@@ -481,3 +483,78 @@ def metamerlab():
     from study_app.cli import app
 
     return lambda *words: CliRunner().invoke(app, [str(word) for word in words], terminal_width=100)
+
+
+def circles(path: Path, across: int) -> None:
+    """Write a circle of 80 px for who shows pixels `across` times as wide as high (case 11)."""
+    y, x = np.mgrid[:240, :320]
+    frames = []
+    for number in range(6):
+        frame = np.full((240, 320, 3), 90, np.uint8)
+        frame[(across * (x - 60 - 6 * number)) ** 2 + (y - 120) ** 2 < 40**2] = (230, 200, 40)
+        frames.append(frame)
+    write_video(path, frames, 30.0)
+
+    def wide(video: bytes) -> bytes:
+        for name in (0x54B0, 0x54BA, 0x54B2):
+            video = without(video, name)
+        return video + element(0x54B0, across * 320) + element(0x54BA, 240)
+
+    patched(path, (SEGMENT, TRACKS, TRACK, VIDEO), wide)
+
+
+def shown_circle(clips: Path, name: str) -> list[int]:
+    """Return how wide and high the circle is that participants see."""
+    frame = decode(clips / name / "000003.png")
+    inside = frame[..., 0] > 160
+    return [int(inside.any(axis=axis).sum()) for axis in (0, 1)]
+
+
+def test_a_video_of_wide_pixels_is_no_stimulus(metamerlab, videos, tmp_path):
+    circles(tmp_path / "square.mkv", 1)
+    circles(tmp_path / "wide.mkv", 2)
+    made = videos({"a": "square.mkv", "b": "wide.mkv"})
+    made.text = made.text.replace("width_px = 32", "width_px = 320")
+    made.text = made.text.replace("height_px = 24", "height_px = 240")
+    made.path.write_text(made.text)
+
+    for command in (("protocol", "check"), ("stimuli", "build")):
+        where = ("--out", made.clips) if command[1] == "build" else ()
+        done = metamerlab(*command, made.path, *where)
+        assert done.exit_code == 2
+        assert "wide.mkv: must have square pixels (to be shown as 640 x 240 px" in done.stderr
+        assert "square.mkv" not in done.stderr
+    assert not made.clips.exists()
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg here")
+def test_the_cure_for_wide_pixels_shows_a_circle(videos, tmp_path):
+    circles(tmp_path / "wide.mkv", 2)
+    made = videos({"a": "wide.mkv", "b": "wide-mended.mov"})
+    made.text = made.text.replace("width_px = 32", "width_px = 640")
+    made.text = made.text.replace("height_px = 24", "height_px = 240")
+    (tmp_path / "wide-mended.mov").touch()
+    made.path.write_text(made.text)
+    with pytest.raises(InputError) as refused:
+        made.build()
+    command = shlex.split(str(refused.value).splitlines()[0].partition("such a file: ")[2])
+    subprocess.run([*command, "-y", "-v", "error"], check=True)
+
+    shutil.copy(tmp_path / "wide-mended.mov", tmp_path / "a.mov")
+    made.table({"a": "a.mov", "b": "wide-mended.mov"})
+    made.build()
+    assert shown_circle(made.clips, "b") == pytest.approx([79, 79], abs=1)
+
+
+def test_what_a_video_says_besides_is_told_and_recorded(metamerlab, videos, tmp_path):
+    made = videos()
+    sound = (
+        element(0xD7, 2) + element(0x73C5, 2) + element(0x83, 2) + element(0x86, b"A_PCM/INT/LIT")
+    )
+    patched(tmp_path / "a.mkv", (SEGMENT, TRACKS), lambda tracks: tracks + element(TRACK, sound))
+
+    done = metamerlab("stimuli", "build", made.path, "--out", made.clips)
+    assert done.exit_code == 0, done.stderr
+    assert "note: a.mkv: its sound: not played" in done.stdout
+    noted = [clip.parameters.get("noted") for clip in read_manifest(made.clips).clips]
+    assert noted == ["its sound: not played", None]

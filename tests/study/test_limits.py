@@ -52,7 +52,7 @@ from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
 from stimuli.plane_file import load_plane
 from stimuli.png import decode
-from stimuli.read_file import read_frames, stated_size_px
+from stimuli.read_file import read_frames, stated
 from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing import read_gaze
 from stimuli.video import unpacked_video
@@ -643,8 +643,7 @@ def test_a_video_that_is_a_list_of_others_is_refused_under_any_ending(tmp_path, 
     path.write_text(PLAYLISTS[kind])
     for read in (
         VideoFrames, lambda path: list(read_frames(path, (16, 12), 1, 30.0)),
-        lambda path: unpacked_video(path).__enter__(),
+        lambda path: unpacked_video(path).__enter__(), lambda path: stated(path, 30.0),
     ):  # fmt: skip
         with pytest.raises(InputError, match="no list of others"):
             read(path)
-    assert stated_size_px(path, 30.0) is None

@@ -161,6 +161,8 @@ READERS: tuple[Reader, ...] = (
     Reader("picture-hdr", "p.hdr", mutations.RAW, read_any),
     Reader("frame-png", "p.png", mutations.PNG, decode),
     Reader("video", "v.avi", mutations.RAW, _video),
+    Reader("video-mp4", "v.mp4", mutations.RAW, _video),
+    Reader("video-mkv", "v.mkv", mutations.RAW, _video),
     Reader("depth-png", "d.png", mutations.PNG, partial(load_depth, scale=0.001)),
     Reader("exr-parts", "w.exr", mutations.RAW, read_parts, _anything),
     Reader("exr-warp-input", "w.exr", mutations.RAW, load_warp_input, _lost),
@@ -256,10 +258,12 @@ def write_samples(folder: Path) -> None:
     (folder / "c.metamer").write_bytes(to_bytes(compressed))
     with (folder / "t.moments").open("w+b") as file:
         write_baked(file, Layout(width, height), strips(picture))
-    video = cv2.VideoWriter(str(folder / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
-    for _ in range(3):
-        video.write(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8))
-    video.release()
+    for ending, codec in ((".avi", "MJPG"), (".mp4", "mp4v"), (".mkv", "FFV1")):
+        fourcc = cv2.VideoWriter.fourcc(*codec)
+        video = cv2.VideoWriter(str(folder / f"v{ending}"), fourcc, 30, (16, 12))
+        for _ in range(3):
+            video.write(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8))
+        video.release()
     _write_meshes(folder, picture)
     _write_network(folder / "net.onnx")
     channels = (4, *[2] * 7, 28)

@@ -1,0 +1,205 @@
+"""What a coded stream itself says: fields, colours, alpha and depth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from pipeline.video_header.colours import MATRICES, UNSAID, colour
+from pipeline.video_header.mp4 import stereo
+from pipeline.video_header.statements import UPRIGHT, Said
+
+_DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
+_ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
+_HIGH_PROFILES: Final = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
+_OF_JFIF: Final = 5
+_FRAME_PACKING, _ORIENTATION = 45, 47  # kinds of supplemental information
+_PACKINGS: Final = {3: "sbsl", 4: "abl"}
+_HEADERS: Final = 4096  # bytes that hold every header read here
+
+
+def of_pixel_format(tag: bytes) -> Iterator[Said]:
+    """Yield what FFmpeg's four characters of a pixel format say of alpha and depth.
+
+    Of BGRA the reader sees each frame's alpha, and judges that.
+    """
+    planes = tag if tag[1:2].isdigit() else tag[::-1]  # backwards: with the high byte first
+    named = planes[:1] in (b"Y", b"G") and planes[1] in b"1234" and tag != b"Y41B"
+    if tag in _ALPHA or (named and planes[1] in b"24"):
+        yield Said("alpha", "its pixels may be transparent")
+    bits = planes[3] if named else 16 if tag in _DEEP else 8
+    if 8 < bits <= 32:
+        yield Said("more than 8 bits", f"{bits} bits a channel")
+
+
+def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterator[Said]:
+    """Yield what the stream says.
+
+    Parameters
+    ----------
+    codec : bytes
+        Its four characters, as OpenCV gives them.
+    header, packet : bytes
+        Its headers, and its first packet; either may be empty.
+    matrix : int
+        The container's colour matrix, a number of H.273.
+    """
+    name, own, fields = codec.lower(), matrix, False
+    if name in (b"h264", b"avc1"):
+        colours, fields = _h264(header)
+        yield from colour(*colours)
+        yield from _enhancements(packet, 1)
+        own = matrix if colours[2] == UNSAID else colours[2]
+    elif name in (b"hevc", b"hev1", b"hvc1"):
+        # Flags of progressive and of interlaced source, in the record or the parameter set.
+        yield from _enhancements(packet, 2)
+        at = 6 if header[:1] == b"\1" else header.find(b"\0\0\1\x40\1") + 14
+        fields = header[at : at + 1] != b"" and header[at] & 0xC0 == 0x40
+    elif name in (b"mpg2", b"mpeg"):
+        at = header.find(b"\0\0\1\xb5\x14")  # the sequence's extension
+        at = at if at >= 0 else header.find(b"\0\0\1\xb5\x12")
+        fields = at >= 0 and not int.from_bytes(header[at + 5 : at + 6]) & 8
+    elif name in (b"fmp4", b"mp4v", b"xvid", b"divx", b"dx50"):
+        fields = _mpeg4_has_fields(header)
+    elif name[:2] == b"dv":
+        fields = True
+    elif packet[4:8] == b"icpf" and len(packet) > 25:  # ProRes
+        own, fields = packet[24], bool(packet[20] & 0x0C)
+    elif name == b"mjpg":
+        own = _OF_JFIF
+    if fields:
+        yield Said("interlacing", "its coding allows for frames of two fields")
+    if UNSAID != matrix != own and {own, matrix} != {5, 6} and matrix in MATRICES:
+        words = f"number {matrix} of H.273 in the container, {own} in the frames"
+        yield Said("colour matrix twice", words, {"name": MATRICES[matrix]})
+
+
+class _Bits:
+    """Bits of a header in their order; behind its end all are 0."""
+
+    def __init__(self, data: bytes) -> None:
+        self._value, self._left = int.from_bytes(data), 8 * len(data)
+
+    def take(self, count: int) -> int:
+        """Return the next bits as a number."""
+        self._left -= count
+        shifted = self._value >> self._left if self._left >= 0 else 0
+        return shifted & ((1 << count) - 1)
+
+    def golomb(self) -> int:
+        """Return the next Exp-Golomb code, unsigned."""
+        zeros = 0
+        while zeros < 32 and not self.take(1):
+            zeros += 1
+        return (1 << zeros) - 1 + self.take(zeros)
+
+
+def _h264(header: bytes) -> tuple[tuple[int, int, int], bool]:
+    """Return primaries, transfer and matrix of H.264, and whether its frames may be fields."""
+    if header[:1] == b"\1":
+        data = header[8:]
+    else:
+        at = header.find(b"\0\0\1\x67")
+        data = header[at + 3 :] if at >= 0 else b""
+    bits = _Bits(data[1:_HEADERS].replace(b"\0\0\3", b"\0\0"))
+    profile = bits.take(8)
+    bits.take(16)
+    bits.golomb()
+    if profile in _HIGH_PROFILES:
+        chroma = bits.golomb()
+        bits.take(chroma == 3)
+        bits.golomb(), bits.golomb(), bits.take(1)
+        if bits.take(1):
+            for number in range(12 if chroma == 3 else 8):
+                _skip_scaling(bits, 16 if number < 6 else 64)
+    bits.golomb()
+    order = bits.golomb()
+    if order == 0:
+        bits.golomb()
+    elif order == 1:
+        bits.take(1), bits.golomb(), bits.golomb()
+        for _ in range(min(bits.golomb(), 255)):
+            bits.golomb()
+    bits.golomb(), bits.take(1), bits.golomb(), bits.golomb()
+    fields = bool(data) and not bits.take(1)
+    bits.take(1 + fields)
+    if bits.take(1):
+        for _ in range(4):
+            bits.golomb()
+    unsaid = (UNSAID, UNSAID, UNSAID)
+    if not bits.take(1):
+        return unsaid, fields
+    if bits.take(1) and bits.take(8) == 255:
+        bits.take(32)
+    if bits.take(1):
+        bits.take(1)
+    if not (bits.take(1) and bits.take(5) & 1):
+        return unsaid, fields
+    return (bits.take(8), bits.take(8), bits.take(8)), fields
+
+
+def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
+    """Yield what supplemental information of H.264 or HEVC says of the first picture.
+
+    OpenCV gives packets with start codes; heads of units have `head` bytes.
+    """
+    for unit in filter(None, packet.split(b"\0\0\1")):
+        kind = unit[0] & 31 if head == 1 else unit[0] >> 1 & 63
+        if kind != (6 if head == 1 else 39):
+            continue
+        data = unit[head:_HEADERS].replace(b"\0\0\3", b"\0\0")
+        while len(data) > 2:  # what is left, down to the stop bit
+            kind, data = _in_bytes_of_255(data)
+            size, data = _in_bytes_of_255(data)
+            bits, data = _Bits(data[:size]), data[size:]
+            if kind == _FRAME_PACKING and bits.golomb() >= 0 and not bits.take(1):
+                packing = bits.take(7)
+                yield stereo(_PACKINGS.get(packing), f"frame packing {packing}")
+            elif kind == _ORIENTATION and not bits.take(1) and bits.take(18):
+                values = {"cure": UPRIGHT}
+                yield Said("mirror image, other turn", "its frames are said to be turned", values)
+
+
+def _in_bytes_of_255(data: bytes) -> tuple[int, bytes]:
+    """Return a number that is the sum of bytes up to the first below 255, and what follows."""
+    full = len(data) - len(data.lstrip(b"\xff"))
+    return 255 * full + int.from_bytes(data[full : full + 1]), data[full + 1 :]
+
+
+def _skip_scaling(bits: _Bits, size: int) -> None:
+    last = following = 8
+    if not bits.take(1):
+        return
+    for _ in range(size):
+        if following:
+            code = bits.golomb()
+            following = (last + (-(code // 2) if code % 2 == 0 else code // 2 + 1)) % 256
+        last = following or last
+
+
+def _mpeg4_has_fields(header: bytes) -> bool:
+    """Whether a video object layer of MPEG-4 Part 2 says that its frames are fields."""
+    at = header.find(b"\0\0\1\x20")
+    if at < 0:
+        return False
+    bits = _Bits(header[at + 4 : at + 4 + _HEADERS])
+    bits.take(9)
+    version = 1
+    if bits.take(1):
+        version = bits.take(4)
+        bits.take(3)
+    if bits.take(4) == 15:
+        bits.take(16)
+    if bits.take(1):
+        bits.take(3)
+        if bits.take(1):
+            bits.take(79)
+    if bits.take(2) == 3 and version != 1:
+        bits.take(4)
+    bits.take(1)
+    resolution = bits.take(16)
+    bits.take(1)
+    if bits.take(1):
+        bits.take(max(1, (resolution - 1).bit_length()))
+    bits.take(29)
+    return bool(bits.take(1))

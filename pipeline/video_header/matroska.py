@@ -1,0 +1,215 @@
+"""What Matroska and WebM files say: RFC 9559."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from pipeline.video_header.colours import UNSAID, colour, gamma
+from pipeline.video_header.mp4 import (
+    cropped,
+    dolby_vision,
+    shown_size,
+    spherical,
+    stereo,
+)
+from pipeline.video_header.statements import UPRIGHT, Said
+
+_SEGMENT, _INFO, _TRACKS, _CHAPTERS = 0x18538067, 0x1549A966, 0x1654AE6B, 0x1043A770
+_ANYWHERE = {0xEC, 0xBF}
+# Elements that say nothing of the picture, or what FFmpeg follows.
+_OF_FILE = {0x1A45DFA3, _SEGMENT}
+_OF_SEGMENT = {
+    0x114D9B74, _INFO, _TRACKS, 0x1F43B675, 0x1C53BB6B, 0x1941A469, _CHAPTERS, 0x1254C367,
+}  # fmt: skip
+_OF_INFO = {
+    0x2AD7B1, 0x4489, 0x7BA9, 0x4D80, 0x5741, 0x4461, 0x73A4, 0x7384, 0x4444, 0x6924,
+}  # fmt: skip
+_OF_TRACK = {
+    0xD7, 0x73C5, 0x83, 0x88, 0x55AA, 0x55AB, 0x55AC, 0x55AD, 0x55AE, 0x55AF, 0x9C, 0x6DE7,
+    0x23314F, 0x6DF8, 0x23E383, 0x55EE, 0x536E, 0x22B59C, 0x22B59D, 0x86, 0x63A2, 0x258688,
+    0x7446, 0xAA, 0x56AA, 0x56BB, 0x6624,
+}  # fmt: skip
+_OF_VIDEO = {0x9D, 0x53B9, 0xB0, 0xBA, 0x54B2, 0x54B3, 0x2EB524, 0x2383E3}
+_OF_COLOUR = {0x55B1, 0x55B2, 0x55B3, 0x55B4, 0x55B5, 0x55B6, 0x55B9, 0x55BA, 0x55BB}
+_CROPS = (0x54CC, 0x54BB, 0x54DD, 0x54AA)  # left, top, right, bottom
+_LIGHT = {0x55BC, 0x55BD, 0x55D0}
+_STEREO: Final = {
+    1: "sbsl", 2: "abr", 3: "abl", 6: "irr", 7: "irl", 8: "icr", 9: "icl", 11: "sbsr", 13: "al",
+    14: "ar",
+}  # fmt: skip
+"""Stereo modes with FFmpeg's names, as far as its filter takes them apart."""
+_ALPHA: Final = {b"V_VP8": "libvpx", b"V_VP9": "libvpx-vp9"}
+"""Decoders of FFmpeg that give the transparency, which its own do not."""
+_PROJECTIONS = {1: "equirect", 2: "c3x2"}
+
+Elements: TypeAlias = Iterator[tuple[int, bytes]]
+
+
+def statements(path: Path) -> Iterator[Said]:
+    """Yield what the header of a Matroska or WebM file says, as far as it is whole."""
+    kinds: list[int] = []
+    for name, data in _of_file(path):
+        if name == _INFO:
+            for element, _ in _elements(data):
+                yield from _unknown(element, "the segment's information", _OF_INFO)
+        elif name == _CHAPTERS:
+            for edition in _all(data, 0x45B9):
+                if any(map(_number, _all(edition, 0x45DD))):
+                    yield Said("ordered chapters", "ordered chapters")
+        elif name == _TRACKS:
+            for track in _all(data, 0xAE):
+                kinds += map(_number, _all(track, 0x83))
+                if kinds[-1:] == [1]:
+                    yield from _track(track)
+        else:
+            yield from _unknown(name, "the file", _OF_FILE | _OF_SEGMENT)
+    if kinds.count(1) > 1:
+        yield Said("several video tracks", f"holds {kinds.count(1)}")
+    if 2 in kinds:
+        yield Said("sound", "its sound")
+    for kind in sorted(set(kinds) - {1, 2}):
+        yield Said("other tracks", f"a track of kind {kind}")
+
+
+def _track(track: bytes) -> Iterator[Said]:
+    for element, data in _elements(track):
+        match element:
+            case 0xB9:
+                if not _number(data):
+                    yield Said("track that is switched off", "the video track is switched off")
+            case 0x234E7A:
+                yield Said("interlacing", "it gives a duration of fields")
+            case 0xE0:
+                yield from _video(data, next(_all(track, 0x86), b""))
+            case 0x6D80:
+                for encoding in _all(data, 0x6240):
+                    if any(True for _ in _all(encoding, 0x5035)):
+                        yield Said("encryption", "its frames are encrypted")
+            case 0x41E4:
+                names = [d.to_bytes(4) for d in map(_number, _all(data, 0x41E7)) if d < 1 << 32]
+                for record in _all(data, 0x41ED):
+                    if names and names[0] in (b"dvcC", b"dvvC", b"dvwC"):
+                        yield dolby_vision(record)
+                if not names or names[0] not in (b"dvcC", b"dvvC", b"dvwC"):
+                    yield Said("whatever else", f"additions to its blocks, {names}")
+            case _:
+                yield from _unknown(element, "the video track", _OF_TRACK)
+
+
+def _video(video: bytes, codec: bytes) -> Iterator[Said]:
+    found = dict(_elements(video))
+    numbers = {element: _number(data) for element, data in found.items() if len(data) <= 8}
+    stored = numbers.get(0xB0, 0), numbers.get(0xBA, 0)
+    for element, data in found.items():
+        value = numbers.get(element, 0)
+        match element:
+            case 0x9A:
+                if value == 1:
+                    yield Said("interlacing", "its frames are two fields")
+            case 0x53B8:
+                if value:
+                    yield stereo(_STEREO.get(value), f"stereo mode {value}")
+            case 0x53C0:
+                if value:
+                    decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
+                    yield Said("alpha", "its track has transparency", {"decoder": decoder})
+            case 0x2FB523:
+                yield gamma(_float(data))
+            case 0x55B0:
+                yield from _colour(data)
+            case 0x7670:
+                yield from _projection(data)
+            case _:
+                known = {*_OF_VIDEO, *_CROPS, 0x54B0, 0x54BA}
+                yield from _unknown(element, "the video's settings", known)
+    left, top, right, bottom = (numbers.get(element, 0) for element in _CROPS)
+    shown = left, top, stored[0] - left - right, stored[1] - top - bottom
+    yield from cropped(stored, shown)
+    if numbers.get(0x54B2, 0) == 0:
+        size = numbers.get(0x54B0, shown[2]), numbers.get(0x54BA, shown[3])
+        yield from shown_size(size, stored)
+
+
+def _colour(data: bytes) -> Iterator[Said]:
+    numbers = {element: _number(value) for element, value in _elements(data)}
+    yield from colour(*(numbers.get(element, UNSAID) for element in (0x55BB, 0x55BA, 0x55B1)))
+    siting = numbers.get(0x55B7, 1) or 1, numbers.get(0x55B8, 2) or 2
+    if siting != (1, 2):
+        yield Said("chroma siting", f"chroma siting {siting[0]}, {siting[1]}")
+    for element in numbers:
+        if element in _LIGHT:
+            yield Said("light levels of the mastering display", "its light levels")
+        else:
+            yield from _unknown(element, "the video's colour", {*_OF_COLOUR, 0x55B7, 0x55B8})
+
+
+def _projection(data: bytes) -> Iterator[Said]:
+    found = dict(_elements(data))
+    kind = _number(found.get(0x7671, b"\0"))
+    if kind:
+        yield spherical(_PROJECTIONS.get(kind), f"projection {kind}")
+    yaw, pitch, roll = (_float(found.get(element, b"")) for element in (0x7673, 0x7674, 0x7675))
+    if yaw or pitch or roll % 90:
+        words = f"its pose is {yaw:g}, {pitch:g}, {roll:g} degrees"
+        yield Said("mirror image, other turn", words, {"cure": UPRIGHT})
+    elif roll:
+        yield Said("turn by 90, 180 or 270 degrees", "")
+
+
+def _unknown(element: int, where: str, known: set[int]) -> Iterator[Said]:
+    if element not in known | _ANYWHERE:
+        yield Said("whatever else", f"an element 0x{element:X} in {where}")
+
+
+def _all(data: bytes, wanted: int) -> Iterator[bytes]:
+    return (inner for element, inner in _elements(data) if element == wanted)
+
+
+def _elements(data: bytes) -> Elements:
+    """Yield names and contents of elements in a row, up to the first that is not whole."""
+    at = 0
+    while at < len(data):
+        name, size, first = _head(data[at : at + 12])
+        if first == 0 or size is None or at + first + size > len(data):
+            return
+        yield name, data[at + first : at + first + size]
+        at += first + size
+
+
+def _of_file(path: Path) -> Elements:
+    """Yield elements of a file and of its segment; contents only of those that are read here."""
+    with path.open("rb") as file:
+        at = 0
+        while head := file.read(12):
+            name, size, first = _head(head)
+            if first == 0 or (size is None and name != _SEGMENT):
+                return
+            file.seek(at + first)
+            yield name, file.read(size or 0) if name in (_INFO, _TRACKS, _CHAPTERS) else b""
+            at += first + (0 if name == _SEGMENT else size or 0)
+            file.seek(at)
+
+
+def _head(head: bytes) -> tuple[int, int | None, int]:
+    """Return name, size (None: unknown) and length of an element's head; length 0: none."""
+    name = 9 - head[0].bit_length() if head else 9
+    if name > 4 or len(head) <= name:
+        return 0, None, 0
+    length = 9 - head[name].bit_length()
+    if length > 8 or len(head) < name + length:
+        return 0, None, 0
+    size = int.from_bytes(head[name : name + length]) & ((1 << 7 * length) - 1)
+    unknown = size == (1 << 7 * length) - 1
+    return int.from_bytes(head[:name]), None if unknown else size, name + length
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data)
+
+
+def _float(data: bytes) -> float:
+    form = {4: ">f", 8: ">d"}.get(len(data))
+    return float(struct.unpack(form, data)[0]) if form else 0.0
