@@ -1,67 +1,29 @@
-"""The files that a mesh consists of: which they are, and whether their pictures can be read.
+"""The files that a mesh consists of, and what their text says.
 
-What a clip is known by is hashed before anything is loaded. So its loader is given these files
-and no others: one that it asks for besides is an error, and never a picture of unknown content.
+What a clip is known by is hashed before anything is loaded. The readers open these files and no
+others.
 """
 
 from __future__ import annotations
 
 import base64
-import io
 import json
-import os.path
+import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from PIL import Image
-from trimesh.resolvers import Resolver
-
 from pipeline.errors import InputError
-from pipeline.limits import check_values, check_vertices
+from pipeline.limits import check_vertices
+from stimuli.scenes.mesh_features import MTL_OPTIONS
 
 ENDINGS = (".glb", ".gltf", ".obj")
-KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
-                    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
-_BASE_COLOUR = (
-    ("pbrMetallicRoughness", "baseColorTexture"),
-    ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
-)
-_UNMOVED = {"offset": [0, 0], "rotation": 0, "scale": [1, 1], "texCoord": 0}
-
-
-class OnlyThese(Resolver):
-    """Hands a loader the files of a mesh, and notes what else it asks for."""
-
-    def __init__(self, path: Path) -> None:
-        self.folder = path.parent
-        self.listed = {os.path.normpath(file) for file in files_of(path)}
-        self.file_name = path.name
-        self.refused: list[str] = []
-
-    def get(self, name: str) -> bytes:
-        """Return a file's bytes; `FileNotFoundError` if it is none of the mesh's."""
-        place = place_of(self.folder, name)
-        if os.path.normpath(place) not in self.listed:
-            self.refused.append(name)
-            raise FileNotFoundError(name)
-        return place.read_bytes()
-
-    def write(self, name: str, data: str | bytes) -> None:  # noqa: ARG002
-        """Refuse: nothing is written beside a mesh."""
-        raise PermissionError(name)
-
-    def namespaced(self, namespace: str) -> Resolver:
-        """Refuse: the files of a mesh have one folder."""
-        raise FileNotFoundError(namespace)
-
-    def keys(self) -> Iterator[str]:
-        """Yield the files by their names relative to the mesh."""
-        yield from (os.path.relpath(file, self.folder) for file in sorted(self.listed))
+PICTURES = ("map_Kd", "map_d", "map_Ke")
+"""Statements of .mtl files whose pictures are drawn."""
+_VALUES_OF = {"-s": (1, 3), "-o": (1, 3), "-t": (1, 3), "-mm": (2, 2)}
 
 
 def files_of(path: Path) -> list[Path]:
@@ -81,17 +43,11 @@ def files_of(path: Path) -> list[Path]:
         raise FileNotFoundError(2, "No such file", str(path))
     found = [path]
     if path.suffix.lower() == ".obj":
-        for library in words_after(path, "mtllib"):
+        for library in libraries_of(path):
             found.append(_named(path, path, library, "material library"))
             found += [_named(path, found[-1], image, "texture") for image in _images_of(found[-1])]
     else:
         read = document(path)
-        needed = set(read.get("extensionsRequired", [])) - KNOWN_EXTENSIONS
-        if needed:
-            raise InputError(
-                f"{path}: needs glTF extensions that are not supported"
-                f" ({', '.join(sorted(needed))}); export it without compression and without them"
-            )
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
             for entry in read.get(kind, []):
                 uri = entry.get("uri")
@@ -100,46 +56,54 @@ def files_of(path: Path) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def libraries_of(path: Path) -> list[str]:
+    """Return the material libraries that an .obj file names; a line may name several."""
+    found: list[str] = []
+    for text in words_after(path, "mtllib"):
+        whole = _is_file(place_of(path.parent, text))
+        found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
+    return found
+
+
 def place_of(folder: Path, name: str) -> Path:
-    """Return the file that a mesh means by a name: options before it and %20 are read over."""
+    """Return the file that a mesh means by a name, which may be written with %20 or backslashes."""
     plain = name.strip()
-    for text in (plain, unquote(plain), plain.replace("\\", "/"), *plain.split()[-1:]):
+    for text in (plain, unquote(plain), plain.replace("\\", "/")):
         if text and _is_file(folder / text):
             return folder / text
     return folder / unquote(plain)
 
 
-def check_textures(path: Path) -> None:
-    """Decode every picture that gives a surface its colour; loaders leave out what they cannot.
+def name_and_options(library: Path, text: str) -> tuple[str, list[tuple[str, list[str]]]]:
+    """Return the file that a ``map_`` statement of an .mtl file names, and its options.
 
     Raises
     ------
     InputError
-        Naming the picture that cannot be read, or the material that no library has.
+        If an option is not known, or lacks its values.
     """
-    if path.suffix.lower() == ".obj":
-        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
-        defined = {name for file in libraries for name in words_after(file, "newmtl")}
-        lost = sorted(set(words_after(path, "usemtl")) - defined)
-        if libraries and lost:
+    words, options = text.split(), []
+    while words and words[0].startswith("-") and not _is_file(place_of(library.parent, text)):
+        option = words.pop(0).lower()
+        if option not in MTL_OPTIONS:
             raise InputError(
-                f"{path}: must use materials that its libraries have"
-                f" ({', '.join(file.name for file in libraries)} lack {lost[0][:200]!r}); export it"
-                " again, with its materials"
+                f"{library}: must have options that are known (got {option[:40]!r}, in"
+                f" {text[:80]!r}); leave it out, or export it again"
             )
-        for file in libraries:
-            for image in _images_of(file):
-                picture = place_of(path.parent, image)
-                _decode(picture.read_bytes(), str(picture), f"which {file.name} names")
-        return
-    read = document(path)
-    for number, material in enumerate(read.get("materials", [])):
-        for keys in _BASE_COLOUR:
-            entry: Any = material
-            for key in keys:
-                entry = entry.get(key) if isinstance(entry, dict) else None
-            if isinstance(entry, dict):
-                _check_texture(path, read, entry, str(material.get("name", number)))
+        least, most = _VALUES_OF.get(option, (1, 1))
+        numbers = most > 1
+        count = 0
+        while count < min(most, len(words) - 1) and (not numbers or _is_number(words[count])):
+            count += 1
+        if count < least:
+            raise InputError(
+                f"{library}: {option} must have {least} values before the picture's name (got"
+                f" {text[:80]!r}); write them, or leave it out"
+            )
+        options.append((option, words[:count]))
+        words = words[count:]
+        text = text.split(None, 1 + count)[-1]
+    return text, options
 
 
 def check_lists(path: Path) -> None:
@@ -172,75 +136,22 @@ def _lines_of(path: Path) -> Counter[bytes]:
     return found
 
 
-def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
-    """Decode the picture of a glTF texture, and refuse coordinates that its loader leaves out."""
-    found = entry.get("extensions")
-    moved = found.get("KHR_texture_transform") if isinstance(found, dict) else None
-    placed = [entry, moved if isinstance(moved, dict) else {}]
-    if any(by.get(key, own) != own for by in placed for key, own in _UNMOVED.items()):
-        raise InputError(
-            f"{path}: the colour of material {material!r} must lie by the first texture coordinates"
-            " (it has others, or KHR_texture_transform moves it); bake them and export it again"
-        )
-    try:
-        texture = read["textures"][entry["index"]]
-        source = texture.get("source")
-        if source is None:
-            kinds = ", ".join(texture.get("extensions", {})) or "no source"
-            raise InputError(
-                f"{path}: the colour of material {material!r} must be a picture in PNG, JPEG or"
-                f" another common format (its texture has {kinds}); export it so"
-            )
-        image = read["images"][source]
-        uri = image.get("uri")
-        if isinstance(uri, str) and not uri.startswith("data:"):
-            place = place_of(path.parent, uri)
-            _decode(place.read_bytes(), str(place), f"the colour of material {material!r}")
-            return
-        name = f"{path}: picture {image.get('name', source)!r}"
-        data = _of_data_uri(uri) if isinstance(uri, str) else _of_view(path, read, image)
-    except InputError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, struct.error) as error:
-        raise InputError(
-            f"{path}: the texture of material {material!r} must lead to a picture"
-            f" (it does not: {error!r}); export it again"
-        ) from None
-    _decode(data, name, f"the colour of material {material!r}")
-
-
-def _of_data_uri(uri: str) -> bytes:
+def data_of_uri(uri: str) -> bytes:
+    """Return what a data URI holds."""
     head, _, data = uri.partition(",")
     return base64.b64decode(data) if head.endswith(";base64") else unquote(data).encode("latin-1")
 
 
-def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
-    view = read["bufferViews"][image["bufferView"]]
-    uri = read["buffers"][view["buffer"]].get("uri")
+def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
+    """Return the bytes of a glTF buffer; without a name, they lie in the .glb file itself."""
+    uri = buffer.get("uri")
     if uri is None:
         data = path.read_bytes()
         (json_length,) = struct.unpack_from("<I", data, 12)
-        whole = data[20 + json_length + 8 :]
-    elif uri.startswith("data:"):
-        whole = _of_data_uri(uri)
-    else:
-        whole = place_of(path.parent, uri).read_bytes()
-    first = int(view.get("byteOffset", 0))
-    return whole[first : first + int(view["byteLength"])]
-
-
-def _decode(data: bytes, name: str, what: str) -> None:
-    try:
-        with Image.open(io.BytesIO(data)) as picture:
-            check_values(Path(name), *picture.size, len(picture.getbands()))
-            picture.load()
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's formats raise what they meet
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(
-            f"{name}: {what}, must be a picture that can be read ({reason}); save it as PNG"
-        ) from None
+        (length,) = struct.unpack_from("<I", data, 20 + json_length)
+        first = 20 + json_length + 8
+        return data[first : first + length]
+    return data_of_uri(uri) if uri.startswith("data:") else place_of(path.parent, uri).read_bytes()
 
 
 def document(path: Path) -> dict[str, Any]:
@@ -296,18 +207,26 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
+
+
 def _images_of(library: Path) -> list[str]:
-    return words_after(library, "map_Kd")
+    found = [text for key in PICTURES for text in words_after(library, key)]
+    return [name_and_options(library, text)[0] for text in found]
 
 
 def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
     place = place_of(mesh.parent, name)
-    inside = os.path.normpath(mesh.parent.absolute())
-    if os.path.commonpath([inside, os.path.normpath(place.absolute())]) != inside:
+    # Resolved: a symbolic link leads out as well as ".." does.
+    if not place.resolve().is_relative_to(mesh.parent.resolve()):
         raise InputError(
             f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
-            f" {what} there, or export the scene as one .glb file"
+            f" {what} itself there, or export the scene as one .glb file"
         )
     if not _is_file(place):
         raise InputError(
