@@ -313,7 +313,7 @@ class Notes:
         """Return one line for each reason."""
         left = []
         for why, what in sorted(self._left_out.items()):
-            names = [visible_line(name)[:60] for name in sorted(what)]
+            names = [visible_line(name)[:90] for name in sorted(what)]
             more = f" and {len(names) - 12} more" if len(names) > 12 else ""
             left.append(f"left out {', '.join(names[:12])}{more}: {why}")
         own = [f"{self.path}: {sentence}" for sentence in (*left, *self._said)]

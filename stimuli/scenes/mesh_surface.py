@@ -174,13 +174,14 @@ def _coverage(
     rim = (ndimage.maximum_filter(levels, size, mode="wrap") >= _OPAQUE) & (
         ndimage.minimum_filter(levels, size, mode="wrap") < _CLEAR
     )
-    if (between & ~rim).any():
-        share = float((between & ~rim).mean())
+    soft = between & ~rim
+    if soft.any():
+        where = "throughout" if soft.all() else f"in {soft.mean():.1%} of its picture"
         raise InputError(
-            f"{notes.path}: material {surface.name!r} must be opaque or cut out (it blends with what"
-            f" is behind it, in {100 * share:.3g} % of its picture), because a pixel has one depth;"
-            " make it opaque (alphaMode OPAQUE, d 1) or cut out (alphaMode MASK, a map_d of black"
-            " and white), or delete its faces"
+            f"{notes.path}: material {surface.name!r} must be opaque or cut out (it blends with"
+            f" what is behind it, {where}), because a pixel of a warp has one depth; make it opaque"
+            " (alphaMode OPAQUE, d 1) or cut out (alphaMode MASK, a map_d of black and white), or"
+            " delete its faces"
         )
     if between.any():
         notes.say(f"the soft rim of material {surface.name!r} is cut where its alpha is below .5")
