@@ -256,6 +256,7 @@ class Document:
             self._like(given[name], position, wide=True)
         if joints is not None:
             self._bend(given, attributes, joints)
+            position = given["position"]
         if "colour" in given:
             given["colour"] = given["colour"].clip(0, 1)
         if "uv" in given:
@@ -267,9 +268,12 @@ class Document:
         )
         if len(corners) and corners.max() >= len(position):
             raise self._wrong(f"an index names vertex {corners.max()} of {len(position)}")
-        return Shape(surface, triangles=self._triangles(corners, mode), **given)
+        triangles = self._triangles(corners, mode)
+        return Shape(
+            surface, position, triangles, given.get("normal"), given.get("uv"), given.get("colour")
+        )
 
-    def _like(self, values: Array, others: Array, *, wide: bool = False) -> Array:
+    def _like(self, values: Array, others: NDArray[Any], *, wide: bool = False) -> Array:
         if len(values) != len(others) or not (wide or values.shape == others.shape):
             raise self._wrong(
                 f"lists of one mesh must be of one length, not {len(values)} and {len(others)}"
@@ -300,7 +304,7 @@ class Document:
         for number in sets:
             which = self._accessor(attributes[f"JOINTS_{number}"], "JOINTS_0").astype(np.int64)
             share = self._accessor(attributes[f"WEIGHTS_{number}"], "WEIGHTS_0")
-            self._like(which, given["position"], wide=True)
+            self._like(share, given["position"], wide=True)
             self._like(share, which)
             if which.max(initial=0) >= len(joints):
                 raise self._wrong(f"a vertex names joint {which.max()} of {len(joints)}")
@@ -465,7 +469,8 @@ class Document:
             uri = image.get("uri")
             if isinstance(uri, str) and not uri.startswith("data:"):
                 place = place_of(self.path.parent, uri)
-                data, name = place.read_bytes(), str(place)
+                data: bytes | memoryview = place.read_bytes()
+                name = str(place)
             else:
                 name = f"{self.path}: picture {image.get('name', source)!r}"
                 data = data_of_uri(uri) if uri is not None else self._view(image["bufferView"])

@@ -18,6 +18,7 @@ from urllib.parse import unquote
 
 from pipeline.errors import InputError
 from pipeline.limits import check_vertices
+from protocols.outside import visible_line
 from stimuli.scenes.mesh_features import MTL_OPTIONS
 
 ENDINGS = (".glb", ".gltf", ".obj")
@@ -170,6 +171,8 @@ def document(path: Path) -> dict[str, Any]:
                 raise ValueError("it is not a binary glTF 2.0 file")
             data = data[20 : 20 + length]
         read = json.loads(data)
+        if b"\\u" in data:  # half a character, which no message could show
+            json.dumps(read, ensure_ascii=False).encode()
         if not isinstance(read, dict) or "asset" not in read:
             raise ValueError("it has no asset entry")
         for kind in (
@@ -207,6 +210,14 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def _leads_out(folder: Path, place: Path) -> bool:
+    """Whether a file lies outside a folder: a symbolic link leads out as well as ".." does."""
+    try:
+        return not place.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, names that cannot be
+        return False
+
+
 def _is_number(word: str) -> bool:
     try:
         return math.isfinite(float(word))
@@ -222,15 +233,14 @@ def _images_of(library: Path) -> list[str]:
 def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
     place = place_of(mesh.parent, name)
-    # Resolved: a symbolic link leads out as well as ".." does.
-    if not place.resolve().is_relative_to(mesh.parent.resolve()):
+    if _leads_out(mesh.parent, place):
         raise InputError(
             f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
             f" {what} itself there, or export the scene as one .glb file"
         )
     if not _is_file(place):
         raise InputError(
-            f"{named_in}: names a {what} that is missing ({str(place)[:300]}); put it"
+            f"{named_in}: names a {what} that is missing ({visible_line(str(place))}); put it"
             " there, or export the scene as one .glb file"
         )
     return place

@@ -192,7 +192,8 @@ def _smoothed(position: Array, vertex: NDArray[np.int64], triangles: NDArray[np.
     for corner in range(3):
         np.add.at(sums, vertex[triangles[:, corner]], area)
     normal: Array = sums[vertex]
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    return normal
 
 
 # Faces of more than three corners
@@ -254,7 +255,8 @@ def _ears(position: Array, ring: NDArray[np.int64], normal: Array) -> NDArray[np
         found.append((a, b, c))
         left.pop(place)
     found.append((left[0], left[1], left[2]))
-    return ring[np.array(found)]
+    triangles: NDArray[np.int64] = ring[np.array(found)]
+    return triangles
 
 
 # Materials
@@ -401,9 +403,9 @@ class _Described:
             numbers = tuple(map(float, values)) if option in ("-s", "-o", "-mm", "-t") else ()
             given = numbers or values[0].lower()
             if option == "-s":
-                laid = replace(laid, scale=(*numbers, 1.0)[:2])
+                laid = replace(laid, scale=_two(numbers, 1.0))
             elif option == "-o":
-                laid = replace(laid, offset=(*numbers, 0.0)[:2])
+                laid = replace(laid, offset=_two(numbers, 0.0))
             elif option == "-clamp":
                 laid = replace(laid, clamp=given == "on")
             elif option == "-imfchan" and key == "map_d":
@@ -428,6 +430,10 @@ class _Described:
             self.pictures[place] = decoded(place.read_bytes(), str(place), what)
         pixels = self.pictures[place]
         return _channel(pixels, channel) if key == "map_d" else pixels
+
+
+def _two(numbers: tuple[float, ...], default: float) -> tuple[float, float]:
+    return numbers[0], numbers[1] if len(numbers) > 1 else default
 
 
 def _channel(pixels: Pixels, channel: str) -> Pixels:
